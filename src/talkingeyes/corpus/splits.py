@@ -1,0 +1,55 @@
+"""The fixed split of a corpus: 15 % of the speakers are unseen, the rest 8:1:1, grouped by sound and sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+UNSEEN_SPEAKERS = 0.15
+SHARES = {"train": 0.8, "val": 0.1, "test": 0.1}
+
+
+def split_sounds(
+    speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int
+) -> dict[str, str]:
+    """Split of each sound.
+
+    Sounds that share a sentence stay together among the seen speakers. Groups go, largest first, to the split that is
+    furthest below its share, so a corpus of few sentences still gets all three splits.
+    """
+    random = np.random.default_rng(seed)
+    speakers = sorted(set(speaker_of.values()))
+    count = round(UNSEEN_SPEAKERS * len(speakers)) if len(speakers) > 1 else 0
+    unseen = set(random.choice(speakers, size=max(count, int(len(speakers) > 1)), replace=False))
+    split = {sound: "unseen" for sound, speaker in speaker_of.items() if speaker in unseen}
+    groups = _groups({sound: sentences_of[sound] for sound in speaker_of if sound not in split})
+    random.shuffle(groups)
+    groups.sort(key=len, reverse=True)
+    total = sum(map(len, groups))
+    filled = dict.fromkeys(SHARES, 0)
+    for group in groups:
+        name = max(SHARES, key=lambda each: SHARES[each] * total - filled[each])
+        filled[name] += len(group)
+        split.update(dict.fromkeys(group, name))
+    return split
+
+
+def _groups(sentences_of: Mapping[str, Sequence[str]]) -> list[list[str]]:
+    """Sounds connected by shared sentences (union-find over sentences)."""
+    parent = {sound: sound for sound in sentences_of}
+
+    def root(sound: str) -> str:
+        while parent[sound] != sound:
+            parent[sound] = parent[parent[sound]]
+            sound = parent[sound]
+        return sound
+
+    owner: dict[str, str] = {}
+    for sound, sentences in sentences_of.items():
+        for sentence in sentences:
+            parent[root(sound)] = root(owner.setdefault(sentence, sound))
+    groups: dict[str, list[str]] = {}
+    for sound in sentences_of:
+        groups.setdefault(root(sound), []).append(sound)
+    return list(groups.values())

@@ -1,0 +1,101 @@
+"""Where the files of a corpus lie. Folders are sharded by a hash of the id, so a million clips stay listable."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.index import Clip, read_index, write_index
+from talkingeyes.errors import InputError
+from talkingeyes.head.observation import Observation
+from talkingeyes.motion import Events, Motion
+
+SAMPLE_RATE = 16_000
+
+
+def sharded(folder: Path, name: str, suffix: str) -> Path:
+    """folder/ab/name+suffix, where ab is the start of a hash of the name."""
+    return folder / hashlib.blake2b(name.encode(), digest_size=1).hexdigest() / (name + suffix)
+
+
+def sharded_for_writing(folder: Path, name: str, suffix: str) -> Path:
+    """The same path, with its folder made."""
+    path = sharded(folder, name, suffix)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+@dataclass(frozen=True)
+class Corpus:
+    """A corpus folder, as `synthesize` and `track` both write it. Sound: 16 kHz mono. `truth` is there if synthetic."""
+
+    root: Path
+
+    @cached_property
+    def clips(self) -> list[Clip]:
+        """All clips, in the order of the index."""
+        return read_index(self.root / "clips.parquet")
+
+    def select(self, *splits: str, take: int | None = None) -> list[Clip]:
+        """Clips of the given splits; `take=0` leaves out the further takes of a sound."""
+        return [clip for clip in self.clips if clip.split in splits and (take is None or clip.take == take)]
+
+    def speech(self, clip: Clip) -> Float[ndarray, " N"]:
+        """The clip's sound, float32 at 16 kHz."""
+        path = sharded(self.root / "speech", clip.sound, ".flac")
+        try:
+            sound, rate = soundfile.read(path, dtype="float32")
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise InputError(f"{path}: not a readable sound ({error})") from None
+        if rate != SAMPLE_RATE or sound.ndim != 1:
+            raise InputError(f"{path}: corpus sound should be 16 kHz mono, got {rate} Hz, shape {sound.shape}")
+        return np.asarray(sound)
+
+    def annotation(self, clip: Clip) -> Annotation:
+        """Words, phonemes and spans of the clip's sound."""
+        return Annotation.load(sharded(self.root / "annotations", clip.sound, ".json"))
+
+    def observation(self, clip: Clip) -> Observation:
+        """Landmarks and pupils in pixels."""
+        return Observation.load(sharded(self.root / "observations", clip.id, ".npz"))
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the true motion is known (a synthetic corpus)."""
+        return (self.root / "truth").is_dir()
+
+    def truth(self, clip: Clip) -> Motion:
+        """The true motion (synthetic corpora only)."""
+        return Motion.load(sharded(self.root / "truth", clip.id, ".npz"))
+
+    def truth_events(self, clip: Clip) -> Events:
+        """The true events (synthetic corpora only)."""
+        return Events.load(sharded(self.root / "truth", clip.id, ".events.json"))
+
+    # Writing: per sound, per clip, and last the index, which makes the corpus whole.
+
+    def write_sound(self, sound: str, samples: Float[ndarray, " N"], annotation: Annotation) -> None:
+        """Write speech and annotation of a sound that several takes may share."""
+        path = sharded_for_writing(self.root / "speech", sound, ".flac")
+        soundfile.write(path, samples, SAMPLE_RATE, subtype="PCM_16")
+        annotation.save(sharded_for_writing(self.root / "annotations", sound, ".json"))
+
+    def write_clip(self, clip_id: str, observation: Observation, truth: Motion | None, events: Events | None) -> None:
+        """Write what was seen of one clip and, if known, what was true."""
+        observation.save(sharded_for_writing(self.root / "observations", clip_id, ".npz"))
+        if truth is not None:
+            truth.save(sharded_for_writing(self.root / "truth", clip_id, ".npz"))
+        if events is not None:
+            events.save(sharded_for_writing(self.root / "truth", clip_id, ".events.json"))
+
+    def write_index(self, clips: list[Clip]) -> None:
+        """Write clips.parquet."""
+        write_index(self.root / "clips.parquet", clips)

@@ -1,0 +1,95 @@
+"""What models train on and are compared with: speech embedding and fitted motion of each clip, frame by frame.
+
+Embeddings are memory-mapped and motions read on demand, so memory does not grow with the corpus.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.errors import InputError
+from talkingeyes.motion import Motion
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One clip: speech embedding, head and eye-in-head rotation vectors of its T frames."""
+
+    clip: Clip
+    speech: Float[ndarray, "T C"]
+    head: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"]
+    valid: Bool[ndarray, " T"]
+
+    def __len__(self) -> int:
+        return len(self.head)
+
+
+@dataclass(frozen=True)
+class Normaliser:
+    """Mean and standard deviation of each channel of the speech embedding over the train split."""
+
+    mean: Float[ndarray, " C"]
+    std: Float[ndarray, " C"]
+
+    @classmethod
+    def of(cls, embed: Path) -> Normaliser:
+        """From the embed stage's folder."""
+        content = json.loads((embed / "embedding.json").read_text())
+        return cls(np.asarray(content["mean"], np.float32), np.asarray(content["std"], np.float32))
+
+
+class Recordings(Sequence[Recording]):
+    """The fitted clips of some splits (rejected clips are not there), read lazily; the last 4,096 motions stay in memory."""
+
+    def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
+        self.clips = [clip for clip in clips if _motion_path(fit, clip).exists()]
+        self.embed = embed
+        self._motion = lru_cache(maxsize=4096)(lambda clip: _read_motion(fit, clip))
+
+    def __len__(self) -> int:
+        return len(self.clips)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Recording]: ...
+    def __getitem__(self, index: int | slice) -> Recording | list[Recording]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        clip = self.clips[index]
+        head, gaze, valid = self._motion(clip)
+        speech = np.load(sharded(self.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+        frames = min(len(speech), len(head))
+        return Recording(clip, speech[:frames], head[:frames], gaze[:frames], valid[:frames])
+
+    def __iter__(self) -> Iterator[Recording]:
+        return (self[index] for index in range(len(self)))
+
+
+def recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int | None = None) -> Recordings:
+    """The fitted clips of the given splits. Raises InputError when there is none."""
+    found = Recordings(corpus.select(*splits, take=take), fit, embed)
+    if not len(found):
+        raise InputError(f"{corpus.root}: no fitted clip in {', '.join(splits)}; a corpus needs clips in every split")
+    return found
+
+
+def _motion_path(fit: Path, clip: Clip) -> Path:
+    return sharded(fit / "motion", clip.id, ".npz")
+
+
+def _read_motion(fit: Path, clip: Clip) -> tuple[ndarray, ndarray, ndarray]:  # type: ignore[type-arg]
+    motion = Motion.load(_motion_path(fit, clip))
+    return motion.head.astype(np.float32), motion.gaze.astype(np.float32), motion.valid

@@ -1,0 +1,53 @@
+"""What a camera saw of a face: 2D landmarks and pupil centres, as `world` and `tracking` both give them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.head.camera import Camera
+
+
+@dataclass(frozen=True)
+class Observation:
+    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `head.landmarks.NAMES`."""
+
+    fps: float
+    landmarks: Float[ndarray, "T L 2"]
+    pupils: Float[ndarray, "T 2 2"]
+    confidence: Float[ndarray, " T"]
+    camera: Camera
+
+    def save(self, path: Path) -> None:
+        """Write as npz without pickles."""
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                allow_pickle=False,
+                fps=np.float64(self.fps),
+                landmarks=self.landmarks.astype(np.float32),
+                pupils=self.pupils.astype(np.float32),
+                confidence=self.confidence.astype(np.float32),
+                camera=np.str_(json.dumps(asdict(self.camera))),
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> Observation:
+        """Read npz written by `save`. Raises InputError if it is not an observation."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return cls(
+                    fps=float(file["fps"]),
+                    landmarks=file["landmarks"].astype(np.float64),
+                    pupils=file["pupils"].astype(np.float64),
+                    confidence=file["confidence"].astype(np.float64),
+                    camera=Camera(**json.loads(str(file["camera"]))),
+                )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: not a readable observation ({error!r})") from None
