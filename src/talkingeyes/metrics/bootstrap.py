@@ -1,0 +1,71 @@
+"""Every figure of a table with the interval that its clips allow: percentile bootstrap over clips, seeded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.settings import Settings
+
+Statistic = Callable[[Int[ndarray, " N"]], float]
+
+
+class BootstrapSettings(Settings):
+    """How intervals are drawn."""
+
+    draws: Annotated[int, Field(ge=20)]  # resamples of the clips
+    level: Annotated[float, Field(gt=0, lt=1)]  # share of resamples inside the interval
+    seed: int
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure with its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def bootstrap(statistic: Statistic, count: int, settings: BootstrapSettings) -> Estimate:
+    """The statistic of all `count` clips, and its interval over clips drawn with replacement.
+
+    `statistic` takes indices of clips, some of them several times. The same seed and count draw the same clips whatever
+    is measured, so that rows of a table are compared on the same draws.
+    """
+    random = np.random.default_rng([settings.seed, count])
+    drawn = random.integers(count, size=(settings.draws, count))
+    values = [statistic(indices) for indices in drawn]
+    tail = (1 - settings.level) / 2
+    low, high = np.nanquantile(values, [tail, 1 - tail])
+    return Estimate(float(statistic(np.arange(count))), float(low), float(high))
+
+
+def mean_of(values: Float[ndarray, " N"]) -> Statistic:
+    """The mean over clips."""
+    return lambda clips: float(values[clips].mean())
+
+
+def ratio_of(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> Statistic:
+    """The ratio of two means over the same clips."""
+    return lambda clips: float(values[clips].sum() / reference[clips].sum())
+
+
+def quantile_of(groups: Sequence[Float[ndarray, " F"]], share: float) -> Statistic:
+    """The quantile of all frames of the clips, pooled: the smallest value that `share` of the frames do not exceed."""
+    pooled = np.concatenate(groups)
+    owner = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    order = np.argsort(pooled, kind="stable")
+    values, owner = pooled[order], owner[order]
+
+    def statistic(clips: Int[ndarray, " N"]) -> float:
+        weight = np.cumsum(np.bincount(clips, minlength=len(groups))[owner])
+        return float(values[np.searchsorted(weight, share * weight[-1])])
+
+    return statistic

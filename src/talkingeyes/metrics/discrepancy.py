@@ -1,0 +1,36 @@
+"""L2 and Diversity, the paper's two distances (section V-B.3, Tables III and V).
+
+Both are means over frames of the Euclidean norm of all six radians of gaze (three of the head), never the root of a
+mean of squares. The paper's ratio of Random to Mean, 1.40, near the root of 2, fits this reading. L2 is won by any
+constant near the mean, Diversity by noise: neither is to be read alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+
+def distance(
+    one: Float[ndarray, "*S T C"], other: Float[ndarray, "*S T C"], valid: Bool[ndarray, " T"] | None = None
+) -> Float[ndarray, "*S"]:
+    """Mean over the valid frames of the norm of the difference (radians). Leading axes are broadcast."""
+    norm = np.linalg.norm(one - other, axis=-1)
+    return np.asarray(norm.mean(axis=-1) if valid is None else norm[..., valid].mean(axis=-1))
+
+
+def discrepancy(
+    samples: Float[ndarray, "S T C"], reference: Float[ndarray, "T C"], valid: Bool[ndarray, " T"] | None = None
+) -> float:
+    """L2 of one clip: mean over samples of the distance to the reference motion (radians)."""
+    return float(distance(samples, reference[None], valid).mean())
+
+
+def diversity(samples: Float[ndarray, "S T C"], valid: Bool[ndarray, " T"] | None = None) -> float:
+    """Diversity of one clip: mean over the pairs of samples of their distance (radians); NaN for a single sample."""
+    if len(samples) < 2:
+        return float("nan")
+    return float(
+        np.concatenate([distance(samples[i + 1 :], samples[i], valid) for i in range(len(samples) - 1)]).mean()
+    )
