@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from talkingeyes.metrics.bootstrap import BootstrapSettings, bootstrap, mean_of, quantile_of, ratio_of
@@ -33,6 +33,7 @@ def test_diversity_by_hand() -> None:
     assert np.isnan(diversity(samples[:1]))
 
 
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 6))
 def test_distances_are_symmetric_and_scale(seed: int, count: int) -> None:
     random = np.random.default_rng(seed)
@@ -46,25 +47,26 @@ def test_speed_of_a_ramp_is_in_degrees_a_second() -> None:
     yaw = np.radians(np.arange(50) * 0.4)  # 0.4 degrees a frame at 25 fps: 10 degrees a second
     gaze = gaze_of_angles(np.stack([np.stack([yaw, yaw * 0], -1)] * 2, axis=1))
     head = np.stack([np.zeros(50), np.zeros(50), np.radians(np.arange(50) * 0.2)], axis=-1)  # roll alone
-    assert eye_speed_deg_s(gaze, 25) == pytest.approx(np.full(49, 10.0))
-    assert head_speed_deg_s(head, 25) == pytest.approx(np.full(49, 5.0))
-    assert eye_speed_deg_s(np.stack([gaze, gaze[::-1]]), 25) == pytest.approx(np.full((2, 49), 10.0))
+    assert eye_speed_deg_s(gaze, 25.0) == pytest.approx(np.full(49, 10.0))
+    assert head_speed_deg_s(head, 25.0) == pytest.approx(np.full(49, 5.0))
+    assert eye_speed_deg_s(np.stack([gaze, gaze[::-1]]), 25.0) == pytest.approx(np.full((2, 49), 10.0))
 
 
 def test_counter_rotating_eyes_move_in_the_head_and_rest_in_space() -> None:
     head = np.stack([np.zeros(40), np.radians(np.linspace(0, 20, 40)), np.zeros(40)], axis=-1)
     gaze = eye_in_head(head, np.zeros((40, 2, 2)))
-    assert still(eye_speed_deg_s(gaze, 25)) == 0
-    assert still(space_speed_deg_s(head, gaze, 25)) == 1
+    assert still(eye_speed_deg_s(gaze, 25.0)) == 0
+    assert still(space_speed_deg_s(head, gaze, 25.0)) == 1
 
 
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000))
 def test_speed_in_space_does_not_depend_on_where_the_world_looks(seed: int) -> None:
     random = np.random.default_rng(seed)
     head, gaze = random.normal(0, 0.2, (12, 3)), random.normal(0, 0.2, (12, 2, 3))
     turned = vectors(matrices(random.normal(0, 1, 3)) @ matrices(head))
-    assert space_speed_deg_s(turned, gaze, 25) == pytest.approx(space_speed_deg_s(head, gaze, 25), abs=1e-6)
-    assert head_speed_deg_s(turned, 25) == pytest.approx(head_speed_deg_s(head, 25), abs=1e-6)
+    assert space_speed_deg_s(turned, gaze, 25.0) == pytest.approx(space_speed_deg_s(head, gaze, 25.0), abs=1e-6)
+    assert head_speed_deg_s(turned, 25.0) == pytest.approx(head_speed_deg_s(head, 25.0), abs=1e-6)
 
 
 def test_still_counts_frames_below_the_threshold() -> None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.settings import Settings
 
-Statistic = Callable[[Int[ndarray, " N"]], float]
+Statistic = Callable[[ndarray], float]  # of clip indices, drawn with replacement
 
 
 class BootstrapSettings(Settings):
@@ -57,14 +57,14 @@ def ratio_of(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> S
     return lambda clips: float(values[clips].sum() / reference[clips].sum())
 
 
-def quantile_of(groups: Sequence[Float[ndarray, " F"]], share: float) -> Statistic:
+def quantile_of(groups: Sequence[Float[ndarray, " _"]], share: float) -> Statistic:
     """The quantile of all frames of the clips, pooled: the smallest value that `share` of the frames do not exceed."""
     pooled = np.concatenate(groups)
     owner = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     order = np.argsort(pooled, kind="stable")
     values, owner = pooled[order], owner[order]
 
-    def statistic(clips: Int[ndarray, " N"]) -> float:
+    def statistic(clips: ndarray) -> float:
         weight = np.cumsum(np.bincount(clips, minlength=len(groups))[owner])
         return float(values[np.searchsorted(weight, share * weight[-1])])
 

@@ -13,15 +13,15 @@ from numpy import ndarray
 
 
 def distance(
-    one: Float[ndarray, "*S T C"], other: Float[ndarray, "*S T C"], valid: Bool[ndarray, " T"] | None = None
-) -> Float[ndarray, "*S"]:
+    one: Float[ndarray, "... T C"], other: Float[ndarray, "... T C"], valid: Bool[ndarray, " T"] | None = None
+) -> Float[ndarray, ...]:
     """Mean over the valid frames of the norm of the difference (radians). Leading axes are broadcast."""
     norm = np.linalg.norm(one - other, axis=-1)
     return np.asarray(norm.mean(axis=-1) if valid is None else norm[..., valid].mean(axis=-1))
 
 
 def discrepancy(
-    samples: Float[ndarray, "S T C"], reference: Float[ndarray, "T C"], valid: Bool[ndarray, " T"] | None = None
+    samples: Float[ndarray, "S T C"], reference: Float[ndarray, ...], valid: Bool[ndarray, " T"] | None = None
 ) -> float:
     """L2 of one clip: mean over samples of the distance to the reference motion (radians)."""
     return float(distance(samples, reference[None], valid).mean())

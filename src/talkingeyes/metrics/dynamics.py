@@ -1,7 +1,7 @@
 """How fast eyes, gaze and head move, and how often they rest.
 
 Speeds are great-circle angles between neighbouring frames times the frame rate, in degrees a second, so they are the
-same in any axes. A frame is still below 2.5 degrees a second: true gaze in space then rests in about nine frames of ten,
+same in any axes. A frame is still below 2.5 degrees a second: true gaze in space rests in about nine frames of ten,
 true eye-in-head in a quarter, because the eyes counter-rotate under the head (LEARNING.md, second trial).
 """
 
