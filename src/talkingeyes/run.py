@@ -1,44 +1,47 @@
-"""The only shell: workspace folders, validated sections, seeds and threads, progress, MLflow. Stages are called through it.
+"""The only shell: workspace folders, validated sections, threads, progress, errors. Stages are called through it.
 
 A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` makes a command of it.
 """
 
 from __future__ import annotations
 
+import inspect
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
-import pydantic
 import yaml
 
 from talkingeyes.errors import InputError
-from talkingeyes.settings import Settings
+from talkingeyes.record import Report, Row, record
+from talkingeyes.settings import Settings, validated
 
 S = TypeVar("S", bound=Settings)
 A = TypeVar("A")
 B = TypeVar("B")
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a stage reports to MLflow. Timings never go to metrics.json, so they are logged here, not returned in files."""
+__all__ = ["Report", "Row", "Workspace", "each", "main", "perform", "progress", "quiet", "shell"]
 
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    artifacts: Sequence[Path] = ()
+Stage = Callable[..., Report]
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder that holds data/ and the resolved composition (params.yaml) that fills it."""
+    """A folder that holds data/ and the resolved composition (params.yaml) that fills it.
+
+    `sections_read` records what `settings` was asked for, so that a run is logged with the parameters it used.
+    """
 
     root: Path
     params: Mapping[str, Any]
+    sections_read: set[str] = field(default_factory=set, compare=False, repr=False)
 
     @classmethod
     def open(cls, root: Path) -> Workspace:
@@ -53,12 +56,13 @@ class Workspace:
         return cls(root, params)
 
     def settings(self, section: str, kind: type[S]) -> S:
-        """The section at a dotted key, validated. Raises InputError naming the key, the bound and the value that came."""
+        """The section at a dotted key, validated. Raises InputError: the key, the bound and the value that came."""
         node: Any = self.params
         for key in section.split("."):
             if not isinstance(node, Mapping) or key not in node:
                 raise InputError(f"params: section {section} is missing; `make params` writes it from conf/")
             node = node[key]
+        self.sections_read.add(section)
         return validated(section, kind, node)
 
     @property
@@ -77,7 +81,7 @@ class Workspace:
 
     @contextmanager
     def output(self, *parts: str) -> Iterator[Path]:
-        """A new folder that becomes data/<parts> only when the block ends well; a killed stage leaves no half output."""
+        """A new folder that becomes data/<parts> only when the block ends well: never a half-made output."""
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
@@ -91,19 +95,8 @@ class Workspace:
         partial.rename(final)
 
 
-def validated(section: str, kind: type[S], node: Any) -> S:
-    """A section as its frozen settings. Raises InputError: one line with the key, the bound and the value that came."""
-    try:
-        return kind.model_validate(node)
-    except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join([section, *map(str, first["loc"])])
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise InputError(f"{key}: {first['msg']}, got {first['input']!r}{more}") from None
-
-
 def each(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
-    """The one joblib call for clip-parallel work: results in order, with a progress bar. Memory does not grow with items."""
+    """The one joblib call for clip-parallel work: results in order, a progress bar, memory that does not grow."""
     import joblib
 
     items = list(items)
@@ -116,7 +109,8 @@ def progress(items: Iterable[A], title: str, total: int | None = None) -> Iterab
     """The progress bar of everything that takes longer than a few seconds."""
     from tqdm import tqdm
 
-    return tqdm(items, desc=title, total=total, mininterval=0.5, file=sys.stderr)
+    bar: Iterable[A] = tqdm(items, desc=title, total=total, mininterval=0.5, file=sys.stderr)
+    return bar
 
 
 def quiet() -> None:
@@ -130,3 +124,44 @@ def quiet() -> None:
         RAY_USAGE_STATS_ENABLED="0",
         HF_HUB_DISABLE_TELEMETRY="1",
     )
+
+
+def shell(command: Callable[[], None]) -> NoReturn:
+    """Run a command and leave: status 2 and one line on stderr for what a person can mend, 130 when interrupted."""
+    quiet()
+    try:
+        command()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+    sys.exit(0)
+
+
+def main(run: Stage) -> NoReturn:
+    """The command of a stage in the current folder; a stage over named items takes the name as its one argument."""
+    expected = list(inspect.signature(run).parameters)[1:]
+    given = sys.argv[1:]
+    stage = Path(inspect.getfile(run)).stem
+
+    def command() -> None:
+        if len(given) != len(expected):
+            raise InputError(
+                f"{stage}: should get {' '.join(expected) or 'no arguments'}, got {' '.join(given) or 'none'}"
+            )
+        perform(stage, run, Workspace.open(Path.cwd()), *given)
+
+    shell(command)
+
+
+def perform(stage: str, run: Stage, workspace: Workspace, *names: str) -> Report:
+    """Run a stage and log it to MLflow: parameters of the sections that it read, metrics, files, duration."""
+    workspace.sections_read.clear()
+    start = time.monotonic()
+    report = run(workspace, *names)
+    seconds = time.monotonic() - start
+    title = "-".join([stage, *names])
+    record(workspace.root, stage, title, workspace.params, workspace.sections_read, seconds, report)
+    return report
