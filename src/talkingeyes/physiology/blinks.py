@@ -1,0 +1,144 @@
+"""Blinks: how often, when, and how the lid runs.
+
+Rates: `PAPER` is the paper's N(40.10, 15.42) a minute with its 5-frame window (Sect. IV-E); `PHYSIO` is log-normal
+over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, where the
+speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has
+the same form. Times are seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.special import betainc
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.motion import Blink
+
+RATE_LIMITS_PER_MIN = (6.0, 50.0)
+INTERVAL_SHAPE = 1.5
+PHRASE_END_S = (-0.1, 0.5)
+PHRASE_END_FACTOR, PAUSE_FACTOR, PHRASE_FACTOR = 3.0, 2.0, 0.7
+REFRACTORY_S = 0.25
+USUAL_BLINK_S = 0.33
+FULL_SHARE = 0.7
+OPENING_DECAY = 3.0
+
+
+@dataclass(frozen=True)
+class BlinkProfile:
+    """Blinks a minute over people or clips, and how a blink runs.
+
+    `normal`: mean and standard deviation, cut at 0. `lognormal`: median and standard deviation of the logarithm, cut to
+    what people do. `window_s` is the fixed length of a blink, or None for physiological kinematics.
+    """
+
+    law: Literal["normal", "lognormal"]
+    centre_per_min: float
+    spread: float
+    window_s: float | None = None
+
+
+PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200)
+PHYSIO = BlinkProfile("lognormal", 23.0, 0.35)
+PROFILES = {"paper": PAPER, "physio": PHYSIO}
+
+
+def draw_rate_per_min(profile: BlinkProfile, random: np.random.Generator) -> float:
+    """Blinks a minute of one person (or clip)."""
+    if profile.law == "lognormal":
+        return float(
+            np.clip(profile.centre_per_min * np.exp(profile.spread * random.standard_normal()), *RATE_LIMITS_PER_MIN)
+        )
+    rate = -1.0
+    while rate <= 0:
+        rate = random.normal(profile.centre_per_min, profile.spread)
+    return float(rate)
+
+
+def draw_blinks(
+    profile: BlinkProfile,
+    seconds: float,
+    random: np.random.Generator,
+    annotation: Annotation | None = None,
+    rate_per_min: float | None = None,
+) -> tuple[Blink, ...]:
+    """Blinks over `seconds`, at a rate drawn from the profile unless given.
+
+    A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives.
+    """
+    rate = draw_rate_per_min(profile, random) if rate_per_min is None else rate_per_min
+    mean_s = 60.0 / max(rate, 1e-6)
+    length_s = profile.window_s or USUAL_BLINK_S + REFRACTORY_S
+    dead_s = min(length_s, 0.6 * mean_s)
+    warm_up_s = 4.0 * mean_s
+    count = int(2.0 * (seconds + warm_up_s) / mean_s) + 20
+    steps_s = dead_s + random.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
+    even_s = np.cumsum(steps_s) - warm_up_s
+    even_s = even_s[(even_s >= 0) & (even_s < seconds)]
+    return without_overlap([draw_blink(profile, onset, random) for onset in _warped(even_s, seconds, annotation)])
+
+
+def draw_blink(profile: BlinkProfile, onset_s: float, random: np.random.Generator, full: float = FULL_SHARE) -> Blink:
+    """One blink; `full` is the probability that the lids meet."""
+    if profile.window_s is not None:
+        return Blink(float(onset_s), 0.4 * profile.window_s, 0.2 * profile.window_s, 0.4 * profile.window_s, 1.0)
+    return Blink(
+        onset_s=float(onset_s),
+        closing_s=float(max(0.045, random.normal(0.085, 0.015))),
+        hold_s=float(0.025 * np.exp(0.6 * random.standard_normal())),
+        opening_s=float(max(0.100, random.normal(0.210, 0.045))),
+        depth=1.0 if random.random() < full else float(random.uniform(0.4, 0.9)),
+    )
+
+
+def without_overlap(blinks: Sequence[Blink]) -> tuple[Blink, ...]:
+    """Blinks in order of onset, without those that start before the previous one has ended."""
+    kept: list[Blink] = []
+    for blink in sorted(blinks, key=lambda each: each.onset_s):
+        if not kept or blink.onset_s >= end_s(kept[-1]):
+            kept.append(blink)
+    return tuple(kept)
+
+
+def end_s(blink: Blink) -> float:
+    """When the lid is back."""
+    return blink.onset_s + blink.closing_s + blink.hold_s + blink.opening_s
+
+
+def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+    """How far blinks close the lids at ascending times: 0 open, 1 shut."""
+    total = np.zeros(len(times_s))
+    for blink in blinks:
+        first, last = np.searchsorted(times_s, [blink.onset_s, end_s(blink)])
+        after = times_s[first:last] - blink.onset_s
+        down = betainc(2.2, 2.5, np.clip(after / blink.closing_s, 0.0, 1.0))
+        opening = np.clip((after - blink.closing_s - blink.hold_s) / blink.opening_s, 0.0, 1.0)
+        left = (np.exp(-OPENING_DECAY * opening) - np.exp(-OPENING_DECAY)) / (1.0 - np.exp(-OPENING_DECAY))
+        total[first:last] = np.maximum(total[first:last], blink.depth * np.minimum(down, left))
+    return total
+
+
+def evoked_probability(amplitude_rad: float) -> float:
+    """Probability that a gaze shift of this amplitude brings a blink (Evinger 1994)."""
+    return float(0.97 * np.clip((np.degrees(amplitude_rad) - 5.0) / 28.0, 0.0, 1.0))
+
+
+def _warped(even_s: Float[ndarray, " N"], seconds: float, annotation: Annotation | None) -> Float[ndarray, " N"]:
+    """Times whose share of the summed hazard is that of `even_s` in the whole; the number of blinks stays."""
+    if annotation is None or len(even_s) == 0:
+        return even_s
+    grid_s = np.arange(0.0, seconds + 0.02, 0.02)
+    factor = np.full(len(grid_s), PAUSE_FACTOR)
+    for span in annotation.speaking:
+        factor[(grid_s >= span.start_s) & (grid_s < span.end_s)] = PHRASE_FACTOR
+    for span in annotation.speaking:
+        low, high = span.end_s + PHRASE_END_S[0], span.end_s + PHRASE_END_S[1]
+        factor[(grid_s >= low) & (grid_s < high)] = PHRASE_END_FACTOR
+    summed = np.concatenate([[0.0], np.cumsum(factor[:-1])])
+    return np.asarray(np.interp(even_s / seconds * summed[-1], summed, grid_s))

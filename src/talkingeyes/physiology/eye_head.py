@@ -1,0 +1,63 @@
+"""How eye and head share a gaze shift, and the shape of head movements.
+
+The head takes part beyond a threshold of eccentricity, linearly (Stahl 1999; Freedman & Sparks 1997), starts about 30
+ms after the eye, and moves with minimum jerk. The counter-rotation of the eyes (VOR) needs no law of its own: gaze is
+made in space and the eye is head^-1 gaze (`rotation.eye_in_head`), kept inside the range that eyes turn in
+conversation. Times are seconds, angles radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import rotation
+from talkingeyes.motion import HeadMove
+
+YAW_LIMIT_RAD = np.radians(30.0)
+PITCH_LIMITS_RAD = (np.radians(-30.0), np.radians(20.0))
+ONSET_LAG_S = (0.030, 0.040)
+ONSET_LAG_LIMITS_S = (-0.100, 0.150)
+
+
+def head_contribution(
+    eccentricity_rad: Float[ndarray, "*N"] | float, threshold_rad: float, gain: float
+) -> Float[ndarray, "*N"]:
+    """How far the head turns towards a target at an eccentricity from where the head points."""
+    return np.asarray(np.sign(eccentricity_rad) * gain * np.maximum(0.0, np.abs(eccentricity_rad) - threshold_rad))
+
+
+def head_duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """Seconds that a head movement of this amplitude takes: 250 ms + 12 ms a degree."""
+    return np.asarray(0.250 + 0.012 * np.degrees(amplitude_rad))
+
+
+def draw_onset_lag_s(random: np.random.Generator) -> float:
+    """How much later than the eye the head starts (negative: earlier)."""
+    return float(np.clip(random.normal(*ONSET_LAG_S), *ONSET_LAG_LIMITS_S))
+
+
+def minimum_jerk(phase: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
+    """Share of a minimum-jerk movement that is done at `phase` (clipped to 0..1)."""
+    x = np.clip(phase, 0.0, 1.0)
+    return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
+
+
+def head_path(moves: Sequence[HeadMove], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+    """Sum of the head movements as a rotation vector (their angles are small enough to add)."""
+    total = np.zeros((len(times_s), 3))
+    for move in moves:
+        total += minimum_jerk((times_s - move.onset_s) / move.duration_s)[:, None] * np.array(move.delta_rad)
+    return total
+
+
+def eyes(head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 3"]:
+    """Both eyes, parallel, without torsion and within their range, looking at `space_rad` from a turning head."""
+    one = rotation.eye_in_head(head, space_rad[:, None, :])
+    angles = rotation.angles_of_gaze(one)
+    yaw = np.clip(angles[..., 0], -YAW_LIMIT_RAD, YAW_LIMIT_RAD)
+    pitch = np.clip(angles[..., 1], *PITCH_LIMITS_RAD)
+    return np.repeat(rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1)), 2, axis=1)

@@ -1,0 +1,96 @@
+"""A performance as events and continuous parts, rendered at any frame rate by point sampling.
+
+Everything is a closed function of time, so frames at 25 a second are every fourth frame of those at 100; nothing is
+ever filtered or decimated. Continuous parts are sums of sinusoids: the head's slow, ordinary and rapid bands (Hadar
+1983), its small translation, and the unrest of the lids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Phoneme
+from talkingeyes.motion import Events, Motion
+from talkingeyes.physiology import articulation, blinks, eye_head, saccades
+
+
+@dataclass(frozen=True)
+class Waves:
+    """A sum of K sinusoids in C channels."""
+
+    frequency_hz: Float[ndarray, " K"]
+    amplitude: Float[ndarray, "K C"]
+    phase_rad: Float[ndarray, "K C"]
+
+    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+        """Values at times, computed as two matrix products (cos(a + b) = cos a cos b - sin a sin b)."""
+        angle = 2.0 * np.pi * times_s[:, None] * self.frequency_hz
+        in_phase, in_quadrature = self.amplitude * np.cos(self.phase_rad), self.amplitude * np.sin(self.phase_rad)
+        return np.asarray(np.cos(angle) @ in_phase - np.sin(angle) @ in_quadrature)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A polyline in time, constant beyond its ends."""
+
+    knots_s: Float[ndarray, " K"]
+    values: Float[ndarray, " K"]
+
+    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+        """Values at times."""
+        return np.asarray(np.interp(times_s, self.knots_s, self.values))
+
+
+@dataclass(frozen=True)
+class Continuous:
+    """What moves all the time, beside the events.
+
+    `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speaking` is the unrest of the
+    head that grows with `activity` (0 still, 1 speaking); `lid_rest` and `lid_waves` are closures beside the blinks.
+    """
+
+    gaze_rest_rad: tuple[float, float]
+    head_rest: Float[ndarray, " 3"]
+    head_waves: Waves
+    head_speaking: Waves
+    activity: Curve
+    translation: Waves
+    lid_rest: float
+    lid_waves: Waves
+    phonemes: Sequence[Phoneme]
+    jaw_scale: float
+    jaw_asymmetry: float
+
+
+def head(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+    """Head rotation vectors: rest, unrest, and the sum of the head movements."""
+    speaking = continuous.activity.at(times_s)[:, None] * continuous.head_speaking.at(times_s)
+    moves = eye_head.head_path(events.head_moves, times_s)
+    return np.asarray(continuous.head_rest + continuous.head_waves.at(times_s) + speaking + moves)
+
+
+def render(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"], fps: float) -> Motion:
+    """The state at each of the ascending times; `fps` is what the Motion says of itself."""
+    turned = head(events, continuous, times_s)
+    gaze_space = saccades.path(events.saccades, continuous.gaze_rest_rad, times_s)
+    unrest = continuous.lid_rest + continuous.lid_waves.at(times_s)
+    shut = blinks.closure(events.blinks, times_s)[:, None]
+    jaw = articulation.jaw_opening(continuous.phonemes, times_s, continuous.jaw_scale)
+    return Motion.of(
+        fps=fps,
+        head=turned,
+        gaze=eye_head.eyes(turned, gaze_space),
+        translation=continuous.translation.at(times_s),
+        lid=np.clip(unrest + (1.0 - unrest) * shut, -0.3, 1.0),
+        jaw=np.stack([jaw, continuous.jaw_asymmetry * jaw, np.zeros_like(jaw)], axis=-1),
+    )
+
+
+def render_at(events: Events, continuous: Continuous, fps: float, frames: int) -> Motion:
+    """Frames 0 to `frames` at `fps`: frame t is the state at t / fps."""
+    return render(events, continuous, np.arange(frames) / fps, fps)

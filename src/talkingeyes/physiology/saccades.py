@@ -1,0 +1,118 @@
+"""The law of saccades, in closed form at any frame rate.
+
+Duration grows linearly with amplitude, position follows the distribution function of a Beta law whose skew falls with
+amplitude: peak velocities then lie on the main sequence (Bahill, Clark & Stark 1975; Collewijn, Erkelens & Steinman
+1988): 116, 226 and 329 degrees a second at 2, 5 and 10 degrees. Amplitudes and directions are those of Eyes Alive
+(Lee, Badler & Badler 2002). Angles are (yaw, pitch) of gaze in space, radians; times are seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.special import beta as beta_function
+from scipy.special import betainc
+
+from talkingeyes.motion import Saccade
+
+INTERCEPT_S = 0.023
+SLOPE_S_PER_DEG = 0.0027
+BETA_SUM = 2.7
+DURATION_JITTER = 0.08
+PEAK_JITTER = 0.10
+
+# Eyes Alive: percent of saccades at 0, 45, ..., 315 degrees (0 = the subject's left here, 90 = up).
+DIRECTION_PERCENT = np.array([15.54, 6.46, 17.69, 7.44, 16.80, 7.89, 20.38, 7.79])
+DIRECTION_JITTER_RAD = np.radians(12.0)
+VERTICAL_SHRINK = 0.8
+AMPLITUDE_MIN_DEG = 0.315
+AMPLITUDE_MEAN_DEG = 6.9
+TALKING_CAP_DEG = 27.5
+
+
+def duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """Seconds that a saccade of this amplitude takes."""
+    return np.asarray(INTERCEPT_S + SLOPE_S_PER_DEG * np.degrees(amplitude_rad))
+
+
+def skew(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """Share of a saccade's time that is acceleration: .45 up to 10 degrees, falling to .20 at 50."""
+    return np.clip(0.45 - (np.degrees(amplitude_rad) - 10.0) * 0.25 / 40.0, 0.20, 0.45)
+
+
+def progress(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """Share of the amplitude that is done at `phase` (0 to 1 within the saccade, clipped outside)."""
+    x = np.clip(phase, 0.0, 1.0)
+    return np.asarray(betainc(BETA_SUM * np.asarray(skewness) + 1.0, BETA_SUM * (1.0 - np.asarray(skewness)) + 1.0, x))
+
+
+def position(saccade: Saccade, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+    """Where gaze is during, before and after one saccade."""
+    return path((saccade,), saccade.start_rad, times_s)
+
+
+def path(
+    saccades: Sequence[Saccade], rest_rad: tuple[float, float] | Float[ndarray, " 2"], times_s: Float[ndarray, " T"]
+) -> Float[ndarray, "T 2"]:
+    """Gaze in space through a chain of saccades in order of onset; each holds its end until the next one starts.
+
+    `rest_rad` is where gaze is when there is no saccade at all.
+    """
+    if not saccades:
+        return np.tile(np.asarray(rest_rad, np.float64), (len(times_s), 1))
+    onset, duration, skewness = np.array([(s.onset_s, s.duration_s, s.skew) for s in saccades]).T
+    start, end = np.array([s.start_rad for s in saccades]), np.array([s.end_rad for s in saccades])
+    index = np.maximum(np.searchsorted(onset, times_s, side="right") - 1, 0)
+    phase = np.clip((times_s - onset[index]) / duration[index], 0.0, 1.0)
+    done = phase.copy()
+    moving = (phase > 0.0) & (phase < 1.0)
+    done[moving] = progress(phase[moving], skewness[index[moving]])
+    return np.asarray(start[index] + (end - start)[index] * done[:, None])
+
+
+def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """Speed in radians a second at a phase of an unjittered saccade: the Beta density over the duration."""
+    s = skew(amplitude_rad)
+    a, b = BETA_SUM * s, BETA_SUM * (1.0 - s)
+    total = beta_function(a + 1.0, b + 1.0)
+    x = np.asarray(phase)
+    return np.asarray(amplitude_rad / duration_s(amplitude_rad) * x**a * (1.0 - x) ** b / total)
+
+
+def peak_speed(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """The main sequence: the highest speed of an unjittered saccade, radians a second (at the mode of the Beta law)."""
+    return speed(amplitude_rad, skew(amplitude_rad))
+
+
+def saccade(
+    onset_s: float, start_rad: Float[ndarray, " 2"], end_rad: Float[ndarray, " 2"], random: np.random.Generator
+) -> Saccade:
+    """A saccade between two directions, its duration and skew jittered, so that peak speeds vary by about 10 %."""
+    amplitude = float(np.hypot(*(end_rad - start_rad)))
+    return Saccade(
+        onset_s=float(onset_s),
+        duration_s=float(duration_s(amplitude) * np.exp(DURATION_JITTER * random.standard_normal())),
+        start_rad=(float(start_rad[0]), float(start_rad[1])),
+        end_rad=(float(end_rad[0]), float(end_rad[1])),
+        skew=float(np.clip(skew(amplitude) * np.exp(PEAK_JITTER * random.standard_normal()), 0.15, 0.6)),
+    )
+
+
+def draw_amplitudes_rad(
+    count: int, random: np.random.Generator, least_deg: float = 0.0, cap_deg: float = TALKING_CAP_DEG
+) -> Float[ndarray, " N"]:
+    """Amplitudes of Eyes Alive's law, .315 + Exp(6.9) degrees, between two bounds (by the inverse of the cut law)."""
+    low, high = (
+        1.0 - np.exp(-max(0.0, bound - AMPLITUDE_MIN_DEG) / AMPLITUDE_MEAN_DEG) for bound in (least_deg, cap_deg)
+    )
+    return np.asarray(np.radians(AMPLITUDE_MIN_DEG - AMPLITUDE_MEAN_DEG * np.log1p(-random.uniform(low, high, count))))
+
+
+def draw_directions(count: int, random: np.random.Generator) -> Float[ndarray, "N 2"]:
+    """Steps of unit amplitude in Eyes Alive's directions: cardinals about twice as often as diagonals."""
+    octant = random.choice(8, size=count, p=DIRECTION_PERCENT / DIRECTION_PERCENT.sum())
+    angle = octant * np.pi / 4 + DIRECTION_JITTER_RAD * random.standard_normal(count)
+    return np.stack([np.cos(angle), VERTICAL_SHRINK * np.sin(angle)], axis=-1)
