@@ -1,0 +1,65 @@
+# TalkingEyes. `make` lists what there is; everything sets itself up in .venv, with Python 3.11 and no root rights.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+TORCH := torch==2.13.0
+corpus ?=
+
+# One thread a process (work is parallel over processes), and no telemetry of any dependency.
+export OMP_NUM_THREADS := 1
+export MLFLOW_DISABLE_TELEMETRY := true
+export DO_NOT_TRACK := true
+export DVC_NO_ANALYTICS := 1
+export RAY_USAGE_STATS_ENABLED := 0
+export HF_HUB_DISABLE_TELEMETRY := 1
+export PYTHONUNBUFFERED := 1
+export PATH := $(abspath $(BIN)):$(PATH)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup repro params test check tiny bench ui clean
+
+help:  ## This list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.stamp  ## Install everything into .venv (done by the others when needed)
+
+# torch alone first, then the lock without looking at declared bounds (some are stale), then this package.
+$(VENV)/.stamp: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
+		{ echo "error: Python 3.11 is needed, got $$($(PYTHON) --version 2>&1); say make PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || { echo "error: $(PYTHON) cannot make virtual environments; Debian has them in python3-venv" >&2; exit 2; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR
+	$(BIN)/dvc repro report
+	@cat data/report/table3.md
+
+params: setup  ## Write params.yaml from conf/
+	$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus))
+
+test: setup  ## Run the tests
+	$(BIN)/python -m pytest -n 2
+
+check: setup  ## Format, lint, types, import order, then the tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -n 2
+
+tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
+	$(BIN)/python -m pipelines.experiment experiment=tiny
+
+bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
+
+ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000
+	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
+
+clean:  ## Remove what runs left in build/ and the caches of tools; data/ and .venv stay
+	rm -rf build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

@@ -1,0 +1,10 @@
+"""Write params.yaml, the resolved composition of conf/, for `dvc repro`: python -m pipelines.params [overrides]."""
+
+import sys
+from pathlib import Path
+
+from talkingeyes.config import compose, write_params
+from talkingeyes.run import shell
+
+if __name__ == "__main__":
+    shell(lambda: write_params(Path("params.yaml"), compose(sys.argv[1:])))

@@ -1,0 +1,109 @@
+"""The shell around the stages: errors, exit status, whole outputs, the record of runs."""
+
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from talkingeyes import run
+from talkingeyes.errors import InputError
+from talkingeyes.record import Report, flatten
+from talkingeyes.run import Workspace, main, shell
+
+
+def fails(error):
+    def command():
+        raise error
+
+    return command
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [(InputError("fit.steps: wrong"), 2, "error: fit.steps: wrong\n"), (KeyboardInterrupt(), 130, "interrupted\n")],
+)
+def test_an_error_that_a_person_can_mend_is_one_line(error, status, line, capsys):
+    with pytest.raises(SystemExit) as stop:
+        shell(fails(error))
+    assert stop.value.code == status
+    assert capsys.readouterr().err == line
+
+
+def test_other_errors_keep_their_trace():
+    with pytest.raises(ZeroDivisionError):
+        shell(fails(ZeroDivisionError()))
+
+
+def a_stage(workspace, name):
+    return Report()
+
+
+def test_a_stage_without_its_item_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text("corpus: data/synthesize\n")
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    with pytest.raises(SystemExit) as stop:
+        main(a_stage)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err == "error: test_house_shell: should get name, got none\n"
+
+
+@pytest.mark.parametrize("text", [None, "[1, 2]", "a: b: c"])
+def test_a_workspace_needs_its_params(tmp_path, text):
+    if text is not None:
+        (tmp_path / "params.yaml").write_text(text)
+    with pytest.raises(InputError, match="make params"):
+        Workspace.open(tmp_path)
+
+
+def test_an_output_appears_whole_or_not_at_all(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("fit") as folder:
+        (folder / "a").write_text("old")
+        assert not workspace.data("fit").exists()
+    with pytest.raises(KeyboardInterrupt), workspace.output("fit") as folder:
+        (folder / "a").write_text("half")
+        raise KeyboardInterrupt
+    assert [path.name for path in workspace.data().iterdir()] == ["fit"]
+    assert workspace.data("fit", "a").read_text() == "old"
+
+
+def square(number):
+    return number**2
+
+
+def test_each_keeps_order_whatever_the_number_of_jobs():
+    assert list(run.each(square, range(20), 2, "square")) == list(run.each(square, range(20), 1, "square"))
+
+
+def test_flatten_joins_keys():
+    assert flatten({"a": {"b": 1, "c": {"d": [2]}}, "e": None}) == {"a.b": 1, "a.c.d": [2], "e": None}
+
+
+RECORD = """
+import sys
+from pathlib import Path
+from talkingeyes.record import Report, Row, record
+
+root = Path(sys.argv[1])
+plot = root / "plot.txt"
+report = Report({"error": 0.5}, [plot], [Row("mean", {"test/gaze/l2": 0.25}, [plot])])
+record(root, "evaluate", "evaluate-mean", {"fit": {"seed": 3}, "fitter": {"x": 1}}, {"fit"}, 1.5, report)
+"""
+
+
+def test_two_processes_record_into_a_new_store(tmp_path):
+    (tmp_path / "plot.txt").write_text("x")
+    both = [subprocess.Popen([sys.executable, "-c", RECORD, str(tmp_path)]) for _ in range(2)]
+    assert [process.wait(timeout=120) for process in both] == [0, 0]
+    with closing(sqlite3.connect(tmp_path / "mlflow.db")) as store:
+        query = "select e.name, count(*) from runs r join experiments e using (experiment_id) group by e.name"
+        assert dict(store.execute(query).fetchall()) == {"stages": 2, "experiments": 2}
+        metrics = set(store.execute("select key, value from metrics").fetchall())
+        assert metrics == {("error", 0.5), ("seconds", 1.5), ("test/gaze/l2", 0.25)}
+        rows = store.execute("select p.key, count(*) from params p group by p.key").fetchall()
+        assert dict(rows) == {"fit.seed": 4, "fitter.x": 2}  # a stage's run holds the sections that it read
+    assert len(list(Path(tmp_path, "mlartifacts").rglob("plot.txt"))) == 4
