@@ -1,4 +1,4 @@
-"""The training loop: the only one. AdamW or Adam, a one-cycle learning rate, gradient clipping, the best weights on val.
+"""The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
 
 A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly.
 Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
@@ -7,7 +7,7 @@ Seeds: a task draws from generators that it seeds itself, so the same settings g
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
 import torch
 from pydantic import Field
@@ -30,10 +30,11 @@ class LoopSettings(Settings):
     validate_every: Annotated[int, Field(gt=0)]
 
 
+@runtime_checkable
 class Task(Protocol):
     """What is trained. `losses` draws a batch and returns named scalars, `total` is minimised.
 
-    `validate` returns named figures, `score` is maximised: the weights of its best value are kept (score NaN: the last).
+    `validate` returns named figures; `score` is maximised: the weights of its best value are kept (of NaN: the last).
     """
 
     module: nn.Module
@@ -67,7 +68,7 @@ def train(task: Task, settings: LoopSettings, title: str) -> list[dict[str, floa
             with torch.no_grad():
                 figures = task.validate()
             count = step - (int(history[-1]["step"]) if history else 0)
-            history.append({"step": step, **{f"loss/{k}": v / count for k, v in sums.items()}, **figures})
+            history.append({"step": float(step), **{f"loss/{k}": v / count for k, v in sums.items()}, **figures})
             bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
             sums = {}
             if not figures["score"] <= best:

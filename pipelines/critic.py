@@ -1,0 +1,66 @@
+"""Stage `critic`: train the contrastive networks behind Corr., one for eye-in-head, gaze in space and head each.
+
+Reads   data/fit, data/embed (train split; test and unseen only to report on, after training)
+Writes  data/critic/<part>/ (weights, config, history) and data/critic/report.json: AUC on negatives of the same
+        speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker, and of a constant
+Run     python -m pipelines.critic
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import Normaliser, recordings
+from talkingeyes.metrics.contrast import CriticSettings, learn
+from talkingeyes.metrics.verdict import Verdict, judge
+from talkingeyes.models.critic import PARTS
+from talkingeyes.run import Report, Workspace, each, main
+
+
+def run(workspace: Workspace) -> Report:
+    """Train the three parts, each in a process of its own."""
+    settings = workspace.settings("critic", CriticSettings)
+    with workspace.output("critic") as folder:
+        train = partial(train_part, workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
+        verdicts = dict(zip(PARTS, each(train, PARTS, workspace.jobs, "critic"), strict=True))
+        report = {
+            part: {group: asdict(verdict) for group, verdict in groups.items()} for part, groups in verdicts.items()
+        }
+        (folder / "report.json").write_text(json.dumps(report, indent=1))
+    return Report(metrics=dict(_flat(verdicts)), artifacts=[workspace.data("critic", "report.json")])
+
+
+def train_part(
+    corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings, part: str
+) -> dict[str, Verdict]:
+    """Train and save the critic of one part; what it can tell on each group of speakers."""
+    from talkingeyes.learning.checkpoint import save
+
+    corpus = Corpus(corpus_root)
+    learnt = learn(part, recordings(corpus, fit, embed, "train"), Normaliser.of(embed), settings)
+    (folder / part).mkdir()
+    save(folder / part, learnt.corr.critic.state_dict(), learnt.config, learnt.history)
+    groups = {
+        "kept_out": learnt.kept_out,
+        "test": recordings(corpus, fit, embed, "test", take=0),
+        "unseen": recordings(corpus, fit, embed, "unseen", take=0),
+        "test_and_unseen": recordings(corpus, fit, embed, "test", "unseen", take=0),
+    }
+    return {name: judge(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+
+
+def _flat(verdicts: dict[str, dict[str, Verdict]]) -> Iterable[tuple[str, float]]:
+    for part, groups in verdicts.items():
+        for group, verdict in groups.items():
+            for name, estimate in asdict(verdict).items():
+                if estimate is not None:
+                    yield f"{group}/{part}/{name}", estimate["value"]
+
+
+if __name__ == "__main__":
+    main(run)

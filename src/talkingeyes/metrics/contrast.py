@@ -1,0 +1,210 @@
+"""Training of the critic: InfoNCE (van den Oord et al. 2018) among windows of one speaker.
+
+Positives are sound and motion of one window of the train split. Negatives are motions of other sounds of the same
+speaker, and the right motion at a wrong time; other speakers are no negatives, so knowing who speaks does not help. The
+weights kept are the best on speakers kept out of the training.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from talkingeyes.corpus.windows import Normaliser, Recording
+from talkingeyes.errors import InputError
+from talkingeyes.learning.loop import LoopSettings, train
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.metrics.correlation import Correlation, auc
+from talkingeyes.models.critic import MIRROR, PARTS, Critic, CriticNetworkSettings, angles, similarity
+from talkingeyes.settings import Settings
+
+
+class CriticSettings(Settings):
+    """The section `critic`."""
+
+    seed: int
+    window_s: Annotated[float, Field(gt=0)]
+    hop_s: Annotated[float, Field(gt=0)]
+    kept_out: Annotated[float, Field(gt=0, lt=1)]  # share of the train speakers that weights are chosen on
+    speaker_windows: Annotated[int, Field(ge=2)]  # windows of one speaker in a batch, of different sounds
+    shifts: Annotated[int, Field(ge=0)]  # negatives of the same window at wrong times
+    shift_min_s: Annotated[float, Field(gt=0)]  # how wrong, at least
+    scale: Annotated[float, Field(ge=1)]  # motion is enlarged or shrunk by up to this factor
+    temperature: Annotated[float, Field(gt=0)]  # of InfoNCE at the start; it is learned
+    network: CriticNetworkSettings
+    loop: LoopSettings
+    bootstrap: BootstrapSettings
+
+
+# Clips that a figure over pairs of clips is made of, at most.
+JUDGED = 300
+
+
+@dataclass(frozen=True)
+class Division:
+    """Indices of recordings whose speakers the critic trains on, and of those kept out."""
+
+    train: list[int]
+    kept_out: list[int]
+
+
+def divide(recordings: Sequence[Recording], settings: CriticSettings) -> Division:
+    """Keep some speakers out, by the seed. Raises InputError if there are fewer than two."""
+    speaker_of = [recording.clip.speaker for recording in recordings]
+    speakers = sorted(set(speaker_of))
+    if len(speakers) < 2:
+        raise InputError(f"critic: needs train clips of at least two speakers, got {len(speakers)}")
+    count = min(len(speakers) - 1, max(1, round(settings.kept_out * len(speakers))))
+    out = set(np.random.default_rng(settings.seed).choice(speakers, size=count, replace=False).tolist())
+    train = [index for index, speaker in enumerate(speaker_of) if speaker not in out]
+    return Division(train, [index for index, speaker in enumerate(speaker_of) if speaker in out])
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Sound and motion of B windows, and which of them share a speaker but not a sound."""
+
+    speech: Float[Tensor, "B T C"]
+    angles: Float[Tensor, "B T A"]
+    rivals: Bool[ndarray, "B B"]
+
+
+def first_windows(recordings: Sequence[Recording], part: str, frames: int) -> Windows:
+    """The first window of up to JUDGED recordings, evenly spread; those shorter than a window only if all are."""
+    chosen = [recordings[int(index)] for index in np.linspace(0, len(recordings) - 1, min(JUDGED, len(recordings)))]
+    whole = [recording for recording in chosen if len(recording) >= frames] or chosen
+    return windows(whole, part, frames, [0] * len(whole))
+
+
+def windows(recordings: Sequence[Recording], part: str, frames: int, starts: Sequence[int]) -> Windows:
+    """One window of each recording, cut to the shortest of them."""
+    frames = min(frames, *(len(recording) - start for recording, start in zip(recordings, starts, strict=True)))
+    cuts = [slice(start, start + frames) for start in starts]
+    pairs = list(zip(recordings, cuts, strict=True))
+    motion = np.stack([angles(part, recording.head[cut], recording.gaze[cut]) for recording, cut in pairs])
+    speech = np.stack([recording.speech[cut] for recording, cut in pairs])
+    speakers = np.array([recording.clip.speaker for recording in recordings])
+    sounds = np.array([recording.clip.sound for recording in recordings])
+    return Windows(
+        torch.from_numpy(speech.astype(np.float32)),
+        torch.from_numpy(motion.astype(np.float32)),
+        (speakers[:, None] == speakers) & (sounds[:, None] != sounds),
+    )
+
+
+def new_critic(part: str, recordings: Sequence[Recording], normaliser: Normaliser, settings: CriticSettings) -> Critic:
+    """An untrained critic. One scale for all angles of a part: a channel that hardly moves must not be blown up."""
+    deviations, speeds = [], []
+    for recording in recordings:
+        motion = angles(part, recording.head, recording.gaze)
+        deviations.append(np.square(motion - np.median(motion, axis=0)).mean())
+        speeds.append(np.linalg.norm(np.diff(motion, axis=0), axis=-1).mean())
+    scale = torch.tensor([float(np.sqrt(np.mean(deviations))), float(np.mean(speeds))]).clamp_min(1e-6)
+    mean, std = (torch.from_numpy(np.asarray(each, np.float32)) for each in (normaliser.mean, normaliser.std))
+    torch.manual_seed(settings.seed)
+    critic = Critic(settings.network, mean, std.clamp_min(1e-6), scale, len(MIRROR[part]))
+    critic.log_scale.data.fill_(-np.log(settings.temperature))
+    return critic
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A trained critic as a metric, what is stored of it, and the recordings of the speakers kept out."""
+
+    corr: Correlation
+    config: dict[str, Any]
+    history: list[dict[str, float]]
+    kept_out: list[Recording]
+
+
+def learn(part: str, recordings: Sequence[Recording], normaliser: Normaliser, settings: CriticSettings) -> Learnt:
+    """Train the critic of one part."""
+    division = divide(recordings, settings)
+    fps = recordings[0].clip.fps
+    critic = new_critic(part, [recordings[index] for index in division.train], normaliser, settings)
+    history = train(Contrast(part, critic, recordings, division, fps, settings), settings.loop, f"critic of {part}")
+    frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
+    config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json")}
+    return Learnt(
+        Correlation(part, critic, frames, hop), config, history, [recordings[index] for index in division.kept_out]
+    )
+
+
+class Contrast:
+    """The task: batches of a few speakers with several sounds each."""
+
+    def __init__(
+        self,
+        part: str,
+        critic: Critic,
+        recordings: Sequence[Recording],
+        division: Division,
+        fps: float,
+        settings: CriticSettings,
+    ) -> None:
+        self.part, self.settings, self.recordings = part, settings, recordings
+        self.frames = round(settings.window_s * fps)
+        self.shift_min = round(settings.shift_min_s * fps / settings.network.step_frames)
+        self.random = np.random.default_rng([settings.seed, PARTS.index(part)])
+        self.critic = critic
+        self.module: nn.Module = critic
+        self.of_speaker: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
+        for index in division.train:
+            clip = recordings[index].clip
+            self.of_speaker[clip.speaker][clip.sound].append(index)
+        self.speakers = sorted(name for name, sounds in self.of_speaker.items() if len(sounds) > 1)
+        if not self.speakers:
+            raise InputError("critic: needs at least two sounds of one train speaker, got one each")
+        self.held = first_windows([recordings[index] for index in division.kept_out], part, self.frames)
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """InfoNCE in both directions, with wrong times of the right motion among the negatives."""
+        batch = self._draw()
+        speech, motion = self.critic.speech(batch.speech), self.critic.motion(batch.angles)
+        scale = self.critic.log_scale.exp().clamp_max(100.0)
+        allowed = torch.from_numpy(batch.rivals | np.eye(len(speech), dtype=bool))
+        between = (scale * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
+        wrong = self._wrong_times(speech, motion) * scale
+        right = torch.arange(len(speech))
+        by_sound = functional.cross_entropy(torch.cat([between, wrong], dim=1), right)
+        by_motion = functional.cross_entropy(torch.cat([between.T, wrong], dim=1), right)
+        return {"total": (by_sound + by_motion) / 2}
+
+    def validate(self) -> dict[str, float]:
+        """AUC on the speakers kept out: same-speaker negatives (what is chosen on), and all."""
+        similar = similarity(self.critic.speech(self.held.speech), self.critic.motion(self.held.angles)).numpy()
+        same = auc(np.diag(similar), similar[self.held.rivals])
+        return {"score": same, "auc_all": auc(np.diag(similar), similar[~np.eye(len(similar), dtype=bool)])}
+
+    def _draw(self) -> Windows:
+        chosen: list[int] = []
+        for name in self.random.permutation(self.speakers):
+            sounds = self.of_speaker[name]
+            names = self.random.permutation(sorted(sounds))[: self.settings.speaker_windows]
+            chosen += [int(self.random.choice(sounds[sound])) for sound in names]
+            if len(chosen) >= self.settings.loop.batch:
+                break
+        recordings = [self.recordings[index] for index in chosen]
+        starts = [int(self.random.integers(max(1, len(each) - self.frames + 1))) for each in recordings]
+        drawn = windows(recordings, self.part, self.frames, starts)
+        mirror = np.where(self.random.random((len(chosen), 1)) < 0.5, MIRROR[self.part], 1.0)
+        bound = np.log(self.settings.scale)
+        gain = mirror * np.exp(self.random.uniform(-bound, bound, (len(chosen), 1)))
+        return Windows(drawn.speech, drawn.angles * torch.from_numpy(gain[:, None].astype(np.float32)), drawn.rivals)
+
+    def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
+        """Cosines with the motion features turned round in time by a few random shifts."""
+        steps = motion.shape[1]
+        shifts = self.random.integers(self.shift_min, steps - self.shift_min + 1, size=self.settings.shifts)
+        columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(int(s), 1).flatten(1)) for s in shifts]
+        return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)

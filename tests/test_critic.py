@@ -1,0 +1,128 @@
+"""The critic learns a coupling of sound and motion, and only that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.windows import Normaliser, Recording
+from talkingeyes.errors import InputError
+from talkingeyes.learning.loop import LoopSettings, train
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.metrics.contrast import Contrast, CriticSettings, divide, new_critic
+from talkingeyes.metrics.correlation import Correlation, auc
+from talkingeyes.models.critic import PARTS, Critic, CriticNetworkSettings, angles, similarity
+
+FPS = 25.0
+SETTINGS = CriticSettings(
+    seed=0,
+    window_s=8.0,
+    hop_s=0.8,
+    kept_out=0.25,
+    speaker_windows=6,
+    shifts=2,
+    shift_min_s=1.0,
+    scale=1.25,
+    temperature=0.1,
+    network=CriticNetworkSettings(step_frames=4, width=16, layers=2, kernel=5, features=8, dropout=0.1),
+    loop=LoopSettings(
+        steps=60,
+        batch=24,
+        learning_rate=0.01,
+        schedule="one-cycle",
+        weight_decay=0.01,
+        clip_norm=1.0,
+        validate_every=20,
+    ),
+    bootstrap=BootstrapSettings(draws=50, level=0.95, seed=0),
+)
+
+
+def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
+    """Noise with a loudness that the head's speed follows where `coupled`; every speaker has a voice and a posture."""
+    random = np.random.default_rng(1)
+    found = []
+    for speaker in range(speakers):
+        voice, posture = random.normal(0, 1, 6), random.normal(0, 0.2, 3)
+        for sound in range(sounds):
+            loud = np.repeat(random.random(9) < 0.5, 25)[:210].astype(float)
+            speech = voice + random.normal(0, 0.3, (210, 6))
+            speech[:, 0] += loud
+            drive = loud if coupled else np.repeat(random.random(9) < 0.5, 25)[:210]
+            head = posture * (1 + 0.1 * speaker) + np.cumsum(random.normal(0, 0.02, (210, 3)) * drive[:, None], axis=0)
+            name = f"{speaker}-{sound}"
+            clip = Clip(name, name, 0, str(speaker), "train", 8.4, FPS, "", 0, "en", "", "", "", "")
+            gaze = np.zeros((210, 2, 3), np.float32)
+            found.append(Recording(clip, speech.astype(np.float32), head.astype(np.float32), gaze, np.ones(210, bool)))
+    return found
+
+
+def learnt(recordings: list[Recording]) -> tuple[Contrast, list[dict[str, float]]]:
+    torch.manual_seed(0)
+    critic = new_critic("head", recordings, Normaliser(np.zeros(6, np.float32), np.ones(6, np.float32)), SETTINGS)
+    task = Contrast("head", critic, recordings, divide(recordings, SETTINGS), FPS, SETTINGS)
+    return task, train(task, SETTINGS.loop, "critic")
+
+
+def test_learns_a_planted_coupling_on_speakers_it_never_heard() -> None:
+    assert max(row["score"] for row in learnt(toy(coupled=True))[1]) > 0.85
+
+
+def test_finds_nothing_where_nothing_is_although_voice_and_posture_tell_who_speaks() -> None:
+    assert abs(learnt(toy(coupled=False))[1][-1]["score"] - 0.5) < 0.15
+
+
+def test_training_is_repeatable() -> None:
+    recordings = toy(coupled=True, speakers=4, sounds=4)
+    first, second = learnt(recordings)[0].critic.state_dict(), learnt(recordings)[0].critic.state_dict()
+    assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_no_speaker_stands_on_both_sides_of_the_division() -> None:
+    recordings = toy(coupled=True)
+    division = divide(recordings, SETTINGS)
+    train_speakers = {recordings[index].clip.speaker for index in division.train}
+    kept_out = {recordings[index].clip.speaker for index in division.kept_out}
+    assert not train_speakers & kept_out
+    assert len(kept_out) == 3
+    with pytest.raises(InputError, match="two speakers, got 1"):
+        divide([each for each in recordings if each.clip.speaker == "0"], SETTINGS)
+
+
+def test_auc_by_hand() -> None:
+    assert auc(np.array([2.0, 3.0]), np.array([1.0, 2.0, 0.0])) == pytest.approx(5.5 / 6)
+    assert auc(np.array([1.0]), np.array([1.0, 1.0])) == 0.5
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_corr_is_a_cosine_blind_to_posture_and_the_same_alone_or_among_samples(part: str) -> None:
+    random = np.random.default_rng(0)
+    network = SETTINGS.network
+    count = 3 if part == "head" else 2
+    critic = Critic(network, torch.zeros(6), torch.ones(6), torch.ones(2), count)
+    corr = Correlation(part, critic, frames=200, hop=20)
+    speech = random.normal(size=(240, 6)).astype(np.float32)
+    head, gaze = random.normal(0, 0.1, (4, 240, 3)), random.normal(0, 0.1, (4, 240, 2, 3))
+    values = corr(speech, head, gaze)
+    assert values.shape == (4,)
+    assert (np.abs(values) <= 1 + 1e-6).all()
+    assert corr(speech, head[2:3], gaze[2:3]) == pytest.approx(values[2:3], abs=1e-6)
+    if part != "space":
+        assert corr(speech, head + 0.2, gaze - 0.1) == pytest.approx(values, abs=1e-5)
+    assert corr(speech[:150], head[:, :150], gaze[:, :150]).shape == (4,)
+
+
+def test_similarity_is_the_cosine_of_every_pair() -> None:
+    one, other = torch.randn(3, 5, 4), torch.randn(2, 5, 4)
+    expected = torch.cosine_similarity(one.flatten(1)[:, None], other.flatten(1)[None], dim=-1)
+    assert torch.allclose(similarity(one, other), expected, atol=1e-6)
+
+
+def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
+    turn = np.zeros((1, 20, 3))
+    turn[..., 1] = np.linspace(0, 0.3, 20)
+    gaze = -np.repeat(turn[:, :, None], 2, axis=2)
+    assert np.ptp(angles("space", turn, gaze), axis=1).max() < 1e-9
+    assert np.ptp(angles("eyes", turn, gaze), axis=1).max() == pytest.approx(0.3)
