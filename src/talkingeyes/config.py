@@ -7,12 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
 from pydantic import Field
 
+from talkingeyes.audio.encoder import EmbedSettings
+from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.errors import InputError
+from talkingeyes.learning.priors import PriorSettings
+from talkingeyes.learning.translation import TrainSettings, TranslationSettings
+from talkingeyes.metrics.contrast import CriticSettings
+from talkingeyes.metrics.evaluation import EvaluateSettings
+from talkingeyes.models.baselines import BaselineSettings
+from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.settings import Settings, validated
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -24,6 +32,25 @@ class MachineSettings(Settings):
 
     jobs: int = Field(gt=0)
     device: str = Field(pattern="^(cpu|cuda)$")
+
+
+ModelSettings = Annotated[TranslationSettings | BaselineSettings, Field(discriminator="kind")]
+
+
+class Composition(Settings):
+    """All sections, in the order of the stages."""
+
+    # The corpus that every stage after `synthesize` reads, and where pipelines.experiment works.
+    corpus: str
+    workspace: str
+    machine: MachineSettings
+    embed: EmbedSettings
+    pretrain: dict[str, PriorSettings]
+    train: TrainSettings
+    model: dict[str, ModelSettings]
+    critic: CriticSettings
+    sample: SampleSettings
+    evaluate: EvaluateSettings
 
 
 def compose(overrides: Sequence[str] = ()) -> dict[str, Any]:
