@@ -51,7 +51,10 @@ class Annotation:
         """Read JSON written by `save`. Raises InputError if it is not an annotation."""
         try:
             content = json.loads(path.read_text())
-            kinds = {name: Phoneme if name == "phonemes" else Span for name in cls.__dataclass_fields__}
-            return cls(**{name: tuple(kind(**row) for row in content.get(name, ())) for name, kind in kinds.items()})
-        except (OSError, ValueError, TypeError) as error:
+            spans = [name for name in cls.__dataclass_fields__ if name != "phonemes"]
+            return cls(
+                phonemes=tuple(Phoneme(**row) for row in content["phonemes"]),
+                **{name: tuple(Span(**row) for row in content[name]) for name in spans},
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not a readable annotation ({error!r})") from None

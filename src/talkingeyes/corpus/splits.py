@@ -10,9 +10,7 @@ UNSEEN_SPEAKERS = 0.15
 SHARES = {"train": 0.8, "val": 0.1, "test": 0.1}
 
 
-def split_sounds(
-    speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int
-) -> dict[str, str]:
+def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int) -> dict[str, str]:
     """Split of each sound.
 
     Sounds that share a sentence stay together among the seen speakers. Groups go, largest first, to the split that is

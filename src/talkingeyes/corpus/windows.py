@@ -51,7 +51,7 @@ class Normaliser:
 
 
 class Recordings(Sequence[Recording]):
-    """The fitted clips of some splits (rejected clips are not there), read lazily; the last 4,096 motions stay in memory."""
+    """The fitted clips of some splits (rejected ones are not there), read lazily; 4,096 motions stay in memory."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
         self.clips = [clip for clip in clips if _motion_path(fit, clip).exists()]
@@ -90,6 +90,6 @@ def _motion_path(fit: Path, clip: Clip) -> Path:
     return sharded(fit / "motion", clip.id, ".npz")
 
 
-def _read_motion(fit: Path, clip: Clip) -> tuple[ndarray, ndarray, ndarray]:  # type: ignore[type-arg]
+def _read_motion(fit: Path, clip: Clip) -> tuple[ndarray, ndarray, ndarray]:
     motion = Motion.load(_motion_path(fit, clip))
     return motion.head.astype(np.float32), motion.gaze.astype(np.float32), motion.valid

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from pydantic import Field
 
 from talkingeyes.errors import InputError
+from talkingeyes.settings import Settings
+
+
+class SampleSettings(Settings):
+    """How many samples, and the seed that the seeds of all samples are made from."""
+
+    seed: int
+    samples: Annotated[int, Field(gt=1)]
 
 
 @dataclass(frozen=True)

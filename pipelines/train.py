@@ -1,0 +1,74 @@
+"""Train one speech-to-motion model on the fitted motion of the train split.
+
+Run: python -m pipelines.train talkingeyes
+Reads: the corpus index, data/fit, data/embed, data/pretrain/<prior>.
+Writes: data/train/<model>: all that generation needs.
+"""
+
+import shutil
+
+import numpy as np
+
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import Normaliser, recordings
+from talkingeyes.learning.checkpoint import load, save
+from talkingeyes.learning.loop import train
+from talkingeyes.learning.trained import network_config, save_baseline
+from talkingeyes.learning.translation import TrainSettings, TranslationSettings, TranslationTask
+from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.run import Report, Workspace, main
+
+
+def run(workspace: Workspace, name: str) -> Report:
+    """A network is trained, a baseline fitted; both leave the same kind of folder."""
+    seed = workspace.settings("train", TrainSettings).seed
+    if workspace.params["model"][name]["kind"] == "speech_to_motion":
+        return _network(workspace, name, workspace.settings(f"model.{name}", TranslationSettings), seed)
+    return _baseline(workspace, name, workspace.settings(f"model.{name}", BaselineSettings))
+
+
+def _network(workspace: Workspace, name: str, settings: TranslationSettings, seed: int) -> Report:
+    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    normaliser = Normaliser.of(embed)
+    codebook = _codebook(workspace, settings.prior)
+    data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
+    task = TranslationTask(settings, seed, *data, normaliser, codebook)
+    history = train(task, settings.loop, f"train {name}")
+    chosen = task.choose_temperature()
+    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
+    with workspace.output("train", name) as folder:
+        config = network_config(settings, len(normaliser.mean), codebook)
+        save(folder, task.module.state_dict(), config, [*history, chosen])
+        shutil.copyfile(embed / "embedding.json", folder / "embedding.json")
+    weights = sum(parameter.numel() for parameter in task.module.parameters())
+    return Report(metrics={**figures, "parameters": weights})
+
+
+def _codebook(workspace: Workspace, prior: str | None) -> GazeVQVAE | None:
+    if prior is None:
+        return None
+    checkpoint = load(workspace.data("pretrain", prior))
+    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(checkpoint.config))
+    codebook.load_state_dict(checkpoint.tensors)
+    return codebook.freeze()
+
+
+def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
+    embed = workspace.data("embed")
+    normaliser = Normaliser.of(embed)
+    clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
+    std = np.maximum(normaliser.std, 1e-6)
+    bank = bank_of(
+        [(np.asarray(each.speech) - normaliser.mean) / std for each in clips],
+        [each.head for each in clips],
+        [each.gaze for each in clips],
+    )
+    with workspace.output("train", name) as folder:
+        save_baseline(folder, settings, bank, normaliser.mean, normaliser.std)
+        shutil.copyfile(embed / "embedding.json", folder / "embedding.json")
+    return Report(metrics={"clips": len(bank.features)})
+
+
+if __name__ == "__main__":
+    main(run)

@@ -1,0 +1,103 @@
+"""Any trained model as a generator of head and gaze: one contract for networks and baselines.
+
+Reads a folder of the train stage; everything that generation needs is in it (codebook, statistics of the embedding).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.errors import InputError
+from talkingeyes.learning.checkpoint import Checkpoint, load, save
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models import baselines
+from talkingeyes.models.baselines import Bank, BaselineSettings
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+
+
+class Generator(Protocol):
+    """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others."""
+
+    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples: ...
+
+
+@dataclass(frozen=True)
+class NetworkGenerator:
+    """A trained joint model."""
+
+    network: SpeechToMotion
+
+    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+        """Sample the network."""
+        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds)
+        return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
+
+
+@dataclass(frozen=True)
+class BaselineGenerator:
+    """A baseline over the bank of training motions."""
+
+    settings: BaselineSettings
+    bank: Bank
+    mean: Float[ndarray, " C"]
+    std: Float[ndarray, " C"]
+
+    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+        """Draw from the bank."""
+        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
+        out = baselines.generate(self.settings, self.bank, standardised, seeds)
+        return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
+
+
+def network_config(settings: TranslationSettings, channels: int, codebook: GazeVQVAE | None) -> dict[str, Any]:
+    """What a network is rebuilt from."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": channels,
+        "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
+    }
+
+
+def save_baseline(folder: Path, settings: BaselineSettings, bank: Bank, mean: ndarray, std: ndarray) -> None:
+    """Write a baseline as a checkpoint."""
+    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, "mean": mean, "std": std}
+    save(
+        folder,
+        {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()},
+        {"model": settings.model_dump(mode="json")},
+    )
+
+
+def load_generator(folder: Path) -> Generator:
+    """The model in a folder of the train stage. Raises InputError if it is missing or damaged."""
+    checkpoint = load(folder)
+    try:
+        if checkpoint.config["model"]["kind"] == "speech_to_motion":
+            return NetworkGenerator(_network(checkpoint))
+        return _baseline(checkpoint)
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise InputError(f"{folder}: not a model of this version ({error}); `make repro` trains one") from None
+
+
+def _network(checkpoint: Checkpoint) -> SpeechToMotion:
+    config = checkpoint.config
+    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(config["codebook"])).freeze() if config["codebook"] else None
+    network = SpeechToMotion(TranslationSettings.model_validate(config["model"]), config["channels"], codebook)
+    network.load_state_dict(checkpoint.tensors)
+    return network.eval()
+
+
+def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
+    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
+    bank = Bank(arrays["starts"], arrays["motion"], arrays["features"])
+    settings = BaselineSettings.model_validate(checkpoint.config["model"])
+    return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])

@@ -1,0 +1,96 @@
+"""Joint training of speech to head and gaze (TalkingEyes section IV-D, eq. 8 to 15), watched in free running."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from talkingeyes.corpus.windows import Normaliser, Recordings
+from talkingeyes.learning.aliveness import Aliveness, aliveness
+from talkingeyes.learning.loop import LoopSettings
+from talkingeyes.learning.windows import Windows, WindowSettings, statistics
+from talkingeyes.models.gaze.vae import VAEGaze
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
+from talkingeyes.settings import Settings
+
+
+class TrainSettings(Settings):
+    """What all models of the train stage share."""
+
+    seed: int
+
+
+class TranslationSettings(SpeechToMotionSettings):
+    """A model and how it is trained."""
+
+    windows: WindowSettings
+    loop: LoopSettings
+    # Val clips that are generated, freely and with the model's own head, at each validation.
+    watched_clips: int
+
+
+class TranslationTask:
+    """Teacher-forced losses on windows; validation by free running."""
+
+    def __init__(
+        self,
+        settings: TranslationSettings,
+        seed: int,
+        train: Recordings,
+        val: Recordings,
+        normaliser: Normaliser,
+        codebook: GazeVQVAE | None,
+    ) -> None:
+        torch.manual_seed(seed)
+        self.settings = settings
+        self.windows = Windows(train, settings.windows, seed)
+        # The first take of each val sound, as many as are watched.
+        self.watched = [each for each in val if each.clip.take == 0][: settings.watched_clips]
+        self.module = SpeechToMotion(settings, len(normaliser.mean), codebook)
+        self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
+        self._normalise(train)
+        self.truth = aliveness([each.head for each in self.watched], [each.gaze for each in self.watched], self._fps)
+
+    @property
+    def _fps(self) -> float:
+        return self.watched[0].clip.fps
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 15 on a batch."""
+        return self.module.terms(self.windows.draw(self.settings.loop.batch))
+
+    def validate(self) -> dict[str, float]:
+        """Free running on the watched clips; the score is minus the distance from the truth's aliveness."""
+        alive = self._alive(float(self.module.temperature))
+        figures = {f"alive/{name}": value for name, value in asdict(alive).items()}
+        return {"score": -alive.distance(self.truth), **figures}
+
+    def truth_figures(self) -> dict[str, float]:
+        """The same figures of the watched clips themselves."""
+        return {f"truth/{name}": value for name, value in asdict(self.truth).items()}
+
+    def choose_temperature(self) -> dict[str, float]:
+        """Take the temperature whose free-running motion on val is nearest to the truth's aliveness."""
+        distances = {each: self._alive(each).distance(self.truth) for each in self.settings.temperatures}
+        self.module.temperature.fill_(min(distances, key=lambda each: distances[each]))
+        return {f"distance_at/{each:g}": distance for each, distance in distances.items()}
+
+    def _alive(self, temperature: float) -> Aliveness:
+        motions = [
+            self.module.generate(torch.from_numpy(np.asarray(each.speech)), [index], temperature)
+            for index, each in enumerate(self.watched)
+        ]
+        return aliveness(
+            [each.head[0].numpy() for each in motions], [each.gaze[0].numpy() for each in motions], self._fps
+        )
+
+    def _normalise(self, train: Recordings) -> None:
+        head = statistics(np.concatenate([each.head for each in train]))
+        self.module.head.normalise_by(torch.from_numpy(head.mean), head.scale)
+        if isinstance(self.module.gaze, VAEGaze):
+            gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
+            self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

@@ -1,0 +1,104 @@
+"""The paper's baselines without a network: Mean, Random, Similar Sample (TalkingEyes section V-B.2).
+
+Each gives head and gaze from one place, so that gaze in space stays what a person did: Mean the mean pose of the train
+split, Random a clip that does not belong to the sound, Similar Sample a clip whose sound is among the nearest. A longer
+source is cropped and a shorter one is never looped: only clips that are long enough are drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.settings import Settings
+
+
+class BaselineSettings(Settings):
+    """A baseline. `neighbours` is what Similar Sample draws among (1 gives it no Diversity; the paper has .06)."""
+
+    kind: Literal["mean", "random", "similar"]
+    parts: tuple[Literal["head", "gaze"], ...]
+    prior: None
+    neighbours: Annotated[int, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Training motions end to end: clip i is frames starts[i] to starts[i + 1]; `features` describe its sound.
+
+    `features` are means and standard deviations of the standardised speech embedding over the clip.
+    """
+
+    starts: ndarray
+    motion: Float[ndarray, "F 9"]
+    features: Float[ndarray, "M D"]
+
+    def longest(self) -> int:
+        """Frames of the longest clip."""
+        return int(np.diff(self.starts).max())
+
+
+@dataclass(frozen=True)
+class BaselineMotion:
+    """Head and eye-in-head rotation vectors, a row a seed."""
+
+    head: Float[ndarray, "B T 3"]
+    gaze: Float[ndarray, "B T 2 3"]
+
+
+def describe(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
+    """What Similar Sample compares of a sound."""
+    return np.concatenate([standardised.mean(0), standardised.std(0)]).astype(np.float32)
+
+
+def bank_of(
+    speech: Sequence[Float[ndarray, "T C"]],
+    head: Sequence[Float[ndarray, "T 3"]],
+    gaze: Sequence[Float[ndarray, "T 2 3"]],
+) -> Bank:
+    """A bank of training clips; `speech` is standardised."""
+    motions = [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
+    return Bank(
+        starts=np.cumsum([0, *map(len, motions)]),
+        motion=np.concatenate(motions).astype(np.float32),
+        features=np.stack([describe(each) for each in speech]),
+    )
+
+
+def generate(
+    settings: BaselineSettings, bank: Bank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
+) -> BaselineMotion:
+    """Motions for a sound, a seed each. Frames beyond the longest training clip hold its last pose."""
+    frames = len(standardised)
+    rows = [_rows(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds]
+    motion = np.stack(rows)
+    return BaselineMotion(motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
+
+
+def _rows(
+    settings: BaselineSettings,
+    bank: Bank,
+    standardised: Float[ndarray, "T C"],
+    frames: int,
+    random: np.random.Generator,
+) -> Float[ndarray, "T 9"]:
+    if settings.kind == "mean":
+        return np.repeat(bank.motion.mean(0, keepdims=True), frames, axis=0)
+    lengths = np.diff(bank.starts)
+    enough = np.flatnonzero(lengths >= min(frames, lengths.max()))
+    if settings.kind == "similar":
+        distance = np.linalg.norm(bank.features[enough] - describe(standardised), axis=1)
+        enough = enough[np.argsort(distance, kind="stable")[: settings.neighbours]]
+    clip = int(random.choice(enough))
+    source = bank.motion[bank.starts[clip] : bank.starts[clip + 1]]
+    if settings.kind == "random":
+        offset = int(random.integers(max(len(source) - frames, 0) + 1))
+        source = source[offset:]
+    source = source[:frames]
+    return np.concatenate([source, np.repeat(source[-1:], frames - len(source), axis=0)])

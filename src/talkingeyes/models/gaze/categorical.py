@@ -1,0 +1,166 @@
+"""The cross-modal decoder of gaze made alive: the next code as a category (eq. 9 with another output).
+
+The paper regresses features and looks up the nearest code, which freezes when it runs free (docs/log.md). Here the same
+cross-modal causal transformer gives a distribution over the codes of several frames of gaze in space and a stay token,
+trained by cross-entropy and sampled at a temperature. Position and dwell so far, functions of past codes, are inputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.gaze.generator import uniforms
+from talkingeyes.models.gaze.signal import stays, to_gaze, to_signal
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.settings import Settings
+
+
+class CategoricalGazeSettings(Settings):
+    """The decoder over codes."""
+
+    kind: Literal["categorical"]
+    transformer: TransformerSettings
+    # Codes of condition that cross-attention sees before and after its own.
+    condition_back: Annotated[int, Field(ge=0)]
+    condition_ahead: Annotated[int, Field(ge=0)]
+    # Share of past codes hidden in training, against the mismatch between teacher forcing and free running.
+    history_dropout: Annotated[float, Field(ge=0, lt=1)]
+
+
+@dataclass(frozen=True)
+class _History:
+    """What is known before each code: the code before it, the last frame (normalised), how many codes it has stayed."""
+
+    before: Int[Tensor, "B N"]
+    held: Float[Tensor, "B N F"]
+    dwell: Int[Tensor, "B N"]
+
+
+class CategoricalGaze(nn.Module):
+    """A distribution over codes and stay (the last index), given history and a condition of speech and head."""
+
+    def __init__(self, settings: CategoricalGazeSettings, codebook: GazeVQVAE, speech: int) -> None:
+        super().__init__()
+        self.settings, self.codebook = settings, codebook
+        self.patch = codebook.settings.frames_per_code
+        width = settings.transformer.width
+        self.stay = codebook.settings.quantiser.codes
+        self.embed = nn.Embedding(self.stay + 2, width)
+        self.place = nn.Linear(len(codebook.mean) + 1, width)
+        self.condition = nn.Linear(speech + 3 * self.patch, width)
+        self.transformer = CausalTransformer(
+            settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
+        )
+        self.out = nn.Linear(width, self.stay + 1)
+
+    def terms(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        gaze: Float[Tensor, "B T 2 3"],
+    ) -> dict[str, Tensor]:
+        """Cross-entropy of the codes of true gaze, with true codes as history."""
+        codes, history = self._encode(head, gaze)
+        memory = self._memory(speech, head_normal)
+        logits = self.out(self.transformer(self._query(history) + memory, memory))
+        logits = self._bar_first_stay(logits)
+        return {"gaze_codes": F.cross_entropy(logits.flatten(0, 1), codes.flatten())}
+
+    @torch.no_grad()
+    def sample(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        seeds: list[int],
+        temperature: float,
+    ) -> Float[Tensor, "B T 2 3"]:
+        """Draw code after code; gaze in space is rendered by D_VQ, and the eyes make up for the head."""
+        memory = self._memory(speech, head_normal)
+        batch, steps = memory.shape[:2]
+        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
+        uniform = uniforms(seeds, steps)
+        before = torch.full((batch,), self.stay + 1)
+        held = self.codebook.mean.expand(batch, -1)
+        dwell = torch.zeros(batch, dtype=torch.long)
+        patches = []
+        for step in range(steps):
+            normal = (held - self.codebook.mean) / self.codebook.scale
+            x = self._query(_History(before[:, None], normal[:, None], dwell[:, None]))
+            logits = self.out(self.transformer.step(x + memory[:, step : step + 1], cache))
+            if step == 0:
+                logits = self._bar_first_stay(logits)
+            before = draw(logits[:, 0], uniform[:, step], temperature)
+            stay = before == self.stay
+            values = self.codebook.values_of(before)
+            patches.append(self.codebook.step(values, stay, held, decoding))
+            held = patches[-1][:, -1]
+            dwell = torch.where(stay, dwell + 1, 0)
+        signal = torch.cat(patches, dim=1)[:, : speech.shape[1]]
+        return torch.from_numpy(to_gaze(self.codebook.settings.signal, head.numpy(), signal.numpy()))
+
+    @torch.no_grad()
+    def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
+        """Codes of true gaze (stays by the tolerance of the codebook) and what was known before each."""
+        frames = head.shape[1] // self.patch * self.patch
+        name = self.codebook.settings.signal
+        signal = torch.from_numpy(to_signal(name, head[:, :frames].numpy(), gaze[:, :frames].numpy()))
+        stay = stay_mask(self.codebook, signal)
+        quantised = self.codebook.quantiser(self.codebook.encode(signal))
+        rendered = self.codebook.decode(quantised.values, stay)
+        codes = torch.where(stay, self.stay, quantised.indices)
+        last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch - 1 :: self.patch]
+        order = torch.arange(stay.shape[1]).expand_as(stay)
+        dwell = order - torch.where(stay, 0, order).cummax(dim=1).values
+        return codes, _History(
+            torch.cat([torch.full_like(codes[:, :1], self.stay + 1), codes[:, :-1]], dim=1),
+            torch.cat([torch.zeros_like(last[:, :1]), last[:, :-1]], dim=1),
+            torch.cat([torch.zeros_like(dwell[:, :1]), dwell[:, :-1]], dim=1),
+        )
+
+    def _memory(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B N W"]:
+        """Speech and head a code; the last patch is filled up by its last frame."""
+        missing = -speech.shape[1] % self.patch
+        both = torch.cat([speech, head], dim=-1)
+        both = torch.cat([both, both[:, -1:].expand(-1, missing, -1)], dim=1).unflatten(1, (-1, self.patch))
+        pooled = both[..., : speech.shape[-1]].mean(2)
+        out: Tensor = self.condition(torch.cat([pooled, both[..., speech.shape[-1] :].flatten(2)], dim=-1))
+        return out
+
+    def _query(self, history: _History) -> Float[Tensor, "B N W"]:
+        x = self.embed(history.before)
+        if self.training:
+            x = x * (torch.rand(x.shape[:2]) >= self.settings.history_dropout)[..., None]
+        out: Tensor = x + self.place(torch.cat([history.held, history.dwell[..., None].float().log1p()], dim=-1))
+        return out
+
+    def _bar_first_stay(self, logits: Float[Tensor, "B N K"]) -> Float[Tensor, "B N K"]:
+        """Nothing can be held before the first code."""
+        barred = torch.zeros_like(logits)
+        barred[:, 0, self.stay] = -torch.inf
+        return logits + barred
+
+
+def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tensor, "B N"]:
+    """Which patches of a signal are stays under the codebook's tolerance (none if it has no stay token)."""
+    patches = codebook.patches(signal)
+    if codebook.stay_tolerance_rad is None:
+        return torch.zeros(patches.shape[:2], dtype=torch.bool)
+    return torch.from_numpy(stays(patches.numpy(), codebook.stay_tolerance_rad))
+
+
+def draw(logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float) -> Int[Tensor, " B"]:
+    """A category by the inverse of the distribution function; temperature 0 takes the most probable."""
+    if temperature == 0:
+        return logits.argmax(-1)
+    cumulative = (logits.double() / temperature).softmax(-1).cumsum(-1)
+    return (cumulative < uniform.double()[:, None] * cumulative[:, -1:]).sum(-1).clamp(max=logits.shape[-1] - 1)

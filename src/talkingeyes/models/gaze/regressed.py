@@ -1,0 +1,111 @@
+"""The cross-modal decoder of gaze as the paper writes it (TalkingEyes eq. 9, 10, 11, 12 and 14).
+
+Features are regressed from past gaze, speech and head, replaced by their nearest codes, and decoded by the frozen D_VQ.
+At temperature 0 this is the paper; above it, a code is drawn by a softmax over distances in units of the nearest.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models import losses
+from talkingeyes.models.gaze.categorical import draw
+from talkingeyes.models.gaze.generator import uniforms
+from talkingeyes.models.gaze.signal import to_gaze, to_signal
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.quantiser import Quantiser
+from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.settings import Settings
+
+
+class RegressedGazeSettings(Settings):
+    """The decoder of features."""
+
+    kind: Literal["regressed"]
+    transformer: TransformerSettings
+    # Frames of condition that cross-attention sees before and after its own.
+    condition_back: Annotated[int, Field(ge=0)]
+    condition_ahead: Annotated[int, Field(ge=0)]
+
+
+class RegressedGaze(nn.Module):
+    """D_cross-modal: queries are embedded past gaze, keys and values the embedded speech and head."""
+
+    def __init__(self, settings: RegressedGazeSettings, codebook: GazeVQVAE, speech: int) -> None:
+        super().__init__()
+        if codebook.settings.frames_per_code != 1 or codebook.stay_tolerance_rad is not None:
+            raise ValueError("the paper's decoder takes one code a frame and no stay token")
+        self.codebook = codebook
+        width = settings.transformer.width
+        self.embed = nn.Linear(len(codebook.mean), width)
+        self.condition = nn.Linear(speech + 3, width)
+        self.transformer = CausalTransformer(
+            settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
+        )
+        self.out = nn.Linear(width, codebook.settings.quantiser.width)
+
+    def terms(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        gaze: Float[Tensor, "B T 2 3"],
+    ) -> dict[str, Tensor]:
+        """Losses of all frames, each predicted from true frames before it; beside them what copying the last gives."""
+        signal = torch.from_numpy(to_signal(self.codebook.settings.signal, head.numpy(), gaze.numpy()))
+        true = (signal - self.codebook.mean) / self.codebook.scale
+        past = torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
+        features = self.out(self.transformer(self.embed(past), self._memory(speech, head_normal)))
+        quantised = self.codebook.quantiser(features)
+        stay = torch.zeros(true.shape[:2], dtype=torch.bool)
+        predicted = (self.codebook.decode(quantised.values, stay) - self.codebook.mean) / self.codebook.scale
+        return {
+            "gaze_reconstruction": losses.reconstruction(predicted, true),
+            "gaze_velocity": losses.velocity(predicted, true),
+            "gaze_regularity": F.mse_loss(features, self.codebook.quantiser.codebook[quantised.indices]),
+            "copy_last": losses.reconstruction(past, true).detach(),
+        }
+
+    @torch.no_grad()
+    def sample(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        seeds: list[int],
+        temperature: float,
+    ) -> Float[Tensor, "B T 2 3"]:
+        """Frame after frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
+        memory = self._memory(speech, head_normal)
+        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
+        uniform = uniforms(seeds, speech.shape[1])
+        moving = torch.zeros(len(speech), dtype=torch.bool)
+        past = self.codebook.mean.expand(len(speech), -1)
+        frames = []
+        for step in range(speech.shape[1]):
+            normal = (past - self.codebook.mean) / self.codebook.scale
+            features = self.out(self.transformer.step(self.embed(normal)[:, None], cache))[:, 0]
+            values = lookup(self.codebook.quantiser, features, uniform[:, step], temperature)
+            past = self.codebook.step(values, moving, past, decoding)[:, 0]
+            frames.append(past)
+        signal = torch.stack(frames, dim=1)
+        return torch.from_numpy(to_gaze(self.codebook.settings.signal, head.numpy(), signal.numpy()))
+
+    def _memory(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T W"]:
+        out: Tensor = self.condition(torch.cat([speech, head], dim=-1))
+        return out
+
+
+def lookup(
+    quantiser: Quantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
+) -> Float[Tensor, "B C"]:
+    """Code values for features: the nearest (eq. 5), or drawn by softmax(-distance / (temperature * nearest))."""
+    distance = quantiser.distances(features).clamp(min=0).sqrt()
+    nearest = distance.min(-1, keepdim=True).values.clamp(min=1e-6)
+    return quantiser.codebook[draw(-distance / nearest, uniform, temperature)]

@@ -1,0 +1,72 @@
+"""The paper's baseline for gaze: a conditional VAE given speech and head (TalkingEyes section V-B, "VAE")."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from talkingeyes.models import losses
+from talkingeyes.models.gaze.generator import SEED_OFFSET
+from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
+
+
+class VAEGazeSettings(VAESettings):
+    """Size of the VAE of gaze."""
+
+    kind: Literal["vae"]
+
+
+class VAEGaze(nn.Module):
+    """Eye-in-head (6 numbers) by one latent code, all frames at once."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, settings: VAEGazeSettings, speech: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(6))
+        self.register_buffer("scale", torch.ones(()))
+        self.vae = ConditionalVAE(settings, 6, speech + 3)
+
+    def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
+        """Set what gaze is centred on and divided by."""
+        self.mean.copy_(mean)
+        self.scale.fill_(scale)
+
+    def terms(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        gaze: Float[Tensor, "B T 2 3"],
+    ) -> dict[str, Tensor]:
+        """Eq. 11 to 13 for gaze."""
+        true = (gaze.flatten(2) - self.mean) / self.scale
+        condition = torch.cat([speech, head_normal], dim=-1)
+        posterior = self.vae.encode(true, condition)
+        predicted = self.vae.decode(posterior.draw(), condition)
+        return {
+            "gaze_reconstruction": losses.reconstruction(predicted, true),
+            "gaze_velocity": losses.velocity(predicted, true),
+            "gaze_kl": posterior.divergence(),
+        }
+
+    @torch.no_grad()
+    def sample(
+        self,
+        speech: Float[Tensor, "B T S"],
+        head_normal: Float[Tensor, "B T 3"],
+        head: Float[Tensor, "B T 3"],
+        seeds: list[int],
+        temperature: float,
+    ) -> Float[Tensor, "B T 2 3"]:
+        """Motions from codes drawn from N(0, temperature^2 I)."""
+        shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
+        generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
+        codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
+        signal = self.vae.decode(codes, torch.cat([speech, head_normal], dim=-1)) * self.scale + self.mean
+        gaze: Tensor = signal.unflatten(-1, (2, 3))
+        return gaze

@@ -1,0 +1,131 @@
+"""The transformer VQ-VAE of gaze (TalkingEyes section IV-C, eq. 5 to 7): E_VQ, the codebook and D_VQ.
+
+Encoder and decoder are causal with attention over a fixed past, so speech of any length costs linear time and can be
+streamed. One code stands for `frames_per_code` frames: 1 as in the paper; with 4 the decoder that predicts codes stays
+alive when it runs free (docs/log.md). With a stay tolerance, a patch that does not move has no code: it copies the
+frame before it exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.gaze.signal import FEATURES, SignalName
+from talkingeyes.models.layers.quantiser import Quantised, Quantiser, QuantiserSettings
+from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
+from talkingeyes.settings import Settings
+
+
+class GazeVQVAESettings(Settings):
+    """The codebook's room: what a code says and the networks around it."""
+
+    # eye_in_head (the paper's P^e, 6 numbers) or gaze_in_space (4 numbers).
+    signal: SignalName
+    # Frames a code stands for.
+    frames_per_code: Annotated[int, Field(gt=0)]
+    # A patch that moves less than this (degrees) from the frame before it is a stay; null: every patch has a code.
+    stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
+    quantiser: QuantiserSettings
+    encoder: TransformerSettings
+    decoder: TransformerSettings
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A signal through the codebook."""
+
+    signal: Float[Tensor, "B T F"]
+    quantised: Quantised
+
+
+class GazeVQVAE(nn.Module):
+    """E_VQ, Q and D_VQ over signals in radians. One mean a feature and one scale for all normalise inside."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, settings: GazeVQVAESettings) -> None:
+        super().__init__()
+        self.settings = settings
+        numbers = FEATURES[settings.signal] * settings.frames_per_code
+        self.register_buffer("mean", torch.zeros(FEATURES[settings.signal]))
+        self.register_buffer("scale", torch.ones(()))
+        self.enter = nn.Linear(numbers, settings.encoder.width)
+        self.encoder = CausalTransformer(settings.encoder)
+        self.to_latent = nn.Linear(settings.encoder.width, settings.quantiser.width)
+        self.quantiser = Quantiser(settings.quantiser)
+        self.from_code = nn.Linear(settings.quantiser.width, settings.decoder.width)
+        self.stay = nn.Parameter(torch.zeros(settings.quantiser.width))
+        self.decoder = CausalTransformer(settings.decoder)
+        self.out = nn.Linear(settings.decoder.width, numbers)
+        self.frozen = False
+
+    def freeze(self) -> GazeVQVAE:
+        """Keep weights and codebook as they are while something else is trained (section IV-D)."""
+        self.frozen = True
+        self.requires_grad_(False)
+        return self.eval()
+
+    def train(self, mode: bool = True) -> GazeVQVAE:
+        """A frozen codebook stays in evaluation mode."""
+        super().train(mode and not self.frozen)
+        return self
+
+    @property
+    def stay_tolerance_rad(self) -> float | None:
+        degrees = self.settings.stay_tolerance_deg
+        return None if degrees is None else math.radians(degrees)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: float) -> None:
+        """Set what a signal is centred on and divided by."""
+        self.mean.copy_(mean)
+        self.scale.fill_(scale)
+
+    def patches(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B N P F"]:
+        """The signal in patches of `frames_per_code` frames (T must be a multiple)."""
+        patches: Tensor = signal.unflatten(1, (-1, self.settings.frames_per_code))
+        return patches
+
+    def encode(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B N C"]:
+        """Latents of patches: E_VQ."""
+        normal = self.patches((signal - self.mean) / self.scale).flatten(2)
+        latent: Tensor = self.to_latent(self.encoder(self.enter(normal)))
+        return latent
+
+    def decode(self, values: Float[Tensor, "B N C"], stay: Bool[Tensor, "B N"]) -> Float[Tensor, "B T F"]:
+        """D_VQ: the signal of code values; stays copy the frame before them."""
+        values = torch.where(stay[..., None], self.stay, values)
+        moved = self._to_patches(self.decoder(self.from_code(values)))
+        order = torch.arange(stay.shape[1], device=stay.device).expand_as(stay)
+        last = torch.where(stay, 0, order).cummax(dim=1).values
+        held = moved[torch.arange(len(moved), device=stay.device)[:, None], last][:, :, -1:]
+        return torch.where(stay[..., None, None], held, moved).flatten(1, 2)
+
+    def forward(self, signal: Float[Tensor, "B T F"], stay: Bool[Tensor, "B N"]) -> Reconstruction:
+        """Eq. 6; stays take no part in the codebook."""
+        quantised = self.quantiser(self.encode(signal), ~stay)
+        return Reconstruction(self.decode(quantised.values, stay), quantised)
+
+    def values_of(self, indices: Int[Tensor, "*N"]) -> Float[Tensor, "*N C"]:
+        """Code values of indices; the index `codes` means stay."""
+        table = torch.cat([self.quantiser.codebook, self.stay[None]])
+        return table[indices]
+
+    def step(
+        self, values: Float[Tensor, "B C"], stay: Bool[Tensor, " B"], held: Float[Tensor, "B F"], cache: Cache
+    ) -> Float[Tensor, "B P F"]:
+        """D_VQ one code at a time; `held` is the last frame so far."""
+        values = torch.where(stay[:, None], self.stay, values)
+        moved = self._to_patches(self.decoder.step(self.from_code(values)[:, None], cache))[:, 0]
+        return torch.where(stay[:, None, None], held[:, None].expand_as(moved), moved)
+
+    def _to_patches(self, features: Float[Tensor, "B N W"]) -> Float[Tensor, "B N P F"]:
+        out: Tensor = self.out(features).unflatten(-1, (self.settings.frames_per_code, -1))
+        return out * self.scale + self.mean

@@ -1,0 +1,89 @@
+"""Attention of each frame to a window of frames around it, with rotary relative positions (Su et al. 2021).
+
+Frame t of the query attends to frames t - back .. t + ahead of the memory. Because positions are relative and the
+window is fixed, a step costs the same however long the sequence is; the cached and the parallel pass agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+
+@dataclass
+class KeysValues:
+    """Projected memory: frames `first` .. first + length - 1."""
+
+    keys: Float[Tensor, "B H U D"]
+    values: Float[Tensor, "B H U D"]
+    first: int
+
+    def window(self, start: int, stop: int) -> KeysValues:
+        """Frames start to stop (absolute), as far as they are there."""
+        low = max(start - self.first, 0)
+        high = max(stop - self.first, 0)
+        return KeysValues(self.keys[:, :, low:high], self.values[:, :, low:high], self.first + low)
+
+    def append(self, other: KeysValues) -> KeysValues:
+        """This memory followed by the next frames."""
+        return KeysValues(
+            torch.cat([self.keys, other.keys], dim=2), torch.cat([self.values, other.values], dim=2), self.first
+        )
+
+
+class WindowAttention(nn.Module):
+    """Multi-head attention to a window of a memory; self-attention when the memory is the query."""
+
+    frequencies: Tensor
+
+    def __init__(self, width: int, heads: int, back: int, ahead: int, dropout: float) -> None:
+        super().__init__()
+        self.heads, self.back, self.ahead, self.dropout = heads, back, ahead, dropout
+        self.query = nn.Linear(width, width)
+        self.key_value = nn.Linear(width, 2 * width)
+        self.out = nn.Linear(width, width)
+        frequencies = 1.0 / (10_000 ** (torch.arange(0, width // heads, 2) / (width // heads)))
+        self.register_buffer("frequencies", frequencies, persistent=False)
+
+    def project(self, memory: Float[Tensor, "B U W"], first: int = 0) -> KeysValues:
+        """Keys and values of memory frames that start at position `first`."""
+        keys, values = self._split(self.key_value(memory), 2)
+        return KeysValues(self._rotate(keys, first), values, first)
+
+    def forward(self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"]) -> Float[Tensor, "B T W"]:
+        """All frames at once, both sequences starting at position 0."""
+        offset = torch.arange(memory.shape[1]) - torch.arange(x.shape[1])[:, None]
+        allowed = (offset >= -self.back) & (offset <= self.ahead)
+        return self._attend(x, 0, self.project(memory), allowed.to(x.device))
+
+    def step(self, x: Float[Tensor, "B 1 W"], position: int, memory: KeysValues) -> Float[Tensor, "B 1 W"]:
+        """One frame at `position`."""
+        return self._attend(x, position, memory.window(position - self.back, position + self.ahead + 1), None)
+
+    def _attend(
+        self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues, allowed: Bool[Tensor, "T U"] | None
+    ) -> Float[Tensor, "B T W"]:
+        (query,) = self._split(self.query(x), 1)
+        mixed = F.scaled_dot_product_attention(
+            self._rotate(query, first),
+            memory.keys,
+            memory.values,
+            attn_mask=allowed,
+            dropout_p=self.dropout if self.training else 0.0,
+        )
+        out: Tensor = self.out(mixed.transpose(1, 2).flatten(2))
+        return out
+
+    def _split(self, x: Float[Tensor, "B T W"], parts: int) -> tuple[Tensor, ...]:
+        batch, frames, width = x.shape
+        return x.view(batch, frames, parts, self.heads, width // parts // self.heads).permute(2, 0, 3, 1, 4).unbind(0)
+
+    def _rotate(self, x: Float[Tensor, "B H T D"], first: int) -> Float[Tensor, "B H T D"]:
+        angle = torch.arange(first, first + x.shape[2], device=x.device)[:, None] * self.frequencies
+        cosine, sine = angle.cos(), angle.sin()
+        even, odd = x[..., 0::2], x[..., 1::2]
+        return torch.stack([even * cosine - odd * sine, even * sine + odd * cosine], dim=-1).flatten(-2)

@@ -1,0 +1,90 @@
+"""A conditional VAE of a motion given a condition a frame (TalkingEyes eq. 8 and 13).
+
+The latent code c is one a clip (`latent_frames: null`, as the paper has it) or one every `latent_frames` frames.
+Between codes it is interpolated with its variance kept, so that a long motion has no seams; the one-a-clip code is
+drawn again every 20 s in longer speech.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.settings import Settings
+
+CLIP_LATENT_FRAMES = 500
+
+
+class VAESettings(Settings):
+    """Size of a conditional VAE."""
+
+    width: Annotated[int, Field(gt=0)]
+    layers: Annotated[int, Field(gt=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+    # Width of the latent code c.
+    latent: Annotated[int, Field(gt=0)]
+    # Frames a code stands for; null: one a clip.
+    latent_frames: Annotated[int, Field(gt=0)] | None
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Mean and log-variance of the codes of a motion."""
+
+    mean: Float[Tensor, "B N Z"]
+    log_variance: Float[Tensor, "B N Z"]
+
+    def draw(self) -> Float[Tensor, "B N Z"]:
+        """The reparameterised draw."""
+        return self.mean + torch.randn_like(self.mean) * (0.5 * self.log_variance).exp()
+
+    def divergence(self) -> Float[Tensor, ""]:
+        """KL to N(0, I) (eq. 13), mean over codes and their dimensions."""
+        return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square()).mean()
+
+
+class ConditionalVAE(nn.Module):
+    """E_VAE and D_VAE of eq. 8 for a motion of `features` numbers a frame, in units of its standard deviation."""
+
+    def __init__(self, settings: VAESettings, features: int, condition: int) -> None:
+        super().__init__()
+        self.settings = settings
+        self.encoder = ConvolutionStack(features + condition, settings.width, settings.layers, settings.dropout)
+        self.moments = nn.Linear(settings.width, 2 * settings.latent)
+        self.decoder = ConvolutionStack(settings.latent + condition, settings.width, settings.layers, settings.dropout)
+        self.out = nn.Linear(settings.width, features)
+
+    def codes(self, frames: int) -> int:
+        """How many codes a motion of `frames` frames has."""
+        return max(1, math.ceil(frames / (self.settings.latent_frames or CLIP_LATENT_FRAMES)))
+
+    def encode(self, motion: Float[Tensor, "B T F"], condition: Float[Tensor, "B T C"]) -> Gaussian:
+        """Moments of the codes, each the mean over the frames that it stands for."""
+        moments = self.moments(self.encoder(torch.cat([motion, condition], dim=-1)))
+        span = self.settings.latent_frames or max(CLIP_LATENT_FRAMES, motion.shape[1])
+        pooled = torch.stack([part.mean(1) for part in moments.split(span, dim=1)], dim=1)
+        mean, log_variance = pooled.chunk(2, dim=-1)
+        return Gaussian(mean, log_variance.clamp(-10, 10))
+
+    def decode(self, codes: Float[Tensor, "B N Z"], condition: Float[Tensor, "B T C"]) -> Float[Tensor, "B T F"]:
+        """The motion of codes under a condition."""
+        spread = self._spread(codes, condition.shape[1])
+        out: Tensor = self.out(self.decoder(torch.cat([spread, condition], dim=-1)))
+        return out
+
+    def _spread(self, codes: Float[Tensor, "B N Z"], frames: int) -> Float[Tensor, "B T Z"]:
+        """Codes at their centres, interpolated to frames; divided by the norm of the weights to keep the variance."""
+        span = self.settings.latent_frames or CLIP_LATENT_FRAMES
+        place = ((torch.arange(frames, device=codes.device) + 0.5) / span - 0.5).clamp(0, codes.shape[1] - 1)
+        left = place.floor().long().clamp(max=max(codes.shape[1] - 2, 0))
+        right = (left + 1).clamp(max=codes.shape[1] - 1)
+        share = (place - left)[:, None]
+        norm = torch.where(left == right, torch.ones_like(place), torch.hypot(share[:, 0], 1 - share[:, 0]))[:, None]
+        return ((1 - share) * codes[:, left] + share * codes[:, right]) / norm

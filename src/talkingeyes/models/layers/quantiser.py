@@ -1,0 +1,106 @@
+"""Vector quantisation (TalkingEyes eq. 5 and 7; van den Oord et al. 2017).
+
+The codebook term of eq. 7 is minimised by its closed form, an exponential moving average of the latents that chose a
+code (van den Oord et al. 2017, appendix A.1): by gradient the codebook collapses to a few codes (docs/log.md). Codes
+that are hardly used are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.settings import Settings
+
+
+class QuantiserSettings(Settings):
+    """A codebook."""
+
+    # Number of codes N (the paper: 1,024).
+    codes: Annotated[int, Field(gt=1)]
+    # Width C of a code.
+    width: Annotated[int, Field(gt=0)]
+    # Weight beta of the commitment term in eq. 7.
+    commitment: Annotated[float, Field(ge=0)]
+    # Decay of the moving averages.
+    decay: Annotated[float, Field(gt=0, lt=1)]
+    # A code whose average count in a batch falls below this is restarted.
+    restart_below: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class Quantised:
+    """Codes of latents. `values` pass gradients straight through; `commitment` is the last term of eq. 7."""
+
+    values: Float[Tensor, "*N C"]
+    indices: Int[Tensor, "*N"]
+    commitment: Float[Tensor, ""]
+
+
+class Quantiser(nn.Module):
+    """The codebook Z = {z_k}; updated in training mode only."""
+
+    codebook: Tensor
+    counts: Tensor
+    sums: Tensor
+    started: Tensor
+
+    def __init__(self, settings: QuantiserSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        self.register_buffer("codebook", torch.randn(settings.codes, settings.width))
+        self.register_buffer("counts", torch.ones(settings.codes))
+        self.register_buffer("sums", self.codebook.clone())
+        self.register_buffer("started", torch.tensor(False))
+
+    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
+        """Squared distances to every code."""
+        squares = latents.square().sum(-1, keepdim=True) + self.codebook.square().sum(-1)
+        return squares - 2 * latents @ self.codebook.T
+
+    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
+        """Nearest codes (eq. 5). Only latents where `used` count for the losses and the codebook."""
+        kept = latents if used is None else latents[used]
+        if self.training and len(kept):
+            self._update(kept.detach().reshape(-1, latents.shape[-1]))
+        indices = self.distances(latents.detach()).argmin(-1)
+        values = self.codebook[indices]
+        error = (latents - values).square().mean(-1)
+        commitment = error.mean() if used is None else (error * used).sum() / used.sum().clamp(min=1)
+        return Quantised(latents + (values - latents).detach(), indices, commitment)
+
+    @torch.no_grad()
+    def _update(self, latents: Float[Tensor, "M C"]) -> None:
+        if not self.started:
+            self._restart(torch.ones_like(self.counts, dtype=torch.bool), latents)
+            self.started.fill_(True)
+        indices = self.distances(latents).argmin(-1)
+        decay = self.settings.decay
+        counts = torch.bincount(indices, minlength=len(self.counts)).to(latents.dtype)
+        sums = torch.zeros_like(self.sums).index_add_(0, indices, latents)
+        self.counts.mul_(decay).add_(counts, alpha=1 - decay)
+        self.sums.mul_(decay).add_(sums, alpha=1 - decay)
+        self.codebook.copy_(self.sums / self.counts.clamp(min=1e-6)[:, None])
+        self._restart(self.counts < self.settings.restart_below, latents)
+
+    def _restart(self, dead: Bool[Tensor, " K"], latents: Float[Tensor, "M C"]) -> None:
+        """Put codes on latents of this batch, a little apart so that several on one latent can part."""
+        count = int(dead.sum())
+        if not count:
+            return
+        chosen = latents[torch.randint(len(latents), (count,))]
+        chosen = chosen + 0.01 * latents.std() * torch.randn_like(chosen)
+        self.codebook[dead] = chosen
+        self.sums[dead] = chosen
+        self.counts[dead] = 1.0
+
+
+def perplexity(counts: Float[Tensor, " K"]) -> float:
+    """exp of the entropy of code use; depends on how much data was counted, so give it with the codes used."""
+    shares = counts / counts.sum().clamp(min=1)
+    return float(torch.exp(-(shares * shares.clamp(min=1e-12).log()).sum()))

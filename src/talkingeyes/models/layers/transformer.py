@@ -1,0 +1,120 @@
+"""A causal transformer with a key-value cache; optionally each layer also attends to a time-aligned memory (eq. 9).
+
+Self-attention sees the last `back` frames, so time and memory of a step do not grow with the length of the sequence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.layers.attention import KeysValues, WindowAttention
+from talkingeyes.settings import Settings
+
+
+class TransformerSettings(Settings):
+    """Size of a causal transformer."""
+
+    width: Annotated[int, Field(gt=0, multiple_of=8)]
+    layers: Annotated[int, Field(gt=0)]
+    heads: Annotated[int, Field(gt=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+    # How many positions (frames or codes) back self-attention sees.
+    back: Annotated[int, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class CrossWindow:
+    """How many memory positions before and after its own a position attends to."""
+
+    back: int
+    ahead: int
+
+
+@dataclass
+class Cache:
+    """What is remembered between steps: past self-attention and the projected memory, a layer each."""
+
+    position: int
+    past: list[KeysValues | None]
+    memory: list[KeysValues | None]
+
+
+class _Layer(nn.Module):
+    """Pre-norm: self-attention, cross-attention if there is a memory, feed-forward."""
+
+    def __init__(self, settings: TransformerSettings, cross: CrossWindow | None) -> None:
+        super().__init__()
+        width, drop = settings.width, settings.dropout
+        self.norm_self, self.norm_feed = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.attend_self = WindowAttention(width, settings.heads, settings.back, 0, drop)
+        self.attend_memory = WindowAttention(width, settings.heads, cross.back, cross.ahead, drop) if cross else None
+        self.norm_memory = nn.LayerNorm(width) if cross else None
+        self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width), nn.Dropout(drop))
+
+    def forward(self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"] | None) -> Float[Tensor, "B T W"]:
+        normed = self.norm_self(x)
+        x = x + self.attend_self(normed, normed)
+        if self.attend_memory is not None and self.norm_memory is not None and memory is not None:
+            x = x + self.attend_memory(self.norm_memory(x), memory)
+        out: Tensor = x + self.feed(self.norm_feed(x))
+        return out
+
+    def step(
+        self, x: Float[Tensor, "B 1 W"], position: int, past: KeysValues, memory: KeysValues | None
+    ) -> Float[Tensor, "B 1 W"]:
+        x = x + self.attend_self.step(self.norm_self(x), position, past)
+        if self.attend_memory is not None and self.norm_memory is not None and memory is not None:
+            x = x + self.attend_memory.step(self.norm_memory(x), position, memory)
+        out: Tensor = x + self.feed(self.norm_feed(x))
+        return out
+
+
+class CausalTransformer(nn.Module):
+    """Layers and a final norm. `forward` takes whole sequences, `start` and `step` one position at a time."""
+
+    def __init__(self, settings: TransformerSettings, cross: CrossWindow | None = None) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(_Layer(settings, cross) for _ in range(settings.layers))
+        self.norm = nn.LayerNorm(settings.width)
+        self.back = settings.back
+
+    def forward(
+        self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"] | None = None
+    ) -> Float[Tensor, "B T W"]:
+        """Features of all positions."""
+        for layer in self.layers:
+            x = layer(x, memory)
+        out: Tensor = self.norm(x)
+        return out
+
+    def start(self, memory: Float[Tensor, "B U W"] | None = None) -> Cache:
+        """An empty cache; the memory is projected once."""
+        projected = [
+            layer.attend_memory.project(memory) if memory is not None else None  # type: ignore[union-attr, operator]
+            for layer in self.layers
+        ]
+        return Cache(0, [None] * len(self.layers), projected)
+
+    def step(self, x: Float[Tensor, "B 1 W"], cache: Cache) -> Float[Tensor, "B 1 W"]:
+        """Features of the next position; the cache moves on."""
+        for index, layer in enumerate(self.layers):
+            assert isinstance(layer, _Layer)
+            new = layer.attend_self.project(layer.norm_self(x), cache.position)
+            past = cache.past[index]
+            past = new if past is None else past.append(new).window(cache.position - self.back, cache.position + 1)
+            cache.past[index] = past
+            x = layer.step(x, cache.position, past, cache.memory[index])
+        cache.position += 1
+        out: Tensor = self.norm(x)
+        return out
+
+
+def shifted(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"]) -> Float[Tensor, "B T W"]:
+    """What came before each position: the start, then all but the last."""
+    return torch.cat([start, x[:, :-1]], dim=1)

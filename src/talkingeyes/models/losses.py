@@ -1,0 +1,20 @@
+"""Reconstruction and velocity losses of motions (TalkingEyes eq. 11 and 12), as means over frames and numbers.
+
+Motions come in units of their standard deviation, so that weights mean the same for head and eyes.
+"""
+
+from __future__ import annotations
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+
+def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> Float[Tensor, ""]:
+    """Eq. 11 for one part."""
+    return F.mse_loss(predicted, true)
+
+
+def velocity(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> Float[Tensor, ""]:
+    """Eq. 12 for one part: the same for first differences between frames."""
+    return F.mse_loss(predicted.diff(dim=1), true.diff(dim=1))

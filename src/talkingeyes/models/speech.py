@@ -1,0 +1,50 @@
+"""The trainable end of the speech encoder: standardises an embedding and projects it (A_1:T of the paper).
+
+The packaged or loaded encoder itself is frozen and its output cached by the `embed` stage; this part is trained with
+each model, as the paper trains a part of its encoder.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.settings import Settings
+
+
+class SpeechSettings(Settings):
+    """Size of the projection."""
+
+    width: Annotated[int, Field(gt=0)]
+    # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
+    layers: Annotated[int, Field(ge=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+
+
+class SpeechInput(nn.Module):
+    """Speech features a frame from an embedding of C channels."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, settings: SpeechSettings, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(channels))
+        self.register_buffer("std", torch.ones(channels))
+        self.drop = nn.Dropout(settings.dropout)
+        self.stack = ConvolutionStack(channels, settings.width, settings.layers, settings.dropout)
+
+    def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
+        """Set the statistics of the train split; channels that never vary are left at zero."""
+        self.mean.copy_(mean)
+        self.std.copy_(torch.where(std > 1e-6, std, torch.inf))
+
+    def forward(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T S"]:
+        """Projected features."""
+        features: Tensor = self.stack(self.drop((embedding - self.mean) / self.std))
+        return features

@@ -1,0 +1,108 @@
+"""Speech to head and gaze: a head generator, then a gaze generator conditioned on it, trained jointly (section IV-D).
+
+`talkingeyes`, `talkingeyes_paper` and `vae` are this one model with different gaze generators (conf/model/).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.gaze.categorical import CategoricalGaze, CategoricalGazeSettings
+from talkingeyes.models.gaze.regressed import RegressedGaze, RegressedGazeSettings
+from talkingeyes.models.gaze.vae import VAEGaze, VAEGazeSettings
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.head.generator import HeadGenerator
+from talkingeyes.models.layers.conditional_vae import VAESettings
+from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.settings import Settings
+
+GazeSettings = Annotated[CategoricalGazeSettings | RegressedGazeSettings | VAEGazeSettings, Field(discriminator="kind")]
+
+
+class SpeechToMotionSettings(Settings):
+    """What the model is made of. Weights name the terms of the loss (eq. 15)."""
+
+    kind: Literal["speech_to_motion"]
+    # The parts of a performance that the model gives.
+    parts: tuple[Literal["head", "gaze"], ...]
+    # The pretrained codebook that the gaze generator needs; null: none.
+    prior: str | None
+    speech: SpeechSettings
+    head: VAESettings
+    gaze: GazeSettings
+    # Share of the clips of a batch whose gaze is conditioned on the reconstructed head (the paper: 1), not the true.
+    reconstructed_head: Annotated[float, Field(ge=0, le=1)]
+    weights: dict[str, Annotated[float, Field(ge=0)]]
+    # Temperatures to choose from on val, by aliveness; one: taken as it is.
+    temperatures: tuple[Annotated[float, Field(ge=0)], ...]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Speech embedding and true motion of B windows of T frames."""
+
+    speech: Float[Tensor, "B T C"]
+    head: Float[Tensor, "B T 3"]
+    gaze: Float[Tensor, "B T 2 3"]
+
+
+@dataclass(frozen=True)
+class Generated:
+    """Sampled head and eye-in-head rotation vectors, a row a seed."""
+
+    head: Float[Tensor, "B T 3"]
+    gaze: Float[Tensor, "B T 2 3"]
+
+
+class SpeechToMotion(nn.Module):
+    """The joint model. `temperature` is chosen on val after training and kept with the weights."""
+
+    temperature: Tensor
+
+    def __init__(self, settings: SpeechToMotionSettings, channels: int, codebook: GazeVQVAE | None) -> None:
+        super().__init__()
+        self.settings = settings
+        self.speech = SpeechInput(settings.speech, channels)
+        self.head = HeadGenerator(settings.head, settings.speech.width)
+        self.gaze = _gaze_generator(settings.gaze, settings.speech.width, codebook)
+        self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
+
+    def terms(self, batch: Batch) -> dict[str, Tensor]:
+        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
+        speech = self.speech(batch.speech)
+        predicted = self.head.predict(speech, batch.head)
+        replaced = torch.rand(len(batch.head)) < self.settings.reconstructed_head
+        condition = torch.where(replaced[:, None, None], predicted.head, batch.head)
+        terms = predicted.terms | self.gaze.terms(speech, self.head.normal(condition), batch.head, batch.gaze)
+        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
+        return {"total": total, **terms}  # type: ignore[dict-item]
+
+    @torch.no_grad()
+    def generate(
+        self, embedding: Float[Tensor, "T C"], seeds: list[int], temperature: float | None = None
+    ) -> Generated:
+        """Motions of one speech, a seed each."""
+        speech = self.speech(embedding[None]).expand(len(seeds), -1, -1)
+        head = self.head.sample(speech, seeds)
+        chosen = float(self.temperature) if temperature is None else temperature
+        return Generated(head, self.gaze.sample(speech, self.head.normal(head), head, seeds, chosen))
+
+
+def _gaze_generator(
+    settings: CategoricalGazeSettings | RegressedGazeSettings | VAEGazeSettings,
+    speech: int,
+    codebook: GazeVQVAE | None,
+) -> CategoricalGaze | RegressedGaze | VAEGaze:
+    if isinstance(settings, VAEGazeSettings):
+        return VAEGaze(settings, speech)
+    if codebook is None:
+        raise ValueError(f"a {settings.kind} gaze generator needs a codebook")
+    if isinstance(settings, CategoricalGazeSettings):
+        return CategoricalGaze(settings, codebook, speech)
+    return RegressedGaze(settings, codebook, speech)

@@ -1,0 +1,98 @@
+"""Speech becomes a performance: head and gaze from a trained model, blinks from a profile, at any frame rate.
+
+Blinks follow the paper (section IV-E): a rate drawn for the performance, intervals from it; gaze is held while the lids
+are shut, as in the paper's post-processing. Jaw and expression are neutral: the face comes with its own models.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import rotation
+from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.errors import InputError
+from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.motion import Blink, Events, Motion
+from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.physiology import blinks
+
+BlinkProfileName = Literal["paper", "physio"]
+SHUT = 0.5
+
+
+@dataclass(frozen=True)
+class Performance:
+    """A motion and the events it is made of."""
+
+    motion: Motion
+    events: Events
+
+
+@dataclass(frozen=True)
+class Performer:
+    """A trained model with the speech encoder that it was trained on."""
+
+    encoder: SpeechEncoder
+    generator: Generator
+    fps: float
+
+    @classmethod
+    def load(cls, model: Path) -> Performer:
+        """From a folder of the train stage. Raises InputError if it is missing or damaged."""
+        generator = load_generator(model)
+        try:
+            embedding = json.loads((model / "embedding.json").read_text())
+            encoder = make_encoder(EmbedSettings.model_validate(embedding["settings"]))
+            return cls(encoder, generator, float(embedding["fps"]))
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
+
+    def perform(
+        self,
+        sound: Float[ndarray, " N"],
+        samples: int,
+        seed: int,
+        fps: float,
+        blink_profile: BlinkProfileName = "physio",
+    ) -> list[Performance]:
+        """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for."""
+        embedding = self.encoder(sound, self.fps)
+        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
+        return [self._one(drawn, index, seed, fps, blink_profile) for index in range(samples)]
+
+    def _one(self, drawn: Samples, index: int, seed: int, fps: float, profile: BlinkProfileName) -> Performance:
+        head, gaze = drawn.head[index], drawn.gaze[index]
+        random = np.random.default_rng([seed, index])
+        blinked = blinks.draw_blinks(blinks.PROFILES[profile], len(head) / self.fps, random)
+        space = held_over(blinked, rotation.gaze_in_space(head, gaze), self.fps)
+        found = find_saccades(space.mean(1), self.fps)
+        if fps == self.fps:
+            eye = rotation.eye_in_head(head, space)
+        else:
+            performed = resample(head, space, found, self.fps, fps)
+            head, eye = performed.head, performed.gaze
+        closure = blinks.closure(blinked, np.arange(len(head)) / fps)
+        motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
+        return Performance(motion, Events(saccades=found, blinks=tuple(blinked)))
+
+
+def sample_seeds(seed: int, samples: int) -> list[int]:
+    """A seed for each sample."""
+    return [int(np.random.SeedSequence([seed, index]).generate_state(1)[0]) for index in range(samples)]
+
+
+def held_over(blinked: Sequence[Blink], space_rad: Float[ndarray, "T 2 2"], fps: float) -> Float[ndarray, "T 2 2"]:
+    """Gaze stays where it was while the lids are shut."""
+    shut = blinks.closure(blinked, np.arange(len(space_rad)) / fps) >= SHUT
+    shut[:1] = False
+    source = np.maximum.accumulate(np.where(shut, 0, np.arange(len(space_rad))))
+    return np.asarray(space_rad[source])
