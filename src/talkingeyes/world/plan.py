@@ -1,4 +1,4 @@
-"""Which sounds a synthetic corpus has, by whom, and what they say: known before any sound, so that splits can be.
+"""Which sounds a synthetic corpus has, by whom, and the randomness that each is made from.
 
 Every draw has a generator of its own, made from the corpus seed and what it is for, so a sound or a take is the same
 whatever else the corpus holds, and however many processes make it.
@@ -17,11 +17,8 @@ from talkingeyes.settings import Settings
 from talkingeyes.world.noise import NoiseSettings
 from talkingeyes.world.observations import CameraSettings
 from talkingeyes.world.speakers import Speaker, draw_speaker
-from talkingeyes.world.text import Script, write_script
 
-SILENCE_S = 0.7  # about what surrounds the speech of a clip
-USUAL_RATE_WPM = 170
-STREAMS = {"speaker": 1, "script": 2, "sound": 3, "motion": 4, "noise": 5, "takes": 6}
+STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5}
 
 
 class SynthesizeSettings(Settings):
@@ -56,7 +53,7 @@ class SynthesizeSettings(Settings):
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound of the plan, by number."""
+    """A sound of the plan: its number, its speaker's number, its id."""
 
     index: int
     speaker: int
@@ -70,26 +67,17 @@ def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Ge
 
 def sounds(settings: SynthesizeSettings) -> list[Sound]:
     """All sounds; speakers take turns."""
-    return [
-        Sound(index, index % settings.speakers, f"{speaker_name(index % settings.speakers)}-{index:06d}")
-        for index in range(settings.clips)
-    ]
+    numbers = [(index, index % settings.speakers) for index in range(settings.clips)]
+    return [Sound(index, speaker, f"{speaker_name(speaker)}-{index:06d}") for index, speaker in numbers]
 
 
-def speaker_name(index: int) -> str:
+def speaker_name(number: int) -> str:
     """The id of a speaker."""
-    return f"s{index:04d}"
+    return f"s{number:04d}"
 
 
-def speaker_of(settings: SynthesizeSettings, number: int) -> Speaker:
-    """The speaker of a number."""
-    language = settings.languages[number % len(settings.languages)]
-    random = generator(settings.seed, "speaker", number)
-    return draw_speaker(speaker_name(number), language, random, settings.blink_profile)
-
-
-def script_of(settings: SynthesizeSettings, sound: Sound, speaker: Speaker) -> Script:
-    """What is said: as much as fits at the speaker's rate."""
-    random = generator(settings.seed, "script", sound.index)
-    seconds = random.uniform(settings.shortest_s, settings.longest_s) - SILENCE_S
-    return write_script(speaker.voice.language, seconds * speaker.voice.rate_wpm / USUAL_RATE_WPM, random)
+def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
+    """Who says it: the same person in all sounds of that speaker."""
+    language = settings.languages[sound.speaker % len(settings.languages)]
+    random = generator(settings.seed, "speaker", sound.speaker)
+    return draw_speaker(speaker_name(sound.speaker), language, random, settings.blink_profile)

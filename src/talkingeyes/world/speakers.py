@@ -68,4 +68,4 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> St
 
 def draw_speaker(name: str, language: str, random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> Speaker:
     """A person who speaks `language`."""
-    return Speaker(name, draw_voice(language, random), draw_style(random, blinks))
+    return Speaker(name, draw_voice(random, language), draw_style(random, blinks))
