@@ -1,0 +1,128 @@
+"""The stages `critic` and `evaluate` on a hand-made workspace, and the figures of one clip."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from toy_workspace import FRAMES, toy_workspace
+
+from pipelines import critic, evaluate
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.metrics.evaluation import Case, measure, summarise
+from talkingeyes.models.critic import PARTS
+
+ROWS = ("truth", "fitted", "mismatched", "mean", "random")
+BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    made = toy_workspace(tmp_path_factory.mktemp("workspace"))
+    critic.run(made)
+    for row in ROWS:
+        evaluate.run(made, row)
+    return made
+
+
+@pytest.fixture(scope="module")
+def tables(workspace):
+    return {row: json.loads(workspace.data("evaluate", row, "metrics.json").read_text()) for row in ROWS}
+
+
+def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
+    report = json.loads(workspace.data("critic", "report.json").read_text())
+    assert set(report) == set(PARTS)
+    for part in PARTS:
+        assert {path.name for path in workspace.data("critic", part).iterdir()} == {
+            "model.safetensors", "config.json", "history.json",
+        }  # fmt: skip
+        assert set(report[part]) == {"kept_out", "test", "unseen", "test_and_unseen"}
+        for verdict in report[part].values():
+            assert set(verdict) == {
+                "auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant", "advantage",
+            }  # fmt: skip
+            assert all(each["low"] <= each["high"] for each in verdict.values())
+
+
+def test_every_row_has_every_split_part_and_figure(tables):
+    distances = {"diversity", "diversity_multi", "diversity_ratio", "diversity_ratio_fitted", "l2"}
+    others = {"corr", "corr_difference", "speed", "speed_ratio", "speed_p99", "speed_p99_ratio", "still"}
+    for table in tables.values():
+        assert set(table) == {"test", "unseen"}
+        for parts in table.values():
+            assert {part: set(figures) for part, figures in parts.items()} == {
+                "gaze": distances | others, "space": others, "head": distances | others,
+            }  # fmt: skip
+
+
+def test_references_compare_with_themselves(tables):
+    for parts in tables["truth"].values():
+        for part in ("gaze", "head"):
+            assert parts[part]["diversity_ratio"] == {"value": 1.0, "low": 1.0, "high": 1.0}
+            assert parts[part]["speed_ratio"]["value"] == parts[part]["speed_p99_ratio"]["value"] == 1.0
+        assert tables["fitted"]["test"]["space"]["corr_difference"]["value"] == 0.0
+
+
+def test_the_mean_has_no_diversity_and_rests(tables):
+    for parts in tables["mean"].values():
+        for part in ("gaze", "head"):
+            assert parts[part]["diversity"]["value"] == parts[part]["diversity_ratio"]["value"] == 0
+            assert parts[part]["speed"]["value"] == 0
+            assert parts[part]["still"]["value"] == 1
+            assert parts[part]["l2"]["value"] > 0
+
+
+def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_path):
+    parallel = toy_workspace(tmp_path, jobs=2)
+    critic.run(parallel)
+    evaluate.run(parallel, "mismatched")
+    for name in ("metrics.json", "speed.csv"):
+        files = [each.data("evaluate", "mismatched", name).read_bytes() for each in (workspace, parallel)]
+        assert files[0] == files[1]
+
+
+def test_speeds_fall_from_one_to_zero(workspace):
+    lines = workspace.data("evaluate", "truth", "speed.csv").read_text().splitlines()[1:]
+    shares = [float(line.split(",")[2]) for line in lines if line.startswith("gaze")]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] > 0.99
+    assert shares[-1] == 0
+
+
+def test_a_corpus_without_truth_has_an_empty_row_truth(workspace, tmp_path):
+    tracked = toy_workspace(tmp_path)
+    (tracked.corpus / "truth").rename(tracked.corpus / "elsewhere")
+    critic.run(tracked)
+    evaluate.run(tracked, "truth")
+    assert json.loads(tracked.data("evaluate", "truth", "metrics.json").read_text()) == {"test": {}, "unseen": {}}
+    evaluate.run(tracked, "fitted")
+    table = json.loads(tracked.data("evaluate", "fitted", "metrics.json").read_text())
+    assert table["test"]["gaze"]["speed_ratio"]["value"] == 1
+
+
+def test_a_model_without_samples_is_named(workspace):
+    with pytest.raises(InputError, match="sample/nobody"):
+        evaluate.run(workspace, "nobody")
+    assert not workspace.data("evaluate", "nobody").exists()
+
+
+def test_takes_of_the_sound_itself_count_from_the_second_in_l2():
+    head = np.zeros((3, FRAMES, 3))
+    head[1] += 0.1  # norm .1 sqrt 3
+    head[2] += 0.3
+    takes = Samples(25.0, head, np.zeros((3, FRAMES, 2, 3)))
+    speech, seen = np.zeros((FRAMES, 2), np.float32), np.ones(FRAMES, bool)
+    critics = {part: lambda speech, head, gaze: np.ones(len(head)) for part in PARTS}
+    figures = measure(Case(speech, takes, True, takes, None, seen), critics)["head"]
+    assert figures.l2 == pytest.approx(0.2 * np.sqrt(3))
+    assert figures.diversity == pytest.approx((0.1 + 0.3 + 0.2) / 3 * np.sqrt(3))
+    alone = Samples(25.0, head[:1], takes.gaze[:1])
+    single = measure(Case(speech, alone, True, alone, None, seen), critics)["head"]
+    assert np.isnan(single.l2)
+    table = summarise("head", [figures, single], BOOTSTRAP)
+    assert table["l2"].value == pytest.approx(0.2 * np.sqrt(3))
+    assert table["diversity_ratio"].value == 1

@@ -1,0 +1,88 @@
+"""A hand-made workspace: noise in the place of all that `critic`, `evaluate` and `report` read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.motion import Motion
+from talkingeyes.run import Workspace
+
+FPS, FRAMES, CHANNELS = 25.0, 60, 5
+SPEAKERS = {"a": "train", "b": "train", "c": "train", "d": "train", "e": "test", "f": "unseen"}
+
+
+def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
+    """Six speakers of four sounds; sound 0 of a test or unseen speaker has three takes. Models: mean, random."""
+    repository = Path(__file__).resolve().parents[1]
+    sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
+    root.mkdir(parents=True, exist_ok=True)
+    (root / "params.yaml").write_text(
+        yaml.safe_dump({"corpus": "data/synthesize", "machine": {"jobs": jobs, "device": "cpu"}, **sections})
+    )
+    clips = _clips()
+    corpus = Corpus(root / "data" / "synthesize")
+    corpus.root.mkdir(parents=True)
+    corpus.write_index(clips)
+    random = np.random.default_rng(0)
+    embed = root / "data" / "embed"
+    for clip in clips:
+        motion = _motion(random)
+        motion.save(sharded_for_writing(corpus.root / "truth", clip.id, ".npz"))
+        jittered = Motion.of(FPS, motion.head + random.normal(0, 1e-3, (FRAMES, 3)), motion.gaze)
+        jittered.save(sharded_for_writing(root / "data" / "fit" / "motion", clip.id, ".npz"))
+        if clip.take == 0:
+            speech = random.normal(size=(FRAMES, CHANNELS)).astype(np.float32)
+            np.save(sharded_for_writing(embed / "speech", clip.sound, ".npy"), speech)
+            if clip.split != "train":
+                _samples(random, still=True).save(_sample_path(root, "mean", clip))
+                _samples(random, still=False).save(_sample_path(root, "random", clip))
+    (embed / "embedding.json").write_text(json.dumps({"fps": FPS, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}))
+    return Workspace.open(root)
+
+
+def _section(repository: Path, stage: str) -> object:
+    folder = repository / "conf" / stage
+    tiny = yaml.safe_load((folder / "tiny.yaml").read_text())
+    tiny.pop("defaults")
+    return _merged(yaml.safe_load((folder / "default.yaml").read_text()), tiny)
+
+
+def _merged(one: dict, other: dict) -> dict:
+    nested = {k: _merged(one[k], v) if isinstance(v, dict) else v for k, v in other.items()}
+    return {**one, **nested}
+
+
+def _clips() -> list[Clip]:
+    found = []
+    for speaker, split in SPEAKERS.items():
+        for number in range(4):
+            sound = f"{speaker}{number}"
+            for take in range(3 if number == 0 and split != "train" else 1):
+                name = f"{sound}-t{take}"
+                found.append(
+                    Clip(name, sound, take, speaker, split, FRAMES / FPS, FPS, "", 0, "en", "", "toy", "CC0", "")
+                )
+    return found
+
+
+def _motion(random: np.random.Generator) -> Motion:
+    head = np.cumsum(random.normal(0, 0.01, (FRAMES, 3)), axis=0)
+    gaze = np.repeat(np.cumsum(random.normal(0, 0.02, (FRAMES, 1, 3)) * [1, 1, 0], axis=0), 2, axis=1)
+    return Motion.of(FPS, head, gaze)
+
+
+def _samples(random: np.random.Generator, still: bool) -> Samples:
+    motions = [_motion(random) for _ in range(4)]
+    scale = 0.0 if still else 1.0
+    return Samples(FPS, scale * np.stack([m.head for m in motions]), scale * np.stack([m.gaze for m in motions]))
+
+
+def _sample_path(root: Path, model: str, clip: Clip) -> Path:
+    return sharded_for_writing(root / "data" / "sample" / model, clip.id, ".npz")
