@@ -1,0 +1,217 @@
+"""Signals, stays, the VQ-VAE and the contract of every gaze generator."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy import CHANNELS, recordings
+
+from talkingeyes.models.gaze.categorical import draw, stay_mask
+from talkingeyes.models.gaze.signal import mirrored, stays, to_gaze, to_signal
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.layers.quantiser import QuantiserSettings
+from talkingeyes.models.layers.transformer import TransformerSettings
+from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion, SpeechToMotionSettings
+
+TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "back": 20}
+VAE = {"width": 16, "layers": 2, "dropout": 0.0, "latent": 4, "latent_frames": 25}
+GAZE: dict[str, dict[str, Any]] = {
+    "categorical": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history_dropout": 0.0},
+    "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3},
+    "vae": VAE,
+}
+
+
+def codebook(patch: int, tolerance: float | None) -> GazeVQVAE:
+    """A small codebook, untrained but started on toy gaze."""
+    torch.manual_seed(0)
+    network = GazeVQVAE(
+        GazeVQVAESettings(
+            signal="eye_in_head" if patch == 1 else "gaze_in_space",
+            frames_per_code=patch,
+            stay_tolerance_deg=tolerance,
+            quantiser=QuantiserSettings(codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1),
+            encoder=TransformerSettings(**TRANSFORMER),
+            decoder=TransformerSettings(**TRANSFORMER),
+        )
+    )
+    network.normalise_by(torch.zeros(6 if patch == 1 else 4), 0.1)
+    network.quantiser.train()
+    network.quantiser(torch.randn(1, 64, 8))
+    return network.freeze()
+
+
+def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
+    """A small joint model, untrained."""
+    book = {"categorical": codebook(4, 1.0), "regressed": codebook(1, None), "vae": None}[kind]
+    torch.manual_seed(1)
+    return SpeechToMotion(
+        SpeechToMotionSettings(
+            kind="speech_to_motion",
+            parts=("head", "gaze"),
+            prior=None,
+            speech={"width": 12, "layers": 2, "dropout": 0.0},
+            head=VAE | {"latent_frames": head_frames},
+            gaze={"kind": kind, **GAZE[kind]},
+            reconstructed_head=0.5,
+            weights={"head_reconstruction": 1.0, "head_kl": 0.1},
+            temperatures=(1.0,),
+        ),
+        CHANNELS,
+        book,
+    ).eval()
+
+
+def batch(count: int = 3, frames: int = 100) -> Batch:
+    """Toy windows."""
+    found = recordings(count, seed=5, frames=frames)
+    return Batch(
+        *(torch.from_numpy(np.stack([getattr(r, name) for r in found])) for name in ("speech", "head", "gaze"))
+    )
+
+
+@pytest.mark.parametrize("name", ["eye_in_head", "gaze_in_space"])
+def test_signal_and_gaze_are_inverse(name: Any) -> None:
+    for each in recordings(3, seed=1):
+        signal = to_signal(name, each.head, each.gaze)
+        np.testing.assert_allclose(to_gaze(name, each.head, signal), each.gaze, atol=1e-5)
+
+
+def test_the_mirror_is_its_own_inverse_and_swaps_sides() -> None:
+    each = recordings(1, seed=2)[0]
+    head, gaze = mirrored(each.head, each.gaze)
+    space, reflected = to_signal("gaze_in_space", each.head, each.gaze), to_signal("gaze_in_space", head, gaze)
+    np.testing.assert_allclose(reflected[:, [2, 3, 0, 1]] * [-1, 1, -1, 1], space, atol=1e-5)
+    np.testing.assert_array_equal(mirrored(head, gaze)[1], each.gaze)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.floats(0.01, 0.2))
+def test_stays_never_leave_the_tolerance_of_what_is_held(seed: int, tolerance: float) -> None:
+    patches = np.random.default_rng(seed).normal(0, 0.1, (2, 12, 4, 2)).cumsum(1)
+    still = stays(patches, tolerance)
+    assert not still[:, 0].any()
+    for row, mask in zip(patches, still, strict=True):
+        held = row[0, -1]
+        for patch, stay in zip(row[1:], mask[1:], strict=True):
+            assert stay == (np.abs(patch - held).max() < tolerance)
+            held = held if stay else patch[-1]
+
+
+def test_decoding_a_stay_copies_the_frame_before_it() -> None:
+    network = codebook(4, 1.0)
+    stay = torch.tensor([[False, True, True, False, True]])
+    with torch.no_grad():
+        signal = network.decode(torch.randn(1, 5, 8), stay).unflatten(1, (5, 4))
+    assert torch.equal(signal[0, 1], signal[0, 0, -1:].expand(4, -1))
+    assert torch.equal(signal[0, 2], signal[0, 0, -1:].expand(4, -1))
+    assert torch.equal(signal[0, 4], signal[0, 3, -1:].expand(4, -1))
+    assert not torch.equal(signal[0, 3], signal[0, 0])
+
+
+def test_codebook_steps_equal_the_parallel_decoder() -> None:
+    network = codebook(4, 1.0)
+    values, stay = torch.randn(2, 12, 8), torch.rand(2, 12) < 0.5
+    stay[:, 0] = False
+    with torch.no_grad():
+        whole = network.decode(values, stay).unflatten(1, (12, 4))
+        held, cache = network.mean.expand(2, -1), network.decoder.start()
+        for step in range(12):
+            patch = network.step(values[:, step], stay[:, step], held, cache)
+            torch.testing.assert_close(patch, whole[:, step], atol=1e-6, rtol=1e-5)
+            held = patch[:, -1]
+
+
+def test_encoder_and_decoder_are_causal() -> None:
+    network = codebook(4, 1.0)
+    signal = torch.randn(1, 80, 4)
+    changed = signal.clone()
+    changed[:, 40:] += 1
+    stay = torch.zeros(1, 20, dtype=torch.bool)
+    with torch.no_grad():
+        assert torch.equal(network(signal, stay).signal[:, :40], network(changed, stay).signal[:, :40])
+
+
+def test_frozen_codebook_does_not_move_in_training() -> None:
+    network = model("categorical")
+    before = network.gaze.codebook.quantiser.codebook.clone()
+    network.train()
+    network.terms(batch())["total"].backward()
+    assert torch.equal(before, network.gaze.codebook.quantiser.codebook)
+    assert all(parameter.grad is None for parameter in network.gaze.codebook.parameters())
+
+
+@pytest.mark.parametrize("kind", GAZE)
+class TestContract:
+    """What every gaze generator with a head generator must do."""
+
+    def test_terms_are_finite_and_reach_the_speech_input(self, kind: str) -> None:
+        network = model(kind).train()
+        terms = network.terms(batch())
+        assert all(torch.isfinite(value) for value in terms.values())
+        sum(value for name, value in terms.items() if name != "copy_last").backward()
+        assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in network.speech.parameters())
+
+    def test_shapes_at_odd_lengths(self, kind: str) -> None:
+        for frames in (1, 7, 41):
+            out = model(kind).generate(torch.randn(frames, CHANNELS), [1, 2])
+            assert out.head.shape == (2, frames, 3)
+            assert out.gaze.shape == (2, frames, 2, 3)
+            assert torch.isfinite(out.gaze).all()
+
+    def test_a_seed_is_the_same_alone_and_in_a_batch(self, kind: str) -> None:
+        network, speech = model(kind), torch.randn(60, CHANNELS)
+        many, one = network.generate(speech, [3, 4, 5]), network.generate(speech, [4])
+        torch.testing.assert_close(many.head[1], one.head[0], atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(many.gaze[1], one.gaze[0], atol=1e-5, rtol=1e-4)
+
+    def test_seeds_differ(self, kind: str) -> None:
+        out = model(kind).generate(torch.randn(60, CHANNELS), [3, 4])
+        assert (out.head[0] - out.head[1]).abs().max() > 1e-4
+        assert (out.gaze[0] - out.gaze[1]).abs().max() > 1e-5
+
+    def test_eyes_have_no_torsion_beyond_what_was_learned(self, kind: str) -> None:
+        if kind == "categorical":
+            out = model(kind).generate(torch.randn(60, CHANNELS), [3])
+            assert out.gaze[..., 2].abs().max() < 1e-6
+
+    def test_gradient_steps_lower_the_loss_on_one_batch(self, kind: str) -> None:
+        network, data = model(kind).train(), batch(2, 40)
+        name = "gaze_codes" if kind == "categorical" else "gaze_reconstruction"
+        optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
+        values = []
+        for _ in range(40):
+            torch.manual_seed(0)
+            terms = network.terms(data)
+            loss = terms[name] + terms["head_reconstruction"]
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            values.append(float(loss.detach()))
+        assert values[-1] < 0.8 * values[0]
+
+
+def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
+    """The history that training sees is the history that generation makes."""
+    network = model("categorical")
+    speech = torch.randn(40, CHANNELS)
+    out = network.generate(speech, [7])
+    codes, history = network.gaze._encode(out.head, out.gaze)
+    signal = torch.from_numpy(to_signal("gaze_in_space", out.head.numpy(), out.gaze.numpy()))
+    assert (codes == network.gaze.stay).sum() == stay_mask(network.gaze.codebook, signal).sum()
+    assert history.before[0, 0] == network.gaze.stay + 1
+    assert torch.equal(history.before[:, 1:], codes[:, :-1])
+
+
+def test_draw_follows_the_probabilities() -> None:
+    logits = torch.log(torch.tensor([0.7, 0.2, 0.1])).expand(10_000, 3)
+    uniform = torch.rand(10_000, generator=torch.Generator().manual_seed(0))
+    shares = torch.bincount(draw(logits, uniform, 1.0), minlength=3) / 10_000
+    torch.testing.assert_close(shares, torch.tensor([0.7, 0.2, 0.1]), atol=0.02, rtol=0)
+    assert (draw(logits, uniform, 0.0) == 0).all()
+    cold = torch.bincount(draw(logits, uniform, 0.5), minlength=3) / 10_000
+    assert cold[0] > 0.85
+    assert draw(torch.tensor([[0.0, -torch.inf]]), torch.tensor([1.0]), 1.0) == 0
