@@ -1,7 +1,7 @@
 """A plain analytic face: named 3D points in metres that follow gaze, lids and jaw.
 
 The origin of head coordinates is the head joint, between the ears at the top of the neck; the head turns about it and
-then moves by its translation. Axes: +x to the subject's left, y up, +z out of the face. Eyes: left, right (the subject's).
+then moves by its translation. Axes: +x to the subject's left, y up, +z out of the face. Eyes: left, right.
 Measures: eyeball and pupil of FLAME, fissure 27.3 x 9.1 mm, neutral eye aspect ratio .33 (FACTS, sections 4 and 7); the
 rest is an average adult face. Lids: the upper lid follows the eye down with gain 1 and up with .8, the lower lid with
 .35 (section 5), both as angles on the eyeball, so 20 degrees of down-gaze lower the upper lid by 4.3 mm.

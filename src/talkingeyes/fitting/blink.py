@@ -1,0 +1,130 @@
+"""Blinks from the eye aspect ratio, EAR (Soukupova & Cech 2016), and how often clips blink.
+
+    EAR = (|p2 - p6| + |p3 - p5|) / (2 |p1 - p4|)
+
+Looking down by 20 degrees lowers the ratio by a third, the classic false blink. So the observed ratio is divided by
+the one that the fitted pose and gaze give with lids that do nothing but follow gaze, and by the clip's own open level
+(a high percentile): what remains is the opening, 1 when open and 0 when shut, whatever the head and the gaze do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field
+from scipy.ndimage import median_filter
+
+from talkingeyes.fitting.gaps import bridged, runs
+from talkingeyes.head.camera import Camera
+from talkingeyes.head.landmarks import EYES, eye_points, in_camera
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import angles_of_gaze
+from talkingeyes.settings import Settings
+
+Share = Annotated[float, Field(gt=0, lt=1)]
+STEADY_FRAMES = 5  # of the median over gaze pitch before it tells where lids should be
+WIDEST = 0.5  # a lid this much wider than gaze alone gives is the most that is believed
+
+
+class BlinkSettings(Settings):
+    """A blink falls below `shut` of the clip's open level and lasts as long as the opening stays below `open`.
+
+    `open_percentile`: of the clip's openings, its open level. `longest_s`: what is shut for longer is not a blink.
+    """
+
+    open_percentile: Annotated[float, Field(ge=50, le=100)]
+    shut: Share
+    open: Share
+    longest_s: Annotated[float, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class Lids:
+    """Closure of each eye (0 at the opening that gaze gives, 1 shut), blinks as (start, stop), frames in blinks."""
+
+    lid: Float[ndarray, "T 2"]
+    blinks: tuple[tuple[int, int], ...]
+    blinking: Bool[ndarray, " T"]
+
+
+@dataclass(frozen=True)
+class Law:
+    """Mean and standard deviation, of values or of their logarithms."""
+
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Blinks a minute over clips or speakers: normal law of all, log-normal law of those that blink at all."""
+
+    normal: Law
+    log_normal: Law
+    count: int
+    without_blinks: int
+
+
+def eye_aspect_ratio(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
+    """EAR of both eyes, landmarks in the order of `head.landmarks.NAMES`; NaN where a point is hidden."""
+    return aspect_ratio(landmarks[:, EYES])
+
+
+def aspect_ratio(points: Float[ndarray, "T 2 6 C"]) -> Float[ndarray, "T 2"]:
+    """EAR of p1 to p6."""
+    p1, p2, p3, p4, p5, p6 = np.moveaxis(points, 2, 0)
+    height = np.linalg.norm(p2 - p6, axis=-1) + np.linalg.norm(p3 - p5, axis=-1)
+    return np.asarray(height / (2 * np.linalg.norm(p1 - p4, axis=-1)))
+
+
+def expected_aspect_ratio(motion: Motion, camera: Camera) -> Float[ndarray, "T 2"]:
+    """EAR that head pose and gaze alone give: lids follow the eyes and do nothing else."""
+    pitch = angles_of_gaze(motion.gaze)[..., 1]
+    pitch = median_filter(pitch, size=(STEADY_FRAMES, 1), mode="nearest")
+    points = eye_points(pitch, np.zeros_like(pitch)).reshape(len(motion), 12, 3)
+    projected = camera.project(in_camera(points, motion.head, motion.translation))
+    return aspect_ratio(projected.reshape(len(motion), 2, 6, 2))
+
+
+def lids(observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> Lids:
+    """Closure and blinks from the observed EAR (NaN where hidden) and the one that gaze alone gives."""
+    opening = np.stack([_opening(observed[:, eye] / expected[:, eye], settings) for eye in range(2)], axis=1)
+    mean = opening.mean(axis=1)
+    found = tuple(
+        (start, stop)
+        for start, stop in runs(mean < settings.open)
+        if mean[start:stop].min() < settings.shut and stop - start <= settings.longest_s * fps
+    )
+    blinking = np.zeros(len(mean), bool)
+    for start, stop in found:
+        blinking[start:stop] = True
+    return Lids(1.0 - np.clip(opening, 0.0, 1.0 + WIDEST), found, blinking)
+
+
+def _opening(ratio: Float[ndarray, " T"], settings: BlinkSettings) -> Float[ndarray, " T"]:
+    known = np.isfinite(ratio)
+    if not known.any():
+        return np.ones_like(ratio)
+    level = np.percentile(ratio[known], settings.open_percentile)
+    return bridged(ratio[:, None] / level, known)[:, 0]
+
+
+def rates(blinks: Sequence[int], seconds: Sequence[float]) -> Rates:
+    """Laws of blinks a minute, from counts and lengths of clips (or of speakers)."""
+    per_minute = np.asarray(blinks, np.float64) / (np.asarray(seconds, np.float64) / 60)
+    logs = np.log(per_minute[per_minute > 0])
+    return Rates(
+        normal=_law(per_minute),
+        log_normal=_law(logs),
+        count=len(per_minute),
+        without_blinks=len(per_minute) - len(logs),
+    )
+
+
+def _law(values: Float[ndarray, " N"]) -> Law:
+    return Law(float(values.mean()), float(values.std())) if len(values) else Law(0.0, 0.0)

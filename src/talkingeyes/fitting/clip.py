@@ -1,0 +1,118 @@
+"""The whole fit of one clip: head pose, LightGazeFit, blinks, held gaze, temporal smoothing (paper, III-B, III-C).
+
+Order: the head is fitted and smoothed first, because gaze is fitted under it and a jittering head would shake the
+eyes. The paper holds the eye pose over a blink at the last open-eye state; here the last open-eye gaze in space is
+held, and the eyes counter-rotate the head as living ones do; otherwise each blink of a moving head would end in a
+jump of gaze.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio, eye_aspect_ratio, lids
+from talkingeyes.fitting.gaps import bridged, held, runs
+from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
+from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
+from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
+from talkingeyes.head.observation import Observation
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import eye_in_head, gaze_in_space
+from talkingeyes.settings import Settings
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class RejectSettings(Settings):
+    """Which clips are not worth training on, and how long gaze is believed while it is not seen."""
+
+    least_s: Annotated[float, Field(ge=0)]
+    hidden_face: Share
+    hidden_gaze: Share
+    residual_px: Annotated[float, Field(gt=0)]
+    turned_rad: Annotated[float, Field(gt=0)]
+    longest_gap_s: Annotated[float, Field(gt=0)]
+
+
+class Table8Settings(Settings):
+    """On how many clips, spread over the corpus, the comparison also fits by Adam."""
+
+    adam_clips: Annotated[int, Field(ge=0)]
+
+
+class FitSettings(Settings):
+    """The section `fit`."""
+
+    head_pose: HeadPoseSettings
+    lightgazefit: LightGazeFitSettings
+    blink: BlinkSettings
+    smoothing: SmoothingSettings
+    reject: RejectSettings
+    table8: Table8Settings
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Of one clip: the motion, what it came from, and the reason for which it should be rejected (empty: none)."""
+
+    motion: Motion
+    per_frame: Motion
+    pose: HeadPose
+    lids: Lids
+    solution: Solution
+    rejected: str
+
+
+def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
+    """Motion from landmarks and pupils of one clip."""
+    camera = observation.camera
+    pose = head_pose(observation.landmarks, camera, settings.head_pose)
+    sight = Sight(observation.pupils, pose.head, pose.translation, camera)
+    solution = solve(sight, settings.lightgazefit)
+    seen = sight.seen & pose.seen[:, None]
+    visible = seen.any(axis=1)
+    gaze = bridged(solution.gaze.reshape(-1, 6), visible).reshape(-1, 2, 3)
+    raw = Motion.of(observation.fps, pose.head, gaze, translation=pose.translation)
+    eyelids = lids(eye_aspect_ratio(observation.landmarks), expected_aspect_ratio(raw, camera), raw.fps, settings.blink)
+    open_ = visible & ~eyelids.blinking
+    space = smooth_gaze(gaze_in_space(raw.head, gaze), seen & open_[:, None], raw.fps, settings.smoothing)
+    motion = replace(
+        raw,
+        gaze=eye_in_head(raw.head, held(space, open_)),
+        lid=eyelids.lid,
+        valid=pose.seen & ~_long_gaps(open_, settings.reject.longest_gap_s * raw.fps),
+    )
+    return Fit(
+        motion, raw, pose, eyelids, solution, rejection(motion, pose, visible | eyelids.blinking, settings.reject)
+    )
+
+
+def rejection(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settings: RejectSettings) -> str:
+    """Why a clip should not be trained on; empty if it should. A turned head hides an eye, as in the paper, III-B."""
+    if motion.seconds < settings.least_s:
+        return f"shorter than {settings.least_s:g} s: {motion.seconds:.2f} s"
+    hidden_face, hidden_gaze = float(np.mean(~pose.seen)), float(np.mean(~known))
+    if hidden_face > settings.hidden_face:
+        return f"face hidden in more than {settings.hidden_face:.0%} of frames: {hidden_face:.0%}"
+    if hidden_gaze > settings.hidden_gaze:
+        return f"both pupils hidden in more than {settings.hidden_gaze:.0%} of frames: {hidden_gaze:.0%}"
+    residual_px = float(np.nanmedian(pose.residual_px))
+    if residual_px > settings.residual_px:
+        return f"face does not fit, median residual above {settings.residual_px:g} px: {residual_px:.2f} px"
+    turned_rad = float(np.median(np.abs(motion.head[:, 1])))
+    if turned_rad > settings.turned_rad:
+        return f"head turned by more than {settings.turned_rad:g} rad (median): {turned_rad:.2f} rad"
+    return ""
+
+
+def _long_gaps(open_: Bool[ndarray, " T"], longest: float) -> Bool[ndarray, " T"]:
+    flags = np.zeros(len(open_), bool)
+    for start, stop in runs(~open_):
+        flags[start:stop] = stop - start > longest
+    return flags

@@ -1,0 +1,139 @@
+"""What the fit of one clip is worth: Table VIII by method, head error, blinks found and missed. Small enough to pool.
+
+Rows: `lightgazefit`, the whole fit by the solver of the settings; `per_frame`, the same without held gaze and without
+smoothing; on some clips `lightgazefit_adam`, the whole fit by Adam, and `lightgazefit_same_clips` to compare it with;
+`ground_truth`, if known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.fitting.accuracy import Tally, Yardstick
+from talkingeyes.fitting.clip import Fit, FitSettings, fit_clip
+from talkingeyes.head.observation import Observation
+from talkingeyes.motion import Events, Motion
+from talkingeyes.rotation import matrices
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was true: the motion and its events."""
+
+    motion: Motion
+    events: Events
+
+
+@dataclass(frozen=True)
+class Match:
+    """Blinks found, true blinks, and how many of each overlap one of the other."""
+
+    found: int = 0
+    found_true: int = 0
+    true: int = 0
+    true_found: int = 0
+
+    def __add__(self, other: Match) -> Match:
+        return Match(
+            self.found + other.found,
+            self.found_true + other.found_true,
+            self.true + other.true,
+            self.true_found + other.true_found,
+        )
+
+    @property
+    def precision(self) -> float:
+        """Share of found blinks that are true."""
+        return self.found_true / max(self.found, 1)
+
+    @property
+    def recall(self) -> float:
+        """Share of true blinks that are found."""
+        return self.true_found / max(self.true, 1)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one clip. Errors of the head (radians, metres) and blink matches only where the truth is known."""
+
+    tallies: dict[str, Tally]
+    objectives: dict[str, float] = field(default_factory=dict)
+    residual_px: float = 0.0
+    head_rad: float | None = None
+    translation_m: float | None = None
+    match: Match | None = None
+
+
+def judge(observation: Observation, fit: Fit, truth: Truth | None, settings: FitSettings, by_adam: bool) -> Verdict:
+    """Compare the methods on one clip; `by_adam` also runs the paper's solver, which takes seconds."""
+    blinking = fit.lids.blinking if truth is None else blink_frames(truth.events, len(fit.motion), fit.motion.fps)
+    yardstick = Yardstick(
+        pupils=observation.pupils,
+        camera=observation.camera,
+        counted=~blinking & fit.pose.seen,
+        pose=fit.motion if truth is None else truth.motion,
+        truth=None if truth is None else truth.motion,
+    )
+    methods = {"lightgazefit": fit.motion, "per_frame": fit.per_frame}
+    objectives = {"lightgazefit": float(fit.solution.objective.mean())}
+    if truth is not None:
+        methods["ground_truth"] = truth.motion
+    if by_adam:
+        other = fit_clip(observation, with_adam(settings))
+        methods |= {"lightgazefit_adam": other.motion, "lightgazefit_same_clips": fit.motion}
+        objectives |= {
+            "lightgazefit_adam": float(other.solution.objective.mean()),
+            "lightgazefit_same_clips": objectives["lightgazefit"],
+        }
+    seen = fit.pose.seen
+    return Verdict(
+        tallies={name: yardstick.tally(motion) for name, motion in methods.items()},
+        objectives=objectives,
+        residual_px=float(np.median(fit.pose.residual_px[seen])) if seen.any() else 0.0,
+        head_rad=None if truth is None else float(head_error(fit.motion, truth.motion)[seen].mean()),
+        translation_m=None if truth is None else float(_moved(fit.motion, truth.motion)[seen].mean()),
+        match=None if truth is None else match(fit.lids.blinks, truth.events, fit.motion.fps),
+    )
+
+
+def with_adam(settings: FitSettings) -> FitSettings:
+    """The same settings with the paper's solver."""
+    return settings.model_copy(update={"lightgazefit": settings.lightgazefit.model_copy(update={"solver": "adam"})})
+
+
+def blink_frames(events: Events, frames: int, fps: float) -> Bool[ndarray, " T"]:
+    """Frames inside true blinks, from onset to end."""
+    flags = np.zeros(frames, bool)
+    for start, stop in blink_spans(events, fps):
+        flags[max(start, 0) : stop] = True
+    return flags
+
+
+def blink_spans(events: Events, fps: float) -> list[tuple[int, int]]:
+    """(start, stop) frames of true blinks."""
+    return [
+        (int(np.floor(b.onset_s * fps)), int(np.ceil((b.onset_s + b.closing_s + b.hold_s + b.opening_s) * fps)) + 1)
+        for b in events.blinks
+    ]
+
+
+def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> Match:
+    """Found against true blinks; they match when they overlap."""
+    spans = blink_spans(events, fps)
+    overlaps = np.array([[a[0] < b[1] and b[0] < a[1] for b in spans] for a in found], bool)
+    overlaps = overlaps.reshape(len(found), len(spans))
+    return Match(len(found), int(overlaps.any(axis=1).sum()), len(spans), int(overlaps.any(axis=0).sum()))
+
+
+def head_error(fitted: Motion, truth: Motion) -> Float[ndarray, " T"]:
+    """Angle between fitted and true head, radians."""
+    trace = np.einsum("tij,tij->t", matrices(fitted.head), matrices(truth.head))
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
+
+
+def _moved(fitted: Motion, truth: Motion) -> Float[ndarray, " T"]:
+    return np.asarray(np.linalg.norm(fitted.translation - truth.translation, axis=-1))

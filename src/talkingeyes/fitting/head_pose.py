@@ -1,0 +1,144 @@
+"""Head rotation and translation of each frame from the rigid landmarks, the camera being known.
+
+Gauss-Newton over six numbers a frame, all frames at once, with Huber weights, so that a slipped landmark costs
+little. Frames that show too few rigid points are bridged from their neighbours and marked. Then a Savitzky-Golay
+filter takes the jitter and leaves nods: a window of 7 at 25 fps keeps .99 of a movement at 1.7 Hz and .71 at 4 Hz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field
+from scipy.signal import savgol_filter
+
+from talkingeyes.fitting.gaps import bridged
+from talkingeyes.head.camera import Camera
+from talkingeyes.head.landmarks import NAMES, RIGID, landmarks
+from talkingeyes.rotation import matrices, vectors
+from talkingeyes.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+REST = landmarks(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 3)))[0, RIGID]
+
+
+class HeadPoseSettings(Settings):
+    """Gauss-Newton: most steps, the largest step that ends it, where Huber's loss turns linear; visible points needed.
+
+    `window` (frames, odd) and `order` are those of the Savitzky-Golay filter; window 1 leaves the poses as they are.
+    """
+
+    steps: Annotated[int, Field(gt=0)]
+    tolerance: Positive
+    huber_px: Positive
+    least_points: Annotated[int, Field(ge=4, le=len(RIGID))]
+    window: Annotated[int, Field(gt=0)]
+    order: Annotated[int, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class HeadPose:
+    """Rotation vectors (radians) and translations (metres); frames not `seen` are bridged. `residual_px`: root mean
+    square distance of the visible rigid points before smoothing, NaN where not seen."""
+
+    head: Float[ndarray, "T 3"]
+    translation: Float[ndarray, "T 3"]
+    seen: Bool[ndarray, " T"]
+    residual_px: Float[ndarray, " T"]
+
+
+def head_pose(observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings) -> HeadPose:
+    """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed."""
+    if observed.shape[1] != len(NAMES):
+        raise ValueError(f"landmarks should be the {len(NAMES)} of head.landmarks.NAMES, got {observed.shape[1]}")
+    points = observed[:, RIGID]
+    visible = np.isfinite(points).all(axis=-1)
+    seen = visible.sum(axis=1) >= settings.least_points
+    frames = len(observed)
+    head, translation, residual = np.zeros((frames, 3)), np.zeros((frames, 3)), np.full(frames, np.nan)
+    if seen.any():
+        turn, translation[seen] = _solve(points[seen], visible[seen], camera, settings)
+        head[seen] = vectors(turn)
+        distance = _residual(turn, translation[seen], points[seen], visible[seen], camera)
+        residual[seen] = np.sqrt(np.sum(distance**2, axis=(1, 2)) / visible[seen].sum(axis=1))
+    pose = np.concatenate([head, translation], axis=1)
+    pose = smoothed(bridged(pose, seen), settings)
+    return HeadPose(pose[:, :3], pose[:, 3:], seen, residual)
+
+
+def smoothed(pose: Float[ndarray, "T C"], settings: HeadPoseSettings) -> Float[ndarray, "T C"]:
+    """Savitzky-Golay over frames, with a shorter window where the clip is shorter."""
+    window = min(settings.window, len(pose) - (len(pose) + 1) % 2)
+    if window <= settings.order:
+        return pose
+    return np.asarray(savgol_filter(pose, window, settings.order, axis=0))
+
+
+def _solve(
+    points: Float[ndarray, "T K 2"], visible: Bool[ndarray, "T K"], camera: Camera, settings: HeadPoseSettings
+) -> tuple[Float[ndarray, "T 3 3"], Float[ndarray, "T 3"]]:
+    """Rotation matrices and translations by reweighted Gauss-Newton, from the neutral pose moved onto the points."""
+    frames = len(points)
+    turn = np.tile(np.eye(3), (frames, 1, 1))
+    translation = _first_translation(points, visible, camera)
+    for _ in range(settings.steps):
+        residual = _residual(turn, translation, points, visible, camera)
+        distance = np.linalg.norm(residual, axis=-1, keepdims=True)
+        weight = np.minimum(1.0, settings.huber_px / np.maximum(distance, 1e-9)) * visible[..., None]
+        jacobian = _jacobian(turn, translation, camera).reshape(frames, -1, 6)
+        weighted = jacobian * np.repeat(weight, 2, axis=-1).reshape(frames, -1, 1)
+        hessian = weighted.swapaxes(1, 2) @ jacobian + 1e-9 * np.eye(6)
+        step = -np.linalg.solve(hessian, weighted.swapaxes(1, 2) @ residual.reshape(frames, -1, 1))[..., 0]
+        step[:, :3] *= np.minimum(1.0, 0.5 / np.maximum(np.linalg.norm(step[:, :3], axis=1, keepdims=True), 1e-9))
+        turn = matrices(step[:, :3]) @ turn
+        translation = translation + step[:, 3:]
+        if np.abs(step).max() < settings.tolerance:
+            break
+    return turn, translation
+
+
+def _first_translation(
+    points: Float[ndarray, "T K 2"], visible: Bool[ndarray, "T K"], camera: Camera
+) -> Float[ndarray, "T 3"]:
+    """Where the neutral head would have to stand for its visible points to have the observed mean."""
+    seen = visible[..., None]
+    count = seen.sum(axis=1)
+    mean = np.where(seen, points, 0.0).sum(axis=1) / count
+    rest = np.where(seen, REST, 0.0).sum(axis=1) / count
+    scale = (camera.distance_m - rest[:, 2]) / camera.focal_px
+    offset = (mean - np.asarray(camera.centre_px)) * scale[:, None]
+    return np.stack([offset[:, 0] - rest[:, 0], -offset[:, 1] - rest[:, 1], np.zeros(len(points))], axis=1)
+
+
+def _residual(
+    turn: Float[ndarray, "T 3 3"],
+    translation: Float[ndarray, "T 3"],
+    points: Float[ndarray, "T K 2"],
+    visible: Bool[ndarray, "T K"],
+    camera: Camera,
+) -> Float[ndarray, "T K 2"]:
+    """Projected minus observed, pixels; 0 where hidden."""
+    placed = np.einsum("tij,kj->tki", turn, REST) + translation[:, None]
+    return np.where(visible[..., None], camera.project(placed) - points, 0.0)
+
+
+def _jacobian(
+    turn: Float[ndarray, "T 3 3"], translation: Float[ndarray, "T 3"], camera: Camera
+) -> Float[ndarray, "T K 2 6"]:
+    """Derivative of projected points by a rotation vector applied after `turn`, and by translation."""
+    turned = np.einsum("tij,kj->tki", turn, REST)
+    placed = turned + translation[:, None]
+    scale = camera.focal_px / (camera.distance_m - placed[..., 2])
+    by_place = np.zeros((*scale.shape, 2, 3))
+    by_place[..., 0, 0] = scale
+    by_place[..., 1, 1] = -scale
+    by_place[..., 0, 2] = placed[..., 0] * scale**2 / camera.focal_px
+    by_place[..., 1, 2] = -placed[..., 1] * scale**2 / camera.focal_px
+    x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
+    none = np.zeros_like(x)
+    by_turn = np.stack([none, z, -y, -z, none, x, y, -x, none], axis=-1).reshape(*x.shape, 3, 3)
+    return np.concatenate([by_place @ by_turn, by_place], axis=-1)
