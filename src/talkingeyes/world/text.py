@@ -1,4 +1,4 @@
-"""What is said: sentences of the project's own small grammar, with the pauses, fillers and restarts that espeak never makes.
+"""What is said: sentences of the project's own grammar, with the pauses, fillers and restarts that espeak never makes.
 
 Speech without hesitations carries no sign of planning, so gaze could not follow from it (FACTS.md, section 3, TTS
 caveats). Pure: takes a generator, gives a Script; nothing is read or written.
@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from talkingeyes.errors import InputError
+from talkingeyes.world.grammar import GRAMMARS
 
 SentenceKind = Literal["statement", "question", "list", "hesitation"]
 PauseKind = Literal["comma", "hesitation", "sentence"]
@@ -78,124 +79,10 @@ class Script:
         return " ".join(part.text for part in self.parts if not isinstance(part, Pause))
 
 
-# A rule is a list of expansions, {slot} names another rule. No slot takes the same expansion twice in a sentence.
-ENGLISH: Mapping[str, tuple[str, ...]] = {
-    "statement": (
-        "{who} {did} {thing} {where}.",
-        "{when}, {who} {did} {thing} {where}.",
-        "{who} {did} {thing}, but {who} {was} {feeling}.",
-        "{view} {who} {did} {thing} {when}.",
-        "if the {weather} lasts, {who} will {do} {thing} {where}.",
-        "{who} {was} {feeling} {when}, so nobody {did} {thing}.",
-    ),
-    "question": (
-        "did {who} {do} {thing} {where}?",
-        "why would {who} {do} {thing} {when}?",
-        "when you were {where}, did {who} {do} {thing}?",
-        "who {did} {thing} {where} {when}?",
-        "do you think that {who} {was} {feeling} {when}?",
-    ),
-    "list": (
-        "{who} packed {item}, {item}, {item} and {item}.",
-        "on the table {where} were {item}, {item} and {item}.",
-        "first we {did} {thing}, then {who} {did} {thing}, and at last there was only {item}.",
-        "you will need {item}, {item}, {item}, and perhaps {item}.",
-    ),
-    "who": (
-        "the {kind} {person}",
-        "my {person}",
-        "that {kind} {person}",
-        "the {person} from the {place}",
-        "our neighbour",
-        "the two brothers",
-        "most of the children",
-    ),
-    "kind": ("old", "young", "quiet", "cheerful", "clever", "tired", "famous", "careful", "lazy", "friendly", "tall", "shy"),
-    "person": (
-        "gardener", "teacher", "pilot", "baker", "doctor", "painter", "sailor", "farmer", "singer", "cousin", "driver",
-        "carpenter", "librarian", "nurse", "goldsmith", "grandmother", "fisherman", "tailor",
-    ),
-    "did": (
-        "found", "lost", "painted", "mended", "carried", "forgot", "sold", "noticed", "borrowed", "cleaned", "hid",
-        "described", "measured", "opened",
-    ),
-    "do": (
-        "find", "lose", "paint", "mend", "carry", "forget", "sell", "notice", "borrow", "clean", "hide", "describe",
-        "measure", "open",
-    ),
-    "thing": (
-        "the {look} {object}", "this {look} {object}", "another {object}", "every {object}", "both of the boats",
-        "the last {object}", "some of the letters",
-    ),
-    "look": ("wooden", "yellow", "broken", "heavy", "silver", "empty", "narrow", "dusty", "green", "strange", "tiny", "round"),
-    "object": (
-        "window", "bicycle", "basket", "piano", "lantern", "suitcase", "mirror", "ladder", "kettle", "umbrella", "drum",
-        "chair", "bottle", "carpet", "compass", "wardrobe",
-    ),
-    "where": (
-        "in the {place}", "behind the {place}", "near the {place}", "on the way to the {place}", "outside the {place}",
-    ),
-    "place": (
-        "harbour", "village", "kitchen", "station", "market", "museum", "forest", "library", "valley", "garden", "bakery",
-        "school", "theatre", "mountain", "lighthouse",
-    ),
-    "when": (
-        "yesterday", "last summer", "before breakfast", "on Monday morning", "after the storm", "a week ago", "at midnight",
-        "during the holidays", "a long time ago", "just before the meeting", "in the winter", "this afternoon",
-    ),
-    "was": ("seemed", "looked", "felt", "stayed"),
-    "feeling": (
-        "happy", "surprised", "very hungry", "a little worried", "rather proud", "completely lost", "quite calm", "angry",
-        "not at all ready", "half asleep", "terribly bored", "grateful",
-    ),
-    "view": (
-        "I believe that", "everybody knows that", "somebody told me that", "it is true that", "we were glad that",
-        "nobody remembers that", "the newspaper said that", "I was surprised that",
-    ),
-    "weather": ("rain", "sunshine", "wind", "snow", "fog", "heat"),
-    "item": (
-        "bread", "apples", "a map", "two candles", "warm socks", "honey", "a bottle of water", "some string", "cheese",
-        "a torch", "three pencils", "a woollen blanket", "matches", "coffee", "an old newspaper", "onions", "a pocket knife",
-        "soap",
-    ),
-    "filler": ("um", "uh", "er", "um"),
-}  # fmt: skip
-
-FRENCH: Mapping[str, tuple[str, ...]] = {
-    "statement": (
-        "{who} a {did} {thing} {where}.",
-        "{when}, {who} a {did} {thing} {where}.",
-        "{view} {who} a {did} {thing} {when}.",
-        "{who} a {did} {thing}, mais personne ne regardait.",
-    ),
-    "question": ("est-ce que {who} a {did} {thing} {where}?", "pourquoi {who} a {did} {thing} {when}?"),
-    "list": (
-        "{who} a pris {item}, {item}, {item} et {item}.",
-        "sur la table, il y avait {item}, {item} et {item}.",
-    ),
-    "who": (
-        "le {person}", "ce pauvre {person}", "notre {person}", "mon ami le {person}", "le jeune {person}",
-        "un {person} du village",
-    ),
-    "person": ("boulanger", "facteur", "pilote", "voisin", "peintre", "marin", "jardinier", "docteur", "tailleur", "chanteur"),
-    "did": ("vendu", "perdu", "trouvé", "réparé", "oublié", "caché", "nettoyé", "porté", "mesuré", "décrit"),
-    "thing": ("le petit {object}", "un vieux {object}", "son {object}", "le dernier {object}", "ce grand {object}"),
-    "object": ("panier", "tambour", "miroir", "piano", "bateau", "tapis", "vélo", "fauteuil", "parapluie", "couteau"),
-    "where": ("dans le {place}", "près du {place}", "derrière le {place}", "devant le {place}"),
-    "place": ("port", "village", "jardin", "marché", "musée", "théâtre", "bois", "moulin"),
-    "when": ("hier soir", "ce matin", "après la pluie", "avant le dîner", "lundi dernier", "pendant les vacances", "en hiver"),
-    "view": ("je crois que", "tout le monde sait que", "on m'a dit que", "il est vrai que"),
-    "item": (
-        "du pain", "des pommes", "une carte", "deux bougies", "du fromage", "une lampe", "du miel", "trois crayons",
-        "une couverture", "du savon", "du café", "des oignons",
-    ),
-    "filler": ("euh", "euh"),
-}  # fmt: skip
-
-GRAMMARS: Mapping[str, Mapping[str, tuple[str, ...]]] = {"en": ENGLISH, "fr": FRENCH}
 KIND_SHARES: Mapping[SentenceKind, float] = {"statement": 0.45, "question": 0.15, "list": 0.15, "hesitation": 0.25}
 
-# Median, sigma of the logarithm, shortest and longest, in seconds (FACTS.md section 3; the clips keep 8 s from being all pause).
+# Median, sigma of the logarithm, shortest and longest, in seconds (FACTS.md section 3); the bounds keep
+# a clip of 8 s from being all pause.
 PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
     "comma": (0.22, 0.4, 0.08, 0.8),
     "hesitation": (0.5, 0.6, 0.15, 1.8),
@@ -203,8 +90,8 @@ PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
 }
 
 # How long text takes at a usual rate (170 words a minute), measured over the voices of voices.py.
-SECONDS_PER_LETTER = 0.062
-SECONDS_PER_FILLER = 0.35
+SECONDS_PER_LETTER = 0.051
+SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
 SLOT = re.compile(r"\{(\w+)\}")
@@ -233,12 +120,17 @@ def write_script(language: str, seconds: float, random: np.random.Generator) -> 
 
 def spoken_s(sentence: Sentence) -> float:
     """About how long a sentence takes at a usual rate, its pauses included."""
-    lengths = {
-        Word: lambda part: SECONDS_PER_LETTER * (len(part.text) + 1),
-        Filler: lambda part: SECONDS_PER_FILLER,
-        Pause: lambda part: part.seconds,
-    }
-    return sum(lengths[type(part)](part) for part in sentence.parts)
+    return sum(_part_s(part) for part in sentence.parts)
+
+
+def _part_s(part: Part) -> float:
+    match part:
+        case Word():
+            return SECONDS_PER_LETTER * (len(part.text) + 1)
+        case Filler():
+            return SECONDS_PER_FILLER
+        case Pause():
+            return part.seconds
 
 
 def grammar_of(language: str) -> Mapping[str, tuple[str, ...]]:
@@ -270,7 +162,7 @@ def _sentence(grammar: Mapping[str, tuple[str, ...]], random: np.random.Generato
         if token.endswith(","):
             parts.append(_pause("comma", random))
     if kind == "hesitation":
-        parts = _hesitate(parts, grammar["filler"], random)
+        parts = list(_hesitate(parts, grammar["filler"], random))
     return Sentence(text, kind, (*parts, _pause("sentence", random)))
 
 
@@ -296,14 +188,14 @@ def _hesitate(parts: list[Part], fillers: tuple[str, ...], random: np.random.Gen
     spoken = list(parts)
     for gap in chosen:
         filler = Filler(fillers[random.integers(len(fillers))])
-        form = random.choice(("filler", "late filler", "silence", "restart"), p=(0.35, 0.2, 0.2, 0.25))
-        inserted: list[Part] = {
+        form = str(random.choice(("filler", "late filler", "silence", "restart"), p=(0.35, 0.2, 0.2, 0.25)))
+        forms: Mapping[str, list[Part]] = {
             "filler": [filler, _pause("hesitation", random)],
             "late filler": [_pause("hesitation", random), filler, _pause("hesitation", random)],
             "silence": [_pause("hesitation", random)],
             "restart": [_pause("hesitation", random), *_repeated(spoken, gap)],
-        }[str(form)]
-        spoken[gap:gap] = inserted
+        }
+        spoken[gap:gap] = forms[form]
     if random.random() < 0.3:  # planning before the first word
         spoken[:0] = [Filler(fillers[random.integers(len(fillers))]), _pause("hesitation", random)]
     return spoken

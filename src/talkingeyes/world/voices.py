@@ -1,21 +1,14 @@
-"""Who says it: many voices of espeak-ng, with the times of words and phonemes (about 850 times real time).
+"""Who says it: many voices of espeak-ng, with the times of words and phonemes.
 
-espeak-ng comes with espeakng_loader (GPL-3, the extra `synthesis`), so it is loaded only when something is spoken.
-Pauses are not left to espeak: each run of words is spoken alone, trimmed, and set between silences of exactly the length
-that the script asks for. Writes nothing.
+Pauses are not left to espeak: each run of words is spoken alone, trimmed, and set between silences of exactly the
+length that the script asks for. Pure: gives a sound and its annotation; nothing is read or written.
 """
 
 from __future__ import annotations
 
-import ctypes
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from threading import Lock
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -23,10 +16,10 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.errors import InputError
+from talkingeyes.world.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say, engine
 from talkingeyes.world.text import Filler, Pause, Script, Word, write_script
 
 RATE_HZ = 16000
-NATIVE_HZ = 22050
 FRAME = 882  # native samples in a frame of 25 fps; resampled they are exactly 640
 LEVEL_RMS = 10 ** (-23 / 20)
 PEAK = 0.97
@@ -62,7 +55,7 @@ class Voice:
 
 @dataclass(frozen=True)
 class Spoken:
-    """A spoken script: sound at 16 kHz (a whole number of frames at 25 fps), what is known about it in time, its text."""
+    """A spoken script: sound at 16 kHz (a whole number of frames at 25 fps), what is known about it, its text."""
 
     sound: Float[ndarray, " N"]
     annotation: Annotation
@@ -85,7 +78,7 @@ def draw_voice(random: np.random.Generator, language: str) -> Voice:
 def speak_about(
     voice: Voice, shortest_s: float, longest_s: float, random: np.random.Generator
 ) -> tuple[Script, Spoken]:
-    """A new script whose sound, said by this voice, lasts between two lengths (scripts of other lengths are dropped)."""
+    """A new script whose sound, in this voice, lasts between two lengths (scripts of other lengths are dropped)."""
     for _ in range(200):
         target_s = random.uniform(shortest_s, longest_s) - sum(EDGE_SILENCE_S)
         script = write_script(voice.language, target_s * voice.rate_wpm / USUAL_RATE_WPM, random)
@@ -98,7 +91,7 @@ def speak_about(
 def speak(script: Script, voice: Voice) -> Spoken:
     """The sound of a script. The same script and voice give the same bytes, whatever was said before."""
     edges = np.random.default_rng(zlib.crc32(repr((script, voice)).encode())).uniform(*EDGE_SILENCE_S, size=2)
-    with _engine(voice.espeak_voice) as say:
+    with engine(voice.espeak_voice) as say:
         runs = [run if isinstance(run, Pause) else _said(say, run, voice) for run in _runs(script)]
     return _joined(runs, edges[0], edges[1], script.text)
 
@@ -142,9 +135,10 @@ def _runs(script: Script) -> list[_Run | Pause]:
     return runs
 
 
-def _said(say: Callable[[str, Voice, int], _Raw], run: _Run, voice: Voice) -> _Said:
+def _said(say: Say, run: _Run, voice: Voice) -> _Said:
     """Speak a run and cut espeak's own padding off by level, so that silence outside it is the script's alone."""
-    raw = say(run.text, voice, round(voice.rate_wpm * (FILLER_RATE if run.filler else 1)))
+    rate_wpm = round(voice.rate_wpm * (FILLER_RATE if run.filler else 1))
+    raw = say(run.text, rate_wpm, voice.pitch, voice.pitch_range)
     loud = np.flatnonzero(np.abs(raw.sound) > TRIM_LEVEL * np.abs(raw.sound).max(initial=1e-6))
     fade = round(FADE_S * NATIVE_HZ)
     start, stop = max(int(loud[0]) - fade, 0), min(int(loud[-1]) + fade, len(raw.sound))
@@ -156,9 +150,9 @@ def _said(say: Callable[[str, Voice, int], _Raw], run: _Run, voice: Voice) -> _S
     return _Said(sound, words, phonemes, run.text.strip(".,?!") if run.filler else "")
 
 
-def _timed(raw: _Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
+def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
     """Phonemes and words in seconds from sample `start`. A word lasts from its first phoneme to its last."""
-    ends = [event.sample for event in raw.events if event.kind == PHONEME][1:] + [stop]
+    ends = [*[event.sample for event in raw.events if event.kind == PHONEME][1:], stop]
     phonemes: list[Phoneme] = []
     positions: list[int] = []
     first_of: list[int] = []
@@ -226,7 +220,8 @@ def _levelled(sound: Float[ndarray, " N"], voiced: list[Span]) -> Float[ndarray,
     power = sum(float(np.sum(sound[round(v.start_s * NATIVE_HZ) : round(v.end_s * NATIVE_HZ)] ** 2)) for v in voiced)
     seconds = sum(v.end_s - v.start_s for v in voiced)
     gain = LEVEL_RMS / np.sqrt(power / (seconds * NATIVE_HZ))
-    return sound * min(gain, PEAK / np.abs(sound).max())
+    levelled: ndarray = sound * min(gain, PEAK / np.abs(sound).max())
+    return levelled
 
 
 def _merged(voiced: list[Span]) -> tuple[Span, ...]:
@@ -238,120 +233,3 @@ def _merged(voiced: list[Span]) -> tuple[Span, ...]:
         else:
             spans.append(each)
     return tuple(spans)
-
-
-# What follows is espeak-ng's speak_lib.h in ctypes.
-
-WORD, PHONEME = 1, 7
-_SYNCHRONOUS = 2
-_PHONEME_EVENTS, _DONT_EXIT = 0x0001, 0x8000
-_RATE, _VOLUME, _PITCH, _RANGE, _WORD_GAP = 1, 2, 3, 4, 7
-_UTF8 = 1
-_one_at_a_time = Lock()
-
-
-class _Id(ctypes.Union):
-    _fields_ = (("number", ctypes.c_int), ("name", ctypes.c_char_p), ("string", ctypes.c_char * 8))
-
-
-class _EspeakEvent(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("unique_identifier", ctypes.c_uint),
-        ("text_position", ctypes.c_int),
-        ("length", ctypes.c_int),
-        ("audio_position", ctypes.c_int),
-        ("sample", ctypes.c_int),
-        ("user_data", ctypes.c_void_p),
-        ("id", _Id),
-    )
-
-
-_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_EspeakEvent))
-
-
-@dataclass(frozen=True)
-class _Event:
-    kind: int
-    sample: int
-    text_position: int
-    symbol: str
-
-
-@dataclass(frozen=True)
-class _Raw:
-    """What espeak gave: sound at NATIVE_HZ in -1..1, word and phoneme events in order."""
-
-    sound: Float[ndarray, " N"]
-    events: tuple[_Event, ...]
-
-
-@contextmanager
-def _engine(espeak_voice: str) -> Iterator[Callable[[str, Voice, int], _Raw]]:
-    """espeak-ng loaded afresh (0.4 ms), because its flutter and noise go on from what was said before.
-
-    Loading it anew and seeding its noise is the one way to the same bytes in any order and process. Its state is global
-    to the process, hence the lock.
-    """
-    import _ctypes
-
-    import espeakng_loader
-
-    data = Path(espeakng_loader.get_data_path())
-    _check(espeak_voice, data)
-    with _one_at_a_time:
-        library = ctypes.CDLL(str(espeakng_loader.get_library_path()))
-        try:
-            if (
-                library.espeak_Initialize(_SYNCHRONOUS, 0, str(data).encode(), _PHONEME_EVENTS | _DONT_EXIT)
-                != NATIVE_HZ
-            ):
-                raise InputError(f"voices: espeak-ng could not be started with the data in {data}; install it again")
-            library.espeak_ng_SetRandSeed(ctypes.c_long(1))
-            if library.espeak_SetVoiceByName(espeak_voice.encode()) != 0:
-                raise InputError(f"voices: espeak-ng does not know the voice {espeak_voice!r}")
-            yield lambda text, voice, rate_wpm: _synthesise(library, text, voice, rate_wpm)
-        finally:
-            library.espeak_Terminate()
-            _ctypes.dlclose(library._handle)
-
-
-def _check(espeak_voice: str, data: Path) -> None:
-    """espeak-ng falls back to another voice in silence, so the name is looked up in its data first."""
-    accent, _, variant = espeak_voice.partition("+")
-    accents = {path.name.lower() for path in (data / "lang").glob("*/*")}
-    variants = {path.name for path in (data / "voices" / "!v").iterdir()}
-    if accent not in accents or (variant and variant not in variants):
-        raise InputError(f"voices: should be an accent and variant of espeak-ng such as en-us+f3, got {espeak_voice!r}")
-
-
-def _synthesise(library: ctypes.CDLL, text: str, voice: Voice, rate_wpm: int) -> _Raw:
-    chunks: list[bytes] = []
-    events: list[_Event] = []
-
-    @_Callback
-    def collect(wave: int | None, samples: int, reported: Any) -> int:
-        if wave and samples > 0:
-            chunks.append(ctypes.string_at(wave, 2 * samples))
-        for event in iter(_until_end(reported)):
-            symbol = bytes(event.id.string).decode("utf-8", "replace") if event.type == PHONEME else ""
-            events.append(_Event(event.type, event.sample, event.text_position, symbol))
-        return 0
-
-    library.espeak_SetSynthCallback(collect)
-    settings = {_RATE: rate_wpm, _VOLUME: 100, _PITCH: voice.pitch, _RANGE: voice.pitch_range, _WORD_GAP: 0}
-    for parameter, value in settings.items():
-        library.espeak_SetParameter(parameter, value, 0)
-    encoded = text.encode() + b"\0"
-    library.espeak_Synth(encoded, ctypes.c_size_t(len(encoded)), 0, 1, 0, _UTF8, None, None)
-    library.espeak_Synchronize()
-    sound = np.frombuffer(b"".join(chunks), np.int16).astype(np.float64) / 32768
-    return _Raw(sound, tuple(event for event in events if event.kind in (WORD, PHONEME)))
-
-
-def _until_end(reported: Any) -> Iterator[Any]:
-    """The events of one callback: an array that ends with an event of type 0."""
-    i = 0
-    while reported[i].type:
-        yield reported[i]
-        i += 1
