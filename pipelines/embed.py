@@ -1,0 +1,100 @@
+"""embed: speech features of every sound, aligned to motion frames.
+
+Run: python -m pipelines.embed
+Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one a sound (takes share it), and
+data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train split.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.errors import InputError
+from talkingeyes.run import Report, Workspace, each, main
+
+SMALLEST_STD = 1e-5  # a channel that never moves is not blown up by dividing
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Frames of a set of sounds, and the sums over them of each channel and of its square."""
+
+    frames: int
+    sums: Float[ndarray, " C"]
+    squares: Float[ndarray, " C"]
+
+
+def run(workspace: Workspace) -> Report:
+    """Embed every sound once; the statistics are summed in the order of the index, whatever the number of jobs."""
+    settings = workspace.settings("embed", EmbedSettings)
+    clips = list({clip.sound: clip for clip in Corpus(workspace.corpus).clips}.values())
+    fps = one_frame_rate(clips)
+    channels = encoder_of(settings).channels
+    with workspace.output("embed") as folder:
+        embed = partial(embed_sound, workspace.corpus, settings, folder)
+        moments = each(embed, clips, workspace.jobs, "embed")
+        total = summed(part for clip, part in zip(clips, moments, strict=True) if clip.split == "train")
+        mean = total.sums / total.frames
+        std = np.sqrt(np.maximum(total.squares / total.frames - mean**2, SMALLEST_STD**2))
+        content = {
+            "fps": fps,
+            "settings": settings.model_dump(mode="json"),
+            "channels": channels,
+            "mean": mean.tolist(),
+            "std": std.tolist(),
+        }
+        (folder / "embedding.json").write_text(json.dumps(content, indent=1))
+    return Report(
+        metrics={"sounds": float(len(clips)), "channels": float(len(channels)), "train_frames": float(total.frames)}
+    )
+
+
+def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> Moments:
+    """Write the features of a clip's sound. Gives their sums."""
+    features = encoder_of(settings)(Corpus(corpus).speech(clip), clip.fps)
+    np.save(sharded_for_writing(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
+    exact = features.astype(np.float64)
+    return Moments(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
+
+
+@lru_cache(maxsize=1)
+def encoder_of(settings: EmbedSettings) -> SpeechEncoder:
+    """The encoder, loaded once a process."""
+    return make_encoder(settings)
+
+
+def one_frame_rate(clips: list[Clip]) -> float:
+    """The frame rate of all clips. Raises InputError if there is none, or more than one."""
+    rates = sorted({clip.fps for clip in clips})
+    if len(rates) != 1:
+        raise InputError(f"embed: a corpus should have clips, all of one frame rate; got {rates or 'none'}")
+    return rates[0]
+
+
+def summed(parts: Iterable[Moments]) -> Moments:
+    """Sums over sounds. Raises InputError if there are none."""
+    total: Moments | None = None
+    for part in parts:
+        total = (
+            part
+            if total is None
+            else Moments(total.frames + part.frames, total.sums + part.sums, total.squares + part.squares)
+        )
+    if total is None:
+        raise InputError("embed: the corpus should have clips in the split train, got none")
+    return total
+
+
+if __name__ == "__main__":
+    main(run)

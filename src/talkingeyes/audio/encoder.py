@@ -1,0 +1,88 @@
+"""Speech encoders: sound in, one feature vector a motion frame out. What `embed` writes and every model hears.
+
+Every family (packaged Moonshine | wav2vec 2.0 | HuBERT | log-mel) gives its own channels; log-energy, F0 and voicing
+are appended to all of them, for learned encoders are weak on loudness and pitch. A sound is first brought to one level,
+so a quiet recording gives the features of a loud one.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.audio.encoder_logmel import LogmelEncoder, LogmelSettings
+from talkingeyes.audio.encoder_moonshine import MoonshineEncoder, MoonshineSettings
+from talkingeyes.audio.encoder_transformers import TransformersEncoder, TransformersSettings
+from talkingeyes.audio.prosody import ProsodySettings, prosody
+from talkingeyes.audio.waveform import block_levels_dbfs, frames_of
+from talkingeyes.settings import Settings
+
+PROSODY_CHANNELS = ("energy_dbfs", "f0_octaves", "voicing")
+F0_REFERENCE_HZ = 150.0
+LOUD_PERCENTILE = 95  # the level of a sound is that of its loud syllables, whatever the share of pauses
+GREATEST_GAIN_DB = 60.0
+
+
+class EmbedSettings(Settings):
+    """The section `embed`."""
+
+    encoder: Annotated[MoonshineSettings | TransformersSettings | LogmelSettings, Field(discriminator="kind")]
+    prosody: ProsodySettings
+    level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
+
+
+@runtime_checkable
+class SpeechEncoder(Protocol):
+    """16 kHz sound and a frame rate in; float32 (T, C) out, T = len(sound) * fps // 16000, row t at time t / fps."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the C channels."""
+
+    def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
+        """Features of a sound at the times t / fps."""
+
+
+class ProsodicEncoder:
+    """An encoder family with level and prosody around it."""
+
+    def __init__(self, family: SpeechEncoder, settings: EmbedSettings) -> None:
+        self._family = family
+        self._settings = settings
+        self.channels = (*family.channels, *PROSODY_CHANNELS)
+
+    def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
+        """Features of a sound at the times t / fps."""
+        levelled = at_level(sound, self._settings.level_dbfs)
+        spoken = prosody(levelled, fps, self._settings.prosody)
+        # Unvoiced frames get the reference pitch; `voicing` says how little that means.
+        octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
+        appended = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1).astype(np.float32)
+        features = self._family(levelled, fps)[: frames_of(len(sound), fps)]
+        return np.concatenate([features, appended], axis=1)
+
+
+def make_encoder(settings: EmbedSettings) -> SpeechEncoder:
+    """The encoder of a section. Raises InputError if its package or checkpoint is missing."""
+    family: SpeechEncoder
+    match settings.encoder:
+        case MoonshineSettings():
+            family = MoonshineEncoder(settings.encoder)
+        case TransformersSettings():
+            family = TransformersEncoder(settings.encoder)
+        case LogmelSettings():
+            family = LogmelEncoder(settings.encoder)
+    return ProsodicEncoder(family, settings)
+
+
+def at_level(sound: Float[ndarray, " N"], level_dbfs: float) -> Float[ndarray, " N"]:
+    """The sound, scaled so that its loud syllables have the given level; digital silence stays as it is."""
+    if not len(sound):
+        return sound.astype(np.float32)
+    gain_db = level_dbfs - float(np.percentile(block_levels_dbfs(sound), LOUD_PERCENTILE))
+    gain_db = gain_db if gain_db <= GREATEST_GAIN_DB else 0.0
+    return (sound * 10 ** (gain_db / 20)).astype(np.float32)

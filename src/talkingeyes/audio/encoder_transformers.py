@@ -1,0 +1,76 @@
+"""wav2vec 2.0 (Baevski et al. 2020) and HuBERT (Hsu et al. 2021) through transformers: the paper's speech encoder.
+
+The checkpoint is a local folder or a hub name; HF_HUB_OFFLINE=1 keeps it to what is already on the machine.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.audio.windows import Stride, encode_in_windows
+from talkingeyes.errors import InputError
+from talkingeyes.settings import Settings
+
+
+class TransformersSettings(Settings):
+    """A pretrained checkpoint and the transformer layer whose output is taken."""
+
+    kind: Literal["wav2vec2", "hubert"]
+    checkpoint: Annotated[str, Field(min_length=1)]  # a local folder or a hub name
+    layer: Annotated[int, Field(ge=1)]  # 1 is the first transformer layer
+    window_s: Annotated[float, Field(ge=6, le=30)]
+    overlap_s: Annotated[float, Field(ge=0, le=5)]
+
+
+class TransformersEncoder:
+    """A frozen model on the CPU."""
+
+    def __init__(self, settings: TransformersSettings) -> None:
+        self._model = _load(settings)
+        config = self._model.config
+        self._stride = Stride.of_convolutions(tuple(config.conv_kernel), tuple(config.conv_stride))
+        self._settings = settings
+        self.channels = tuple(f"{settings.kind}_{index}" for index in range(config.hidden_size))
+
+    def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
+        """Features at the times t / fps."""
+        settings = self._settings
+        return encode_in_windows(sound, fps, self._encode, self._stride, settings.window_s, settings.overlap_s)
+
+    def _encode(self, sound: Float[ndarray, " W"]) -> Float[ndarray, "K C"]:
+        import torch
+
+        # Zero mean and unit variance, as the feature extractor of every released checkpoint does.
+        normal = (sound - sound.mean()) / np.sqrt(sound.var() + 1e-7)
+        with torch.inference_mode():
+            output = self._model(torch.from_numpy(normal[None].astype(np.float32)), output_hidden_states=True)
+        return np.asarray(output.hidden_states[self._settings.layer][0].numpy())
+
+
+def _load(settings: TransformersSettings) -> Any:
+    try:
+        from transformers import AutoConfig, AutoModel
+    except ImportError:
+        raise InputError(
+            f"embed.encoder.kind: {settings.kind} needs the package transformers, got none installed"
+        ) from None
+    try:
+        config = AutoConfig.from_pretrained(settings.checkpoint)
+        if config.model_type != settings.kind:
+            raise InputError(f"embed.encoder.checkpoint: should be a {settings.kind} model, got {config.model_type}")
+        model = AutoModel.from_pretrained(settings.checkpoint, config=config)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"embed.encoder.checkpoint: should be a local folder or a hub name that can be reached, got "
+            f"{settings.checkpoint!r} ({' '.join(str(error).split())[:200]})"
+        ) from None
+    if settings.layer > config.num_hidden_layers:
+        raise InputError(f"embed.encoder.layer: should be at most {config.num_hidden_layers}, got {settings.layer}")
+    return model.eval()

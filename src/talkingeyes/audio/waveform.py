@@ -1,0 +1,169 @@
+"""Speech from files: any rate, channels and format, recognised by content; 16 kHz mono float32 comes out.
+
+Reads what libsndfile knows (wav, flac, ogg, mp3), then what PyAV knows (m4a, video with sound, raw g722 if named so).
+The file is read, mixed and resampled block by block, so a sound that is too long is refused before it fills memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import soundfile
+import soxr
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+
+SAMPLE_RATE = 16_000
+SHORTEST_S = 0.3
+LONGEST_S = 3600.0
+SILENT_DBFS = -60.0  # a sound none of whose 50 ms blocks is louder (RMS about its mean) is called silent
+BLOCK_S = 0.05
+READ_FRAMES = 1 << 18
+FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams: nothing in their content says what they are
+
+
+@dataclass(frozen=True)
+class Source:
+    """An opened sound: its rate, and its blocks as (frames, channels)."""
+
+    rate: int
+    blocks: Iterator[Float[ndarray, "N C"]]
+
+
+def frames_of(samples: int, fps: float) -> int:
+    """How many motion frames a 16 kHz sound has: frame t is the state at t / fps."""
+    return int(samples * fps / SAMPLE_RATE + 1e-6)
+
+
+def read_speech(path: Path | str) -> Float[ndarray, " N"]:
+    """The sound of a file as 16 kHz mono float32, 0.3 s to an hour.
+
+    Raises InputError (one line) if the file is missing, empty, undecodable, damaged, silent, too short, too long, or
+    holds NaN.
+    """
+    path = Path(path)
+    with _opened(path) as file, _source(path, file) as source:
+        sound = _resampled(path, source)
+    if len(sound) < SHORTEST_S * SAMPLE_RATE:
+        raise InputError(f"{path}: speech should last at least {SHORTEST_S} s, got {len(sound) / SAMPLE_RATE:.3f} s")
+    loudest = loudest_dbfs(sound)
+    if loudest < SILENT_DBFS:
+        raise InputError(
+            f"{path}: silent; some part should be louder than {SILENT_DBFS:.0f} dBFS, got {loudest:.0f} dBFS at most"
+        )
+    return sound
+
+
+def block_levels_dbfs(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
+    """RMS about the mean of each whole 50 ms block (a shorter sound is one block), in dBFS, at least -200."""
+    size = min(len(sound), round(BLOCK_S * SAMPLE_RATE))
+    blocks = np.reshape(sound[: len(sound) // size * size], (-1, size))
+    return np.asarray(20 * np.log10(np.maximum(blocks.std(axis=1, dtype=np.float64), 1e-10)))
+
+
+def loudest_dbfs(sound: Float[ndarray, " N"]) -> float:
+    """Level of the loudest 50 ms block; the outermost are left out where there are others (resampling rings there)."""
+    levels = block_levels_dbfs(sound)
+    return float(levels[1:-1].max() if len(levels) > 2 else levels.max())
+
+
+def _opened(path: Path) -> IO[bytes]:
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; speech should be a sound file (wav, flac, ogg, mp3, m4a)")
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened ({error.strerror}); speech should be a sound file") from None
+    except ValueError as error:  # a name with a NUL character
+        raise InputError(f"{str(path)!r}: not a file name ({error})") from None
+    if not file.read(1):
+        file.close()
+        raise InputError(f"{path}: empty; speech should be a sound file (wav, flac, ogg, mp3, m4a)")
+    return file
+
+
+@contextlib.contextmanager
+def _source(path: Path, file: IO[bytes]) -> Iterator[Source]:
+    file.seek(0)
+    try:
+        with soundfile.SoundFile(_Nameless(file)) as sound:
+            yield Source(sound.samplerate, _libsndfile_blocks(path, sound))
+            return
+    except soundfile.LibsndfileError:
+        pass
+    import av
+
+    file.seek(0)
+    try:
+        container = av.open(
+            _Nameless(file), format=FORMAT_OF_SUFFIX.get(path.suffix.lower()), options={"protocol_whitelist": "none"}
+        )
+    except (av.FFmpegError, ValueError):
+        raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a") from None
+    with container:
+        if not container.streams.audio:
+            raise InputError(f"{path}: holds no sound; should be wav, flac, ogg, mp3, m4a or a video with sound")
+        rate = int(container.streams.audio[0].codec_context.sample_rate)
+        yield Source(rate, _av_blocks(path, container, rate))
+
+
+class _Nameless:
+    """A file without its name, so that readers judge it by its content alone."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.read, self.seek, self.tell = file.read, file.seek, file.tell
+        self.readinto = file.readinto  # type: ignore[attr-defined]
+
+
+def _libsndfile_blocks(path: Path, sound: soundfile.SoundFile) -> Iterator[Float[ndarray, "N C"]]:
+    while True:
+        try:
+            block = sound.read(READ_FRAMES, dtype="float32", always_2d=True)
+        except soundfile.LibsndfileError as error:
+            raise InputError(f"{path}: damaged, should be a whole {sound.format} file, got: {error}") from None
+        if not len(block):
+            return
+        yield block
+
+
+def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray, "N C"]]:
+    """Decoded frames. A few packets may be bad, as in streams cut anywhere; more bad than good ones are not a sound."""
+    import av
+
+    resampler = av.AudioResampler(format="fltp", rate=rate)
+    good = bad = 0
+    for packet in container.demux(audio=0):
+        try:
+            frames = packet.decode()
+        except av.FFmpegError:
+            bad += 1
+            continue
+        for frame in frames:
+            good += 1
+            for part in resampler.resample(frame):
+                yield part.to_ndarray().T
+    if bad >= good:
+        raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a")
+
+
+def _resampled(path: Path, source: Source) -> Float[ndarray, " N"]:
+    if source.rate <= 0:
+        raise InputError(f"{path}: the sampling rate should be above 0, got {source.rate}")
+    stream = soxr.ResampleStream(source.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
+    parts, read = [], 0
+    for block in source.blocks:
+        read += len(block)
+        if read > LONGEST_S * source.rate:
+            raise InputError(f"{path}: speech should last at most {LONGEST_S:.0f} s (an hour); cut it into parts")
+        if not np.isfinite(block).all():
+            raise InputError(f"{path}: holds NaN or infinite samples; samples should be finite numbers")
+        parts.append(stream.resample_chunk(np.ascontiguousarray(block.mean(axis=1, dtype=np.float32))))
+    parts.append(stream.resample_chunk(np.zeros(0, np.float32), last=True))
+    return np.concatenate(parts)

@@ -1,0 +1,82 @@
+"""Long sound in windows: what a transformer says of each window, cross-faded onto motion frames, with flat memory.
+
+A sound up to `window_s` is one window. A longer one is cut into windows of exactly that length (the last one ends with
+the sound), so features of long speech are like those of training clips; overlapping windows fade linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
+
+
+@dataclass(frozen=True)
+class Stride:
+    """Where an encoder's frames lie: one every `samples`, the first centred at `first`; `shortest` is the least."""
+
+    samples: int
+    first: float
+    shortest: int
+
+    @classmethod
+    def of_convolutions(cls, kernels: tuple[int, ...], strides: tuple[int, ...]) -> Stride:
+        """Of a stack of convolutions without padding: step and receptive field multiply out."""
+        step, field = 1, 1
+        for kernel, stride in zip(kernels, strides, strict=True):
+            field += (kernel - 1) * step
+            step *= stride
+        return cls(step, (field - 1) / 2, field)
+
+
+def encode_in_windows(
+    sound: Float[ndarray, " N"],
+    fps: float,
+    encode: Callable[[Float[ndarray, " W"]], Float[ndarray, "K C"]],
+    stride: Stride,
+    window_s: float,
+    overlap_s: float,
+) -> Float[ndarray, "T C"]:
+    """Features at the times t / fps, linearly interpolated between the encoder's own frames."""
+    sound = np.pad(sound, (0, max(0, stride.shortest - len(sound))))
+    size = round(window_s * SAMPLE_RATE)
+    times = np.arange(frames_of(len(sound), fps)) / fps * SAMPLE_RATE
+    total = np.zeros(len(times), np.float32)
+    features: ndarray | None = None
+    for start in window_starts(len(sound), size, round(overlap_s * SAMPLE_RATE)):
+        part = sound[start : start + size]
+        inside = slice(*np.searchsorted(times, [start, start + len(part)]))
+        encoded = at_times(encode(part), (times[inside] - start - stride.first) / stride.samples)
+        weight = fade(times[inside] - start, len(part), overlap_s * SAMPLE_RATE)
+        features = np.zeros((len(times), encoded.shape[1]), np.float32) if features is None else features
+        features[inside] += encoded * weight[:, None]
+        total[inside] += weight
+    assert features is not None
+    return np.asarray(features / total[:, None])
+
+
+def window_starts(length: int, size: int, overlap: int) -> list[int]:
+    """First samples of windows that cover the sound; the last window ends where the sound ends."""
+    if length <= size:
+        return [0]
+    return [*range(0, length - size, size - overlap), length - size]
+
+
+def fade(samples: Float[ndarray, " T"], length: int, overlap: float) -> Float[ndarray, " T"]:
+    """Weight of a window at the given samples of it: 1 inside, falling to almost 0 over the overlap at both ends."""
+    nearest_end = np.minimum(samples, length - samples)
+    return np.asarray(np.clip((nearest_end + 1) / (overlap + 1), 0, 1), np.float32)
+
+
+def at_times(features: Float[ndarray, "K C"], positions: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+    """Linear interpolation at fractional indices; beyond the ends the end value holds."""
+    positions = np.clip(positions, 0, len(features) - 1)
+    low = np.minimum(positions.astype(int), max(len(features) - 2, 0))
+    high = np.minimum(low + 1, len(features) - 1)
+    share = (positions - low)[:, None].astype(np.float32)
+    return np.asarray(features[low] * (1 - share) + features[high] * share)
