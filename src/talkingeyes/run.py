@@ -5,6 +5,7 @@ A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` make
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import os
 import shutil
@@ -145,6 +146,8 @@ def main(run: Stage) -> NoReturn:
     expected = list(inspect.signature(run).parameters)[1:]
     given = sys.argv[1:]
     stage = Path(inspect.getfile(run)).stem
+    # The stage as an imported module, not as __main__: worker processes must find its functions by name.
+    run = importlib.import_module(f"pipelines.{stage}").run
 
     def command() -> None:
         if len(given) != len(expected):
