@@ -84,4 +84,4 @@ def write_params(path: Path, params: dict[str, Any]) -> None:
 
 def params_text(params: dict[str, Any]) -> str:
     """A composition as the text of params.yaml."""
-    return HEADER + yaml.safe_dump(params, sort_keys=False, width=120)
+    return f"{HEADER}{yaml.safe_dump(params, sort_keys=False, width=120)}"

@@ -1,0 +1,35 @@
+"""The whole chain on the tiny corpus, from text to table, as `make tiny` runs it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from pipelines.experiment import calls
+from talkingeyes.config import compose
+
+
+def run_tiny(repository, root, *overrides):
+    """Run the chain in a folder of its own."""
+    command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}", *overrides]
+    result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=550)
+    assert result.returncode == 0, result.stderr[-4000:]
+
+
+def test_the_tiny_chain_runs_from_text_to_table(repository, tmp_path):
+    run_tiny(repository, tmp_path)
+    for stage, *item in calls(compose(["experiment=tiny"])):
+        assert any((tmp_path / "data").joinpath(stage, *item).iterdir()), f"{stage} {item} wrote nothing"
+    assert not list((tmp_path / "data").rglob(".*.partial"))
+    assert json.loads((tmp_path / "data/report/metrics.json").read_text())
+    assert (tmp_path / "data/report/table3.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_chain_gives_the_same_figures_again_whatever_the_number_of_jobs(repository, tmp_path):
+    figures = []
+    for jobs in (1, 2):
+        run_tiny(repository, tmp_path / str(jobs), f"machine.jobs={jobs}")
+        figures.append((tmp_path / str(jobs) / "data/report/metrics.json").read_bytes())
+    assert figures[0] == figures[1]
