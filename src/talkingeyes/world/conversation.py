@@ -14,13 +14,14 @@ import numpy as np
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.world.speakers import Style
 
-AVERT_AT_START, AVERT_AT_PAUSE, RETURN_AT_END = 0.70, 0.45, 0.75
-START_LATENCY_S = (-0.55, 0.55)
+AVERT_AT_START, AVERT_AT_PAUSE, RETURN_AT_END = 0.78, 0.40, 0.55
+START_LATENCY_S = (-0.55, 0.50)
 PAUSE_LATENCY_S = (0.0, 0.30)
 RETURN_LATENCY_S = (-0.6, 0.1)
 LEAST_PAUSE_S = 0.25
-HAZARD_PER_S = 0.26
-AVERSION_S, AVERSION_SPREAD = 1.75, 0.5
+PLANNING_S, PLANNING_SPREAD = 1.3, 0.5  # an aversion at the start of an utterance lasts so long into it (Andrist 2013)
+AVERSION_S, AVERSION_SPREAD = 1.6, 0.5
+HAZARD_PER_S = 0.42
 LEAST_DWELL_S = 0.45
 WARM_UP_S = 6.0
 
@@ -35,43 +36,64 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Triggers:
-    """Times at which speech asks for looking away and for looking back, ascending."""
+class Asked:
+    """What the speech asks for: stretches of looking away and moments of looking back, ascending."""
 
-    avert_s: tuple[float, ...]
-    return_s: tuple[float, ...]
+    away: tuple[Look, ...]
+    back_s: tuple[float, ...]
 
 
-def draw_triggers(annotation: Annotation, coupling: float, random: np.random.Generator) -> Triggers:
-    """Toss the coins for utterance starts, pauses and ends; weak speakers toss fewer."""
-    avert, back = [], []
+def ask(annotation: Annotation, style: Style, random: np.random.Generator) -> Asked:
+    """Toss the coins for utterance starts, pauses and ends; speakers of weak coupling toss fewer."""
+    away, back = [], []
     for index, span in enumerate(annotation.speaking):
-        before = span.start_s - annotation.speaking[index - 1].end_s if index else np.inf
-        if before >= LEAST_PAUSE_S and random.random() < AVERT_AT_START * coupling:
-            avert.append(span.start_s + random.normal(*START_LATENCY_S))
-        if random.random() < RETURN_AT_END * coupling:
+        before_s = span.start_s - annotation.speaking[index - 1].end_s if index else np.inf
+        if before_s >= LEAST_PAUSE_S and random.random() < AVERT_AT_START * style.coupling:
+            start = span.start_s + random.normal(*START_LATENCY_S)
+            away.append(
+                Look(start, max(span.start_s, start) + _length(PLANNING_S, PLANNING_SPREAD, style, random), True)
+            )
+        if random.random() < RETURN_AT_END * style.coupling:
             back.append(span.end_s + random.uniform(*RETURN_LATENCY_S))
     for pause in annotation.pauses:
-        if pause.end_s - pause.start_s >= LEAST_PAUSE_S and random.random() < AVERT_AT_PAUSE * coupling:
-            avert.append(pause.start_s + random.normal(*PAUSE_LATENCY_S))
-    return Triggers(tuple(sorted(avert)), tuple(sorted(back)))
+        if pause.end_s - pause.start_s >= LEAST_PAUSE_S and random.random() < AVERT_AT_PAUSE * style.coupling:
+            start = pause.start_s + random.normal(*PAUSE_LATENCY_S)
+            away.append(Look(start, start + _length(AVERSION_S, AVERSION_SPREAD, style, random), True))
+    return Asked(tuple(sorted(away, key=lambda look: look.start_s)), tuple(sorted(back)))
 
 
 def looks(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> list[Look]:
-    """Gaze states from before the clip (so that it starts amid a conversation) to its end."""
-    triggers = draw_triggers(annotation, style.coupling, random)
-    odds = (1.0 - style.look) / style.look
+    """Gaze states from before the clip (so that it starts amid a conversation) to its end, in turns."""
+    asked = ask(annotation, style, random)
     time, averted = -WARM_UP_S, bool(random.random() < 1.0 - style.look)
-    states = []
+    states: list[Look] = []
     while time < seconds:
-        if averted:
-            length = AVERSION_S * odds**0.4 * np.exp(AVERSION_SPREAD * random.standard_normal())
-            asked = triggers.return_s
-        else:
-            length = random.exponential(1.0 / (HAZARD_PER_S * odds**0.8))
-            asked = triggers.avert_s
-        earliest = time + LEAST_DWELL_S
-        end = min([max(time + length, earliest), *(each for each in asked if each > earliest)])
+        end = _end_away(time, asked, style, random) if averted else _end_looking(time, asked, style, random)
         states.append(Look(time, end, averted))
         time, averted = end, not averted
     return states
+
+
+def _end_looking(time_s: float, asked: Asked, style: Style, random: np.random.Generator) -> float:
+    """Until the speech asks to look away, or for no reason."""
+    earliest = time_s + LEAST_DWELL_S
+    unasked = time_s + random.exponential(1.0 / (HAZARD_PER_S * _odds(style) ** 0.8))
+    return float(min([max(unasked, earliest), *(look.start_s for look in asked.away if look.start_s > earliest)]))
+
+
+def _end_away(time_s: float, asked: Asked, style: Style, random: np.random.Generator) -> float:
+    """As long as was asked for or as aversions last, unless the speech asks to look back before."""
+    earliest = time_s + LEAST_DWELL_S
+    end = max(earliest, time_s + _length(AVERSION_S, AVERSION_SPREAD, style, random))
+    for look in asked.away:
+        if look.start_s <= time_s < look.end_s:
+            end = max(earliest, look.end_s)
+    return float(min([end, *(back for back in asked.back_s if back > earliest)]))
+
+
+def _odds(style: Style) -> float:
+    return (1.0 - style.look) / style.look
+
+
+def _length(median_s: float, spread: float, style: Style, random: np.random.Generator) -> float:
+    return float(median_s * _odds(style) ** 0.4 * np.exp(spread * random.standard_normal()))

@@ -7,6 +7,8 @@ A nod of one take is not a nod of the next. Angles are radians, times seconds.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -16,30 +18,43 @@ from talkingeyes.motion import HeadMove
 from talkingeyes.physiology.render import Curve, Waves
 from talkingeyes.world.speakers import Style
 
-BANDS_HZ = {"slow": (0.06, 1.8), "ordinary": (1.8, 3.7), "rapid": (3.7, 7.0)}
-BAND_DEG = {"slow": (3.4, 2.0, 1.7), "ordinary": (0.20, 0.24, 0.14), "rapid": (0.05, 0.07, 0.04)}
-BAND_SINES = {"slow": 14, "ordinary": 6, "rapid": 4}
-BAND_SLOPE = {"slow": 1.1, "ordinary": 1.5, "rapid": 1.5}
-STILL = 0.3
-POSTURE_SHIFT, POSTURE_DEG = 0.45, (1.5, 3.0, 1.5)
-NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.5), (0.2, 0.35), 0.05
+
+@dataclass(frozen=True)
+class Band:
+    """A band of the head's unrest."""
+
+    range_hz: tuple[float, float]
+    deviation_deg: tuple[float, float, float]
+    sines: int
+    slope: float
+
+
+# Frequencies, sizes (standard deviation of yaw, pitch, roll in degrees), number of sinusoids, and how amplitude falls
+# with frequency. The drift of posture goes on in silence, the rest comes with speech.
+BANDS = {
+    "drift": Band((0.07, 0.42), (3.4, 1.8, 1.7), 8, 0.8),
+    "slow": Band((0.5, 1.8), (1.0, 0.8, 0.7), 6, 1.1),
+    "ordinary": Band((1.8, 3.7), (0.11, 0.11, 0.07), 6, 0.8),
+    "rapid": Band((3.7, 7.0), (0.04, 0.045, 0.03), 4, 0.8),
+}
+STILL, LEAST_SILENCE_S = 0.10, 0.4
+STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.7, 0.7, (1.2, 2.5, 1.2)
+NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.30, 0.44), 0.05
 PLAIN_SYLLABLE = 0.04
 FINAL_NOD, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
-LEAST_BETWEEN_NODS_S = 0.6
+LEAST_BETWEEN_NODS_S = 0.7
 
 
-def band(name: str, scale: float, random: np.random.Generator) -> Waves:
-    """Unrest of one band: axes pitch, yaw, roll independent; slower parts are larger."""
-    low, high = BANDS_HZ[name]
-    count = BAND_SINES[name]
-    edges = np.geomspace(low, high, count + 1)
+def unrest(band: Band, scale: float, random: np.random.Generator) -> Waves:
+    """Sinusoids of one band, axes independent; slower ones are larger."""
+    edges = np.geomspace(*band.range_hz, band.sines + 1)
     frequency = random.uniform(edges[:-1], edges[1:])
-    weight = frequency ** -BAND_SLOPE[name]
-    yaw, pitch, roll = BAND_DEG[name]
-    deviation = np.radians([pitch, yaw, roll]) * scale
-    drawn = weight[:, None] * np.sqrt(-2.0 * np.log(random.uniform(1e-3, 1.0, (count, 3))))
-    norm = np.sqrt((weight**2).sum())
-    return Waves(frequency, drawn * deviation / norm, random.uniform(0.0, 2.0 * np.pi, (count, 3)))
+    weight = frequency**-band.slope
+    yaw, pitch, roll = band.deviation_deg
+    deviation = np.radians([pitch, yaw, roll]) * scale / np.sqrt((weight**2).sum())
+    # Rayleigh amplitudes make each sinusoid a Gaussian draw: with this scale their variances add up to deviation^2.
+    amplitude = weight[:, None] * deviation * random.rayleigh(1.0, (band.sines, 3))
+    return Waves(frequency, amplitude, random.uniform(0.0, 2.0 * np.pi, (band.sines, 3)))
 
 
 def joined(*waves: Waves) -> Waves:
@@ -53,24 +68,29 @@ def activity(annotation: Annotation) -> Curve:
     """How far the head is alive with speech: 1 while speaking, STILL in silence, with ramps."""
     spans: list[list[float]] = []
     for span in annotation.speaking:
-        if spans and span.start_s - spans[-1][1] < 0.8:
+        if spans and span.start_s - spans[-1][1] < LEAST_SILENCE_S:
             spans[-1][1] = span.end_s
         else:
             spans.append([span.start_s, span.end_s])
-    knots = [(t, v) for a, b in spans for t, v in ((a - 0.3, STILL), (a, 1.0), (b + 0.1, 1.0), (b + 0.4, STILL))]
+    knots = [(t, v) for a, b in spans for t, v in ((a - 0.15, STILL), (a + 0.05, 1.0), (b, 1.0), (b + 0.2, STILL))]
     knots = knots or [(0.0, STILL)]
     return Curve(np.array([t for t, _ in knots]), np.array([v for _, v in knots]))
 
 
 def posture_shifts(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
-    """Wide linear shifts when speech starts again after a pause; they lead back towards the middle."""
+    """Wide linear shifts when speech starts after a pause, lifting the head a little; partly back when it ends."""
     moves: list[HeadMove] = []
-    pose = np.zeros(3)
+    pose, lift = np.zeros(3), np.array([-style.speaking_lift, 0.0, 0.0])
     for span in annotation.speaking:
-        if random.random() < POSTURE_SHIFT * (0.5 + 0.5 * style.coupling):
-            target = np.radians(POSTURE_DEG) * style.head_scale * random.standard_normal(3)
-            move = HeadMove(span.start_s + random.normal(-0.1, 0.2), random.uniform(0.5, 0.9), _triple(target - pose))
-            moves, pose = [*moves, move], target
+        for onset, chance, middle, spread in (
+            (span.start_s, STARTING_SHIFT, lift, 1.0),
+            (span.end_s - 0.5, ENDING_SHIFT, -lift / 2, 0.3),
+        ):
+            if random.random() < chance * (0.4 + 0.6 * style.coupling):
+                target = style.head_scale * (middle + spread * np.radians(POSTURE_DEG) * random.standard_normal(3))
+                turn = _triple(target - pose)
+                moves.append(HeadMove(onset + random.normal(0.0, 0.15), random.uniform(0.5, 0.9), turn))
+                pose = target
     return moves
 
 
@@ -100,7 +120,7 @@ def _apexes(annotation: Annotation, style: Style, random: np.random.Generator) -
             apexes.append((middle + NOD_SLACK_S * random.standard_normal(), random.uniform(*NOD_DEG)))
     for span in annotation.speaking:
         if random.random() < FINAL_NOD:
-            apexes.append((span.end_s + random.uniform(-0.2, 0.1), random.uniform(*FINAL_NOD_DEG)))
+            apexes.append((span.end_s + random.uniform(-0.45, -0.1), random.uniform(*FINAL_NOD_DEG)))
     return apexes
 
 

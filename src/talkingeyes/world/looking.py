@@ -19,12 +19,14 @@ from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.world.conversation import Look
 from talkingeyes.world.speakers import Style
 
-PARTNER_SPREAD_RAD = np.radians([2.5, 1.5])
-FACE_RAD = np.radians([4.0, 4.5])
+PARTNER_SPREAD_RAD = np.radians([2.0, 1.0])
+FACE_RAD = np.radians([3.5, 4.0])
 SCAN_CAP_DEG = {False: 8.0, True: 16.0}
-SCAN_MEDIAN_S, SCAN_SPREAD = 0.75, 0.6
+SCAN_MEDIAN_S, SCAN_SPREAD = 0.65, 0.6
 LEAST_INTERVAL_S = 0.15
 LEAST_AVERSION_DEG = 4.0
+LONGEST_RAD = np.radians(27.5)
+AWAY_RAD = np.radians(14.0)
 EYE_RANGE_RAD = np.radians([[-25.0, -22.0], [25.0, 14.0]])
 SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
 UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)
@@ -56,11 +58,12 @@ class Looking:
         head = self.along_rad + [np.interp(onset_s + 0.2, self.head_s, angle) for angle in self.head_space_rad.T]
         target = np.clip(np.clip(target_rad, *SPACE_RANGE_RAD), *(head + EYE_RANGE_RAD))
         step = target - self.gaze_rad
+        step *= min(1.0, LONGEST_RAD / max(float(np.hypot(*step)), 1e-9))
+        aim = self.gaze_rad + step
         if np.hypot(*step) > UNDERSHOOT_FROM_RAD:
             self._saccade(onset_s, self.gaze_rad + step * min(1.0, self.random.normal(*UNDERSHOOT)))
-            self._saccade(self.free_s + self.random.uniform(0.0, 0.05), target)
-        else:
-            self._saccade(onset_s, target)
+            onset_s = self.free_s + self.random.uniform(0.0, 0.05)
+        self._saccade(onset_s, aim)
 
     def _saccade(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> None:
         self.saccades.append(saccades.saccade(max(onset_s, self.free_s), self.gaze_rad, target_rad, self.random))
@@ -105,10 +108,10 @@ class Looking:
 
     def _near(self, targets: Float[ndarray, "K 2"], averted: bool) -> Float[ndarray, " 2"]:
         """The first candidate that stays where the state wants it: on the face, or off it."""
-        distance = np.hypot(*((targets - self.partner_rad) / FACE_RAD).T)
-        inside_range = ((targets > SPACE_RANGE_RAD[0]) & (targets < SPACE_RANGE_RAD[1])).all(axis=1)
-        fits = np.flatnonzero(inside_range & ((distance > 1.0) if averted else (distance < 1.0)))
-        return np.asarray(targets[fits[0]] if len(fits) else targets[0] if averted else self.face_point())
+        away = targets - self.partner_rad
+        on_face = np.hypot(*(away / FACE_RAD).T) < 1.0
+        fits = np.flatnonzero(~on_face & (np.hypot(*away.T) < AWAY_RAD) if averted else on_face)
+        return np.asarray(targets[fits[0]] if len(fits) else self.away_point() if averted else self.face_point())
 
     def face_point(self) -> Float[ndarray, " 2"]:
         """Somewhere on the partner's face."""

@@ -16,7 +16,8 @@ class Style:
 
     `look` is the share of talking time spent looking at the partner, `side` the preferred side of looking away (yaw),
     `coupling` (0 to 1) how far what is said moves gaze and head at all, `head_threshold` and `head_gain` the
-    eccentricity from which, and the share with which, the head goes along with gaze.
+    eccentricity from which, and the share with which, the head goes along with gaze, `speaking_lift` how far speech
+    raises the head.
     """
 
     look: float
@@ -28,6 +29,7 @@ class Style:
     head_threshold: float
     head_gain: float
     nod_probability: float
+    speaking_lift: float
     blinks_per_min: float
     rest_pitch: float
     rest_roll: float
@@ -50,13 +52,14 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> St
     return Style(
         look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
         side=float(random.normal(0.0, 0.25)),
-        aversion_scale=float(np.exp(0.25 * random.standard_normal())),
+        aversion_scale=float(0.85 * np.exp(0.25 * random.standard_normal())),
         saccade_rate=float(np.exp(0.20 * random.standard_normal())),
         coupling=float(random.beta(5.0, 2.0)),
         head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
         head_threshold=float(np.radians(random.uniform(5.0, 15.0))),
         head_gain=float(random.uniform(0.3, 0.9)),
         nod_probability=float(random.uniform(0.2, 0.4)),
+        speaking_lift=float(np.radians(random.normal(2.5, 1.0))),
         blinks_per_min=draw_rate_per_min(blinks, random),
         rest_pitch=float(np.radians(random.normal(2.0, 2.5))),
         rest_roll=float(np.radians(random.normal(0.0, 1.5))),

@@ -73,15 +73,15 @@ def perform(
 
 def _continuous(annotation: Annotation, style: Style, random: np.random.Generator) -> Continuous:
     posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(1.0) * random.standard_normal(3)
-    slow, ordinary, rapid = (gestures.band(name, style.head_scale, random) for name in gestures.BANDS_HZ)
+    drift, *speaking = (gestures.unrest(band, style.head_scale, random) for band in gestures.BANDS.values())
     unrest = Waves(
         random.uniform(0.1, 0.8, 4), np.full((4, 2), LID_UNREST / np.sqrt(2.0)), random.uniform(0, 2 * np.pi, (4, 2))
     )
     return Continuous(
         gaze_rest_rad=(0.0, 0.0),
         head_rest=posture,
-        head_waves=slow,
-        head_speaking=gestures.joined(ordinary, rapid),
+        head_waves=drift,
+        head_speaking=gestures.joined(*speaking),
         activity=gestures.activity(annotation),
         translation=gestures.translation(random),
         lid_rest=style.lid_rest,
