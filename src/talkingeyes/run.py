@@ -146,8 +146,8 @@ def main(run: Stage) -> NoReturn:
     expected = list(inspect.signature(run).parameters)[1:]
     given = sys.argv[1:]
     stage = Path(inspect.getfile(run)).stem
-    # The stage as an imported module, not as __main__: worker processes must find its functions by name.
-    run = importlib.import_module(f"pipelines.{stage}").run
+    if run.__module__ == "__main__":  # worker processes must find the functions of the script by name
+        run = importlib.import_module(f"pipelines.{stage}").run
 
     def command() -> None:
         if len(given) != len(expected):
