@@ -35,10 +35,10 @@ BANDS = {
     "drift": Band((0.07, 0.42), (3.4, 1.8, 1.7), 8, 0.8),
     "slow": Band((0.5, 1.8), (1.0, 0.8, 0.7), 6, 1.1),
     "ordinary": Band((1.8, 3.7), (0.11, 0.11, 0.07), 6, 0.8),
-    "rapid": Band((3.7, 7.0), (0.04, 0.045, 0.03), 4, 0.8),
+    "rapid": Band((3.7, 7.0), (0.055, 0.06, 0.04), 4, 0.6),
 }
 STILL, LEAST_SILENCE_S = 0.10, 0.4
-STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.7, 0.7, (1.2, 2.5, 1.2)
+STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.85, 0.85, (1.2, 2.5, 1.2)
 NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.30, 0.44), 0.05
 PLAIN_SYLLABLE = 0.04
 FINAL_NOD, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
@@ -84,7 +84,7 @@ def posture_shifts(annotation: Annotation, style: Style, random: np.random.Gener
     for span in annotation.speaking:
         for onset, chance, middle, spread in (
             (span.start_s, STARTING_SHIFT, lift, 1.0),
-            (span.end_s - 0.5, ENDING_SHIFT, -lift / 2, 0.3),
+            (span.end_s - 0.5, ENDING_SHIFT, -lift / 2, 0.4),
         ):
             if random.random() < chance * (0.4 + 0.6 * style.coupling):
                 target = style.head_scale * (middle + spread * np.radians(POSTURE_DEG) * random.standard_normal(3))

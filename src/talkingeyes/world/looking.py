@@ -123,7 +123,7 @@ class Looking:
         direction = saccades.draw_directions(1, self.random)[0]
         if abs(direction[0]) > abs(direction[1]) and self.random.random() < abs(self.style.side):
             direction[0] = np.copysign(direction[0], self.style.side)
-        return np.asarray(self.partner_rad + self.style.aversion_scale * amplitude * direction)
+        return np.asarray(self.gaze_rad + self.style.aversion_scale * amplitude * direction)
 
 
 def look_around(
