@@ -1,4 +1,4 @@
-"""espeak-ng through ctypes (its speak_lib.h): text in, sound with word and phoneme events out, the same bytes each time.
+"""espeak-ng through ctypes (its speak_lib.h): text in, sound with word and phoneme events out, always the same bytes.
 
 espeakng_loader bundles the library and its data (GPL-3, the extra `synthesis`), so it is imported only when something
 is spoken.
@@ -7,13 +7,13 @@ is spoken.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -68,10 +68,8 @@ class Raw:
     events: tuple[Event, ...]
 
 
-class Say(Protocol):
-    """Speaks a text; pitch and pitch_range are espeak's 0 to 99."""
-
-    def __call__(self, text: str, rate_wpm: int, pitch: int, pitch_range: int) -> Raw: ...
+# text, rate in words a minute, pitch and pitch range (espeak's 0 to 99) -> sound and events
+Say = Callable[[str, int, int, int], Raw]
 
 
 @contextmanager
@@ -102,12 +100,13 @@ def engine(espeak_voice: str) -> Iterator[Say]:
             _ctypes.dlclose(library._handle)
 
 
+@cache
 def _check(espeak_voice: str, data: Path) -> None:
     """espeak-ng falls back to another voice in silence, so the name is looked up in its data first."""
     accent, _, variant = espeak_voice.partition("+")
     accents = {path.name.lower() for path in (data / "lang").glob("*/*")}
     variants = {path.name for path in (data / "voices" / "!v").iterdir()}
-    if accent not in accents or (variant and variant not in variants):
+    if accent not in accents or variant not in variants:
         raise InputError(f"voices: should be an accent and variant of espeak-ng such as en-us+f3, got {espeak_voice!r}")
 
 

@@ -108,14 +108,21 @@ def write_script(language: str, seconds: float, random: np.random.Generator) -> 
     sentences: list[Sentence] = []
     left_s = seconds
     while not sentences or left_s > SHORTEST_SENTENCE_S:
-        candidates = [_sentence(grammar, random) for _ in range(CANDIDATES)]
-        fitting = [each for each in candidates if spoken_s(each) <= left_s]
-        # The first that fits keeps the mix of kinds; when none does, the shortest ends the script.
-        sentences.append(fitting[0] if fitting else min(candidates, key=spoken_s))
+        sentences.append(_fitting(grammar, left_s, random))
         left_s -= spoken_s(sentences[-1])
     last = sentences[-1]
     sentences[-1] = Sentence(last.text, last.kind, last.parts[:-1])
     return Script(language, tuple(sentences))
+
+
+def _fitting(grammar: Mapping[str, tuple[str, ...]], left_s: float, random: np.random.Generator) -> Sentence:
+    """The first of a few that fits, which keeps the mix of kinds; when none does, the shortest (it ends the script)."""
+    candidates: list[Sentence] = []
+    while len(candidates) < CANDIDATES:
+        candidates.append(_sentence(grammar, random))
+        if spoken_s(candidates[-1]) <= left_s:
+            return candidates[-1]
+    return min(candidates, key=spoken_s)
 
 
 def spoken_s(sentence: Sentence) -> float:
@@ -162,7 +169,7 @@ def _sentence(grammar: Mapping[str, tuple[str, ...]], random: np.random.Generato
         if token.endswith(","):
             parts.append(_pause("comma", random))
     if kind == "hesitation":
-        parts = list(_hesitate(parts, grammar["filler"], random))
+        parts = _hesitate(parts, grammar["filler"], random)
     return Sentence(text, kind, (*parts, _pause("sentence", random)))
 
 
@@ -184,9 +191,10 @@ def _pause(kind: PauseKind, random: np.random.Generator) -> Pause:
 def _hesitate(parts: list[Part], fillers: tuple[str, ...], random: np.random.Generator) -> list[Part]:
     """One or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
     gaps = [i for i in range(1, len(parts)) if isinstance(parts[i - 1], Word) and isinstance(parts[i], Word)]
-    chosen = sorted(random.choice(gaps, size=min(len(gaps), int(random.integers(1, 3))), replace=False), reverse=True)
+    count = min(len(gaps), int(random.integers(1, 3)))
+    chosen: list[int] = random.choice(gaps, size=count, replace=False).tolist()
     spoken = list(parts)
-    for gap in chosen:
+    for gap in sorted(chosen, reverse=True):
         filler = Filler(fillers[random.integers(len(fillers))])
         form = str(random.choice(("filler", "late filler", "silence", "restart"), p=(0.35, 0.2, 0.2, 0.25)))
         forms: Mapping[str, list[Part]] = {

@@ -1,0 +1,177 @@
+"""Voices of the world: the same bytes every time, times that match the sound, level, pauses."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+from joblib import Parallel, delayed
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.world.text import Filler, Pause, Script, Sentence, Word, write_script
+from talkingeyes.world.voices import RATE_HZ, VARIANTS, Spoken, Voice, draw_voice, speak, speak_about
+
+pytest.importorskip("espeakng_loader")
+VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
+
+
+def script_of(*parts: Word | Filler | Pause) -> Script:
+    text = " ".join(part.text for part in parts if isinstance(part, Word))
+    return Script("en", (Sentence(text, "statement", parts),))
+
+
+def words_of(text: str) -> list[Word]:
+    return [Word(word) for word in text.split()]
+
+
+def level_db(spoken: Spoken, start_s: float, end_s: float) -> float:
+    sound = spoken.sound[round(start_s * RATE_HZ) : round(end_s * RATE_HZ)]
+    return float(10 * np.log10(np.mean(sound.astype(float) ** 2) + 1e-12))
+
+
+def pitch_hz(sound: Float[ndarray, " N"]) -> float:
+    """Median fundamental by autocorrelation over frames that are clearly voiced."""
+    found = []
+    for start in range(0, len(sound) - 1024, 640):
+        frame = sound[start : start + 1024].astype(float)
+        if np.sqrt(np.mean(frame**2)) < 0.02:
+            continue
+        likeness = np.correlate(frame, frame, "full")[1023:]
+        lag = 40 + int(np.argmax(likeness[40:280]))
+        if likeness[lag] > 0.6 * likeness[0]:
+            found.append(RATE_HZ / lag)
+    return float(np.median(found))
+
+
+@pytest.fixture(scope="module")
+def spoken() -> list[tuple[Script, Spoken]]:
+    scripts = [write_script(voice.language, 8.0, np.random.default_rng([2, i])) for i, voice in enumerate(VOICES)]
+    return [(script, speak(script, voice)) for script, voice in zip(scripts, VOICES, strict=True)]
+
+
+def test_same_script_and_voice_give_the_same_bytes_in_any_order(spoken: list[tuple[Script, Spoken]]) -> None:
+    for (script, first), voice in reversed(list(zip(spoken, VOICES, strict=True))):
+        again = speak(script, voice)
+        assert again.sound.tobytes() == first.sound.tobytes()
+        assert again.annotation == first.annotation
+
+
+def test_same_bytes_in_worker_processes(spoken: list[tuple[Script, Spoken]]) -> None:
+    items = [(script, voice) for (script, _), voice in zip(spoken, VOICES, strict=True)]
+    for other, (_, first) in zip(Parallel(n_jobs=2)(delayed(speak)(*item) for item in items), spoken, strict=True):
+        assert other.sound.tobytes() == first.sound.tobytes()
+
+
+def test_sound_is_whole_frames_at_one_level_without_clipping(spoken: list[tuple[Script, Spoken]]) -> None:
+    for _, each in spoken:
+        assert each.sound.dtype == np.float32
+        assert len(each.sound) % 640 == 0
+        assert np.abs(each.sound).max() < 1
+        speech = [each.sound[round(s.start_s * RATE_HZ) : round(s.end_s * RATE_HZ)] for s in each.annotation.speaking]
+        assert 10 * np.log10(np.mean(np.concatenate(speech).astype(float) ** 2)) == pytest.approx(-23, abs=1.5)
+
+
+def test_pauses_are_the_scripts_and_silent(spoken: list[tuple[Script, Spoken]]) -> None:
+    for script, each in spoken:
+        pauses = [part for part in script.parts if isinstance(part, Pause)]
+        assert [pause.label for pause in each.annotation.pauses] == [pause.kind for pause in pauses]
+        for span, pause in zip(each.annotation.pauses, pauses, strict=True):
+            assert span.end_s - span.start_s == pytest.approx(pause.seconds, abs=1e-4)
+            assert level_db(each, span.start_s + 0.005, span.end_s - 0.005) < -70
+
+
+def test_stressed_vowels_are_loud_and_edges_silent(spoken: list[tuple[Script, Spoken]]) -> None:
+    for _, each in spoken:
+        first, last = each.annotation.speaking[0].start_s, each.annotation.speaking[-1].end_s
+        assert 0.2 <= first <= 0.61 and 0.2 <= each.seconds - last <= 0.65
+        assert max(level_db(each, 0, first - 0.005), level_db(each, last + 0.005, each.seconds)) < -70
+        stressed = [level_db(each, p.start_s, p.end_s) for p in each.annotation.phonemes if p.stressed]
+        assert len(stressed) >= 5
+        assert min(stressed) > -35 and np.median(stressed) > -26
+
+
+def test_words_and_phonemes_are_complete_and_in_order(spoken: list[tuple[Script, Spoken]]) -> None:
+    for script, each in spoken:
+        said = re.findall(r"[\w'-]+", script.text)
+        assert re.findall(r"[\w'-]+", " ".join(word.label for word in each.annotation.words)) == said
+        for spans in (each.annotation.words, each.annotation.phonemes):
+            times = [time for span in spans for time in (span.start_s, span.end_s)]
+            assert all(a <= b + 1e-9 for a, b in pairwise(times))
+            assert all(type(time) is float for time in times)
+        assert not any(p.symbol.startswith(("_", "'", ",")) for p in each.annotation.phonemes)
+
+
+def test_word_onsets_match_the_hiss_of_their_first_sound() -> None:
+    """An s is heard above 4.5 kHz and a nasal is not: its rise is found in the sound alone."""
+    from scipy import signal
+
+    script = script_of(*words_of("When ten signs and nine sons seem in seven salons, then some sang."))
+    high = signal.butter(4, 4500, "high", fs=RATE_HZ, output="sos")
+    smooth = signal.butter(2, 60, fs=RATE_HZ, output="sos")
+    for voice in (voice for voice in VOICES if voice.language == "en"):
+        each = speak(script, voice)
+        hiss = signal.sosfiltfilt(smooth, signal.sosfiltfilt(high, each.sound.astype(float)) ** 2)
+        onsets = [word.start_s for word in each.annotation.words if word.label in {"signs", "seem", "seven", "some"}]
+        assert len(onsets) == 4
+        for onset_s in onsets:
+            start = round((onset_s - 0.06) * RATE_HZ)
+            near = hiss[start : start + round(0.16 * RATE_HZ)]
+            rise_s = (start + int(np.argmax(near > 0.25 * near.max()))) / RATE_HZ
+            assert abs(rise_s - onset_s) < 0.03
+
+
+def test_runs_of_speech_end_at_pauses_of_a_quarter_second() -> None:
+    script = script_of(
+        *words_of("We saw it,"), Pause("comma", 0.2), *words_of("and then"), Pause("hesitation", 0.3), Filler("um"),
+        Pause("hesitation", 0.6), *words_of("went home."),
+    )  # fmt: skip
+    annotation = speak(script, VOICES[1]).annotation
+    assert len(annotation.speaking) == 3
+    assert [filler.label for filler in annotation.fillers] == ["um"]
+    assert annotation.speaking[1].start_s == annotation.fillers[0].start_s
+    assert 0.15 < annotation.fillers[0].end_s - annotation.fillers[0].start_s < 0.8
+
+
+def test_joins_do_not_click(spoken: list[tuple[Script, Spoken]]) -> None:
+    for _, each in spoken:
+        for pause in each.annotation.pauses:
+            for edge in (round(pause.start_s * RATE_HZ), round(pause.end_s * RATE_HZ)):
+                assert np.abs(np.diff(each.sound[edge - 8 : edge + 8])).max() < 0.02
+
+
+def test_voices_differ_in_pitch() -> None:
+    script = script_of(*words_of("My young cousin will borrow a yellow umbrella."))
+    pitches = [pitch_hz(speak(script, Voice("", "en", f"en-us+{v}", 170, 50, 50)).sound) for v in VARIANTS]
+    assert max(pitches) > 1.8 * min(pitches)
+    assert all(70 < pitch < 320 for pitch in pitches)
+    low, high = (pitch_hz(speak(script, Voice("", "en", "en-us+m1", 170, pitch, 50)).sound) for pitch in (30, 70))
+    assert high > 1.15 * low
+
+
+def test_drawn_voices_are_many() -> None:
+    random = np.random.default_rng(4)
+    voices = [draw_voice(random, "en") for _ in range(300)]
+    assert len({voice.name for voice in voices}) >= 299
+    assert len({voice.espeak_voice for voice in voices}) > 80
+
+
+def test_speak_about_keeps_to_the_length() -> None:
+    random = np.random.default_rng(5)
+    for voice in VOICES[:6]:
+        script, each = speak_about(voice, 8.0, 9.6, random)
+        assert 8.0 <= each.seconds <= 9.6
+        assert each.text == script.text
+
+
+@pytest.mark.parametrize("name", ["en-us+nobody", "tlh-xx+f1", "", "en-us+"])
+def test_unknown_voice_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(InputError, match=re.escape(f"such as en-us+f3, got {name!r}")) as caught:
+        speak(script_of(*words_of("Hello there.")), Voice("", "en", name, 170, 50, 50))
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_language_is_refused() -> None:
+    with pytest.raises(InputError, match="one of en, fr, got 'xx'"):
+        draw_voice(np.random.default_rng(0), "xx")
