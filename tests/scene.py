@@ -1,4 +1,4 @@
-"""A small scene for tests of fitting: a known motion and what a camera sees of it, with the noise of FACTS section 8."""
+"""A small scene for tests of fitting: known motion, and what a camera sees of it with the noise of FACTS section 8."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*
 
 def skew(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
     """Share of a saccade's time that is acceleration: .45 up to 10 degrees, falling to .20 at 50."""
-    return np.clip(0.45 - (np.degrees(amplitude_rad) - 10.0) * 0.25 / 40.0, 0.20, 0.45)
+    return np.asarray(np.clip(0.45 - (np.degrees(amplitude_rad) - 10.0) * 0.25 / 40.0, 0.20, 0.45))
 
 
 def progress(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:

@@ -1,0 +1,310 @@
+"""LightGazeFit, head pose, blinks and smoothing against scenes whose truth is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from talkingeyes.fitting.accuracy import Yardstick
+from talkingeyes.fitting.blink import eye_aspect_ratio, lids, rates
+from talkingeyes.fitting.clip import FitSettings, fit_clip
+from talkingeyes.fitting.comparison import Truth, head_error, judge, match, with_adam
+from talkingeyes.fitting.gaps import bridged, held, runs
+from talkingeyes.fitting.head_pose import head_pose
+from talkingeyes.fitting.lightgazefit import Sight, direction_and_jacobian, sighted_gaze, solve, solve_newton
+from talkingeyes.fitting.smoothing import SmoothingSettings, bursts, smooth_gaze
+from talkingeyes.motion import Events, Motion
+from talkingeyes.rotation import angles_of_gaze, directions, gaze_in_space
+from tests.scene import CAMERA, FPS, Scene, blinking, observe, scene
+
+SMALL = st.floats(-0.6, 0.6)
+
+
+@pytest.fixture(scope="module")
+def settings(repository: Path) -> FitSettings:
+    """The defaults."""
+    return FitSettings.model_validate(yaml.safe_load((repository / "conf/fit/default.yaml").read_text()))
+
+
+def sight_of(known: Scene) -> Sight:
+    """Observed pupils under the true head pose."""
+    motion = known.motion
+    return Sight(known.observation.pupils, motion.head, motion.translation, CAMERA)
+
+
+@given(st.tuples(SMALL, SMALL, SMALL))
+def test_jacobian_of_the_direction_is_its_derivative(vector: tuple[float, float, float]):
+    gaze, step = np.array(vector), 1e-6
+    looking, jacobian = direction_and_jacobian(gaze)
+    np.testing.assert_allclose(looking, directions(gaze), atol=1e-9)
+    for axis in range(3):
+        nudge = step * np.eye(3)[axis]
+        slope = (directions(gaze + nudge) - directions(gaze - nudge)) / (2 * step)
+        np.testing.assert_allclose(jacobian[:, axis], slope, atol=1e-4)
+
+
+def test_exact_pupils_give_the_true_gaze(settings: FitSettings):
+    known = scene(1, noise=0.0, blinks=False)
+    found = solve_newton(sight_of(known), settings.lightgazefit).gaze
+    np.testing.assert_allclose(angles_of_gaze(found), angles_of_gaze(known.motion.gaze), atol=1e-4)
+    np.testing.assert_allclose(sighted_gaze(sight_of(known)), known.motion.gaze, atol=1e-9)
+
+
+def test_left_eye_alone_moves_only_left(settings: FitSettings):
+    gaze = np.zeros((1, 2, 3))
+    gaze[0, 0] = [0.0, 0.2, 0.0]
+    turned = observe(Motion.of(FPS, np.zeros((1, 3)), gaze), np.random.default_rng(0), 0.0)
+    found = solve_newton(Sight(turned.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA), settings.lightgazefit).gaze
+    yaw = angles_of_gaze(found)[0, :, 0]
+    assert yaw == pytest.approx([0.2, 0.0], abs=1e-3)
+
+
+def test_newton_reaches_at_least_adams_objective(settings: FitSettings):
+    sight = sight_of(scene(2, frames=40))
+    by_adam = with_adam(settings).lightgazefit
+    by_adam = by_adam.model_copy(update={"adam": by_adam.adam.model_copy(update={"steps": 1000})})
+    newton, adam = (solve(sight, each) for each in (settings.lightgazefit, by_adam))
+    assert newton.objective.sum() <= adam.objective.sum()
+    assert adam.steps > 100
+    seen = sight.seen.all(axis=1)
+    np.testing.assert_allclose(angles_of_gaze(newton.gaze)[seen], angles_of_gaze(adam.gaze)[seen], atol=2e-3)
+
+
+def test_frames_do_not_influence_each_other(settings: FitSettings):
+    sight = sight_of(scene(3, frames=30))
+    together = solve_newton(sight, settings.lightgazefit)
+    for t in range(0, 30, 7):
+        one = Sight(sight.pupils[t : t + 1], sight.head[t : t + 1], sight.translation[t : t + 1], CAMERA)
+        alone = solve_newton(one, settings.lightgazefit)
+        np.testing.assert_allclose(alone.gaze[0], together.gaze[t], atol=1e-3)
+        np.testing.assert_allclose(alone.objective[0], together.objective[t], rtol=1e-3, atol=1e-12)
+
+
+def test_hidden_eye_follows_the_other_and_hidden_frames_say_nothing(settings: FitSettings):
+    sight = sight_of(scene(4, frames=20, noise=0.0, blinks=False))
+    pupils = sight.pupils.copy()
+    pupils[5, 0] = np.nan
+    pupils[8] = np.nan
+    found = solve_newton(replace(sight, pupils=pupils), settings.lightgazefit).gaze
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found[5, 0], found[5, 1], atol=0.01)
+    np.testing.assert_allclose(found[8], 0.0, atol=1e-6)
+    whole = solve_newton(sight, settings.lightgazefit).gaze
+    np.testing.assert_allclose(found[[4, 6]], whole[[4, 6]], atol=1e-3)
+
+
+def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitSettings):
+    known = scene(5, noise=0.0)
+    marks = known.observation.landmarks.copy()
+    marks[10:14] = np.nan
+    marks[20, :5] = np.nan
+    unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
+    found = head_pose(marks, CAMERA, unsmoothed)
+    assert not found.seen[10:14].any()
+    assert found.seen.sum() == len(marks) - 4
+    np.testing.assert_allclose(found.head[found.seen], known.motion.head[found.seen], atol=1e-6)
+    np.testing.assert_allclose(found.translation[found.seen], known.motion.translation[found.seen], atol=1e-6)
+    marks[30, 0] += 40.0
+    slipped = head_pose(marks, CAMERA, unsmoothed)
+    assert np.abs(slipped.head[30] - known.motion.head[30]).max() < np.radians(1.0)
+
+
+def test_smoothed_head_keeps_nods(settings: FitSettings):
+    times_s = np.arange(100) / FPS
+    head = np.zeros((100, 3))
+    head[:, 0] = np.radians(3.0) * np.sin(2 * np.pi * 1.7 * times_s)
+    seen = observe(Motion.of(FPS, head, np.zeros((100, 2, 3))), np.random.default_rng(0), 0.0)
+    found = head_pose(seen.landmarks, CAMERA, settings.head_pose).head
+    assert np.ptp(found[20:80, 0]) > 0.95 * np.ptp(head[20:80, 0])
+
+
+def test_turned_head_is_found_from_the_neutral_start(settings: FitSettings):
+    head = np.radians([[20.0, 45.0, 10.0], [-20.0, -45.0, -15.0], [0.0, 30.0, 0.0]])
+    seen = observe(Motion.of(FPS, head, np.zeros((3, 2, 3))), np.random.default_rng(0), 0.0)
+    found = head_pose(seen.landmarks, CAMERA, settings.head_pose.model_copy(update={"window": 1, "order": 0}))
+    np.testing.assert_allclose(found.head, head, atol=1e-6)
+
+
+def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
+    gaze = np.zeros((100, 2, 3))
+    gaze[30:60, :, 0] = np.radians(25.0)
+    lid = np.zeros((100, 2))
+    lid[80:84] = np.array([0.6, 1.0, 0.8, 0.4])[:, None]
+    seen = observe(Motion.of(FPS, np.zeros((100, 3)), gaze, lid=lid), np.random.default_rng(0), 0.0)
+    ratio = eye_aspect_ratio(seen.landmarks)
+    assert ratio[45].max() < 0.7 * ratio[0].min()  # the aspect ratio alone would call the look a blink
+    fit = fit_clip(seen, settings)
+    assert fit.lids.blinks == ((80, 84),)
+    np.testing.assert_allclose(fit.motion.lid, lid, atol=0.1)
+
+
+def test_gaze_is_held_over_blinks(settings: FitSettings):
+    fit = fit_clip(scene(6).observation, settings)
+    space = gaze_in_space(fit.motion.head, fit.motion.gaze)
+    assert fit.lids.blinks
+    for start, stop in fit.lids.blinks:
+        kept = max(start - 1, 0) if start else stop
+        np.testing.assert_allclose(space[start:stop], np.broadcast_to(space[kept], (stop - start, 2, 2)), atol=1e-9)
+
+
+def test_shut_for_long_is_no_blink(settings: FitSettings):
+    observed = np.full((100, 2), 0.33)
+    observed[20:90] = 0.02
+    found = lids(observed, np.full((100, 2), 0.33), FPS, settings.blink.model_copy(update={"open_percentile": 90}))
+    assert found.blinks == ()
+    assert found.lid[50] == pytest.approx(0.94, abs=0.01)
+
+
+def test_a_step_survives_smoothing_and_a_burst_does_not(settings: FitSettings):
+    random = np.random.default_rng(0)
+    space = np.zeros((120, 2, 2))
+    space[60:, :, 0] = np.radians(8.0)
+    noisy = space + np.radians(0.5) * random.normal(size=space.shape)
+    noisy[30:33, 1] += np.radians(15.0)
+    seen = np.ones((120, 2), bool)
+    assert np.flatnonzero(bursts(noisy, seen, settings.smoothing)[:, 1]).tolist() == [30, 31, 32]
+    assert not bursts(noisy, seen, settings.smoothing)[:, 0].any()
+    smooth = smooth_gaze(noisy, seen, FPS, settings.smoothing)
+    assert np.degrees(np.abs(smooth - space)).max() < 0.6
+    assert np.degrees(smooth[60] - smooth[59])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
+
+
+def test_exact_gaze_passes_the_smoother(settings: FitSettings):
+    known = scene(7, noise=0.0, blinks=False)
+    space = gaze_in_space(known.motion.head, known.motion.gaze)
+    smooth = smooth_gaze(space, np.ones((len(space), 2), bool), FPS, settings.smoothing)
+    assert np.degrees(np.abs(smooth - space)).max() < 0.3
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=30))
+def test_gaps_are_bridged_and_held(flags: list[bool]):
+    known = np.array(flags)
+    values = np.arange(len(flags), dtype=float)[:, None]
+    assert sum(stop - start for start, stop in runs(known)) == known.sum()
+    if known.any():
+        np.testing.assert_array_equal(bridged(values, known)[known], values[known])
+        kept = held(values, known)[:, 0]
+        first = float(np.argmax(known))
+        expected = [max([first, *(i for i in range(t + 1) if flags[i])]) for t in range(len(flags))]
+        np.testing.assert_array_equal(kept, expected)
+
+
+def test_noisy_scenes_stay_inside_the_bands_of_table_8(settings: FitSettings):
+    verdicts = []
+    for seed in range(12):
+        known = scene(seed)
+        fit = fit_clip(known.observation, settings)
+        verdicts.append(judge(known.observation, fit, Truth(known.motion, known.events), settings, by_adam=False))
+    whole, raw, true = (
+        sum((v.tallies[name] for v in verdicts[1:]), verdicts[0].tallies[name])
+        for name in ("lightgazefit", "per_frame", "ground_truth")
+    )
+    assert whole.distance_px / whole.distances <= 0.95
+    assert 1.0 <= whole.speed_px_s / true.speed_px_s <= 1.25
+    assert whole.peak_px_s / true.peak_px_s >= 0.8
+    assert raw.speed_px_s / true.speed_px_s > 3  # what the smoothing is for
+    assert true.distance_px == 0
+    assert true.noisy_px > 0
+    matches = [v.match for v in verdicts if v.match is not None]
+    found = sum(matches[1:], matches[0])
+    assert found.precision > 0.9
+    assert found.recall > 0.9
+    assert np.degrees(np.mean([v.head_rad for v in verdicts])) < 0.3
+
+
+def test_without_truth_there_is_no_error_but_a_speed(settings: FitSettings):
+    known = scene(8)
+    fit = fit_clip(known.observation, settings)
+    verdict = judge(known.observation, fit, None, settings, by_adam=False)
+    assert set(verdict.tallies) == {"lightgazefit", "per_frame"}
+    assert verdict.tallies["lightgazefit"].distances == 0
+    assert verdict.tallies["lightgazefit"].speed_px_s > 0
+    assert verdict.match is None
+
+
+def test_speed_is_that_of_the_eye_alone():
+    """A face that slides with its eyes at rest moves the pupils in the picture, but not relative to the eyes."""
+    frames = 50
+    motion = Motion.of(FPS, np.zeros((frames, 3)), np.zeros((frames, 2, 3)))
+    sliding = replace(motion, translation=np.linspace(0, 0.02, frames)[:, None] * np.array([1.0, 0.0, 0.0]))
+    pupils = np.full((frames, 2, 2), np.nan)
+    yardstick = Yardstick(pupils, CAMERA, np.ones(frames, bool), sliding, sliding)
+    tally = yardstick.tally(sliding)
+    assert tally.speed_px_s / tally.speeds < 0.2  # the face slides by 12 px/s; what is left is perspective
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            lambda seen: replace(seen, landmarks=np.where(np.arange(220)[:, None, None] < 120, np.nan, seen.landmarks)),
+            "face hidden",
+        ),
+        (
+            lambda seen: replace(seen, pupils=np.where(np.arange(220)[:, None, None] < 120, np.nan, seen.pupils)),
+            "both pupils",
+        ),
+        (lambda seen: replace(seen, landmarks=seen.landmarks + 9 * np.sin(np.arange(45))[:, None]), "does not fit"),
+        (lambda seen: replace(seen, landmarks=seen.landmarks * np.nan, pupils=seen.pupils * np.nan), "face hidden"),
+    ],
+)
+def test_clips_that_show_too_little_are_rejected(settings: FitSettings, change, reason: str):
+    fit = fit_clip(change(scene(9, blinks=False).observation), settings)
+    assert reason in fit.rejected
+
+
+def test_short_and_turned_clips_are_rejected(settings: FitSettings):
+    assert "shorter than" in fit_clip(scene(9, frames=15).observation, settings).rejected
+    head = np.tile([0.0, 0.9, 0.0], (50, 1))
+    turned = observe(Motion.of(FPS, head, np.zeros((50, 2, 3))), np.random.default_rng(0), 0.0)
+    assert "turned" in fit_clip(turned, settings).rejected
+    assert fit_clip(scene(9).observation, settings).rejected == ""
+
+
+def test_gaze_unseen_for_long_is_not_valid(settings: FitSettings):
+    seen = scene(10, blinks=False).observation
+    pupils = seen.pupils.copy()
+    pupils[100:130] = np.nan
+    pupils[150:155] = np.nan
+    valid = fit_clip(replace(seen, pupils=pupils), settings).motion.valid
+    assert np.flatnonzero(~valid).tolist() == list(range(100, 130))
+
+
+def test_blinks_match_by_overlap():
+    known = scene(11)
+    true = [(round(b.onset_s * FPS), round((b.onset_s + 0.3) * FPS)) for b in known.events.blinks]
+    found = match((*true[1:], (500, 505)), known.events, FPS)
+    assert found.precision == pytest.approx((len(true) - 1) / len(true))
+    assert found.recall == pytest.approx((len(true) - 1) / len(true))
+    assert match((), Events(), FPS).true == 0
+
+
+def test_rates_of_blinks():
+    law = rates([4, 2, 0], [10.0, 10.0, 10.0])
+    assert law.normal.mean == pytest.approx(12.0)
+    assert law.log_normal.mean == pytest.approx(np.log([24.0, 12.0]).mean())
+    assert law.without_blinks == 1
+
+
+def test_head_error_is_an_angle():
+    head = np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.0]])
+    other = np.array([[0.0, 0.3, 0.0], [0.2, 0.0, 0.0]])
+    gaze = np.zeros((2, 2, 3))
+    error = head_error(Motion.of(FPS, head, gaze), Motion.of(FPS, other, gaze))
+    assert error == pytest.approx([0.2, 0.0], abs=1e-6)
+
+
+def test_blinking_frames_of_the_scene_have_hidden_pupils():
+    known = scene(12)
+    hidden = ~np.isfinite(known.observation.pupils).all(axis=(1, 2))
+    assert hidden.any()
+    assert not (hidden & ~blinking(known)).any()
+
+
+def test_smoothing_settings_refuse_nonsense():
+    with pytest.raises(ValueError, match="step_cost"):
+        SmoothingSettings(step_cost=-1, longest_s=1, fixation_s=1, vergence_s=1, burst_rad=1, burst_frames=1)

@@ -1,0 +1,119 @@
+"""The plain face: lids follow gaze and close, the jaw moves the chin, pupils turn with the eyes, no side is swapped."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from talkingeyes.fitting.blink import aspect_ratio, eye_aspect_ratio
+from talkingeyes.head.camera import Camera
+from talkingeyes.head.landmarks import (
+    EYE_CENTRES,
+    EYES,
+    NAMES,
+    OUTLINE,
+    PUPIL_M,
+    RIGID,
+    eye_points,
+    in_camera,
+    landmarks,
+    lid_angles,
+    pupils,
+)
+
+ANGLES = st.floats(-0.5, 0.5)
+OPENINGS = st.floats(0.0, 1.0)
+
+
+def looking(pitch_deg: float, lid: float = 0.0, jaw_rad: float = 0.0) -> np.ndarray:
+    """Landmarks of one frame."""
+    gaze = np.zeros((1, 2, 3))
+    gaze[..., 0] = -np.radians(pitch_deg)
+    return landmarks(gaze, np.full((1, 2), lid), np.array([[jaw_rad, 0.0, 0.0]]))
+
+
+def place(points: np.ndarray, name: str) -> np.ndarray:
+    """One named point of the first frame."""
+    return points[0, NAMES.index(name)]
+
+
+def test_every_point_has_one_name():
+    assert len(set(NAMES)) == len(NAMES) == looking(0).shape[1]
+    assert len(OUTLINE) == 15
+    assert len(RIGID) == 14
+
+
+def test_neutral_opening_is_that_of_a_face():
+    points = looking(0)
+    assert aspect_ratio(points[:, EYES]) == pytest.approx(0.33, abs=0.005)
+    upper, lower = place(points, "left_eye_upper_outer"), place(points, "left_eye_lower_outer")
+    assert upper[1] - lower[1] == pytest.approx(0.0091, abs=1e-5)
+
+
+def test_looking_down_20_degrees_lowers_the_upper_lid_and_a_third_of_the_opening():
+    ahead, down = looking(0), looking(-20)
+    lowered = place(ahead, "left_eye_upper_inner") - place(down, "left_eye_upper_inner")
+    assert lowered[1] == pytest.approx(0.0044, abs=0.0003)
+    fall = 1 - aspect_ratio(down[:, EYES]) / aspect_ratio(ahead[:, EYES])
+    assert np.all((fall > 0.28) & (fall < 0.36))
+
+
+@given(ANGLES, OPENINGS)
+def test_the_opening_left_is_one_minus_the_closure(pitch_rad: float, lid: float):
+    pitch = np.full((1, 2), pitch_rad)
+    upper, lower = lid_angles(pitch, np.full((1, 2), lid))
+    upper_open, lower_open = lid_angles(pitch, np.zeros((1, 2)))
+    np.testing.assert_allclose(upper - lower, (1 - lid) * (upper_open - lower_open), atol=1e-12)
+
+
+def test_shut_lids_meet():
+    assert aspect_ratio(eye_points(np.zeros((1, 2)), np.ones((1, 2)))) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_jaw_lowers_chin_and_lower_lip_but_no_rigid_point():
+    shut, open_ = looking(0), looking(0, jaw_rad=0.2)
+    assert place(open_, "outline_chin")[1] < place(shut, "outline_chin")[1] - 0.01
+    assert place(open_, "lower_lip")[1] < place(shut, "lower_lip")[1] - 0.01
+    assert place(open_, "upper_lip")[1] == place(shut, "upper_lip")[1]
+    np.testing.assert_array_equal(open_[:, RIGID], shut[:, RIGID])
+
+
+def test_left_is_the_subjects_left_and_on_the_right_of_the_picture():
+    camera = Camera(1000.0, (112.0, 112.0), 1.0, 224, 224)
+    points = looking(0)
+    left, right = place(points, "left_eye_outer"), place(points, "right_eye_outer")
+    assert left[0] > 0 > right[0]
+    assert camera.project(left)[0] > camera.project(right)[0]
+    np.testing.assert_allclose(left * [-1, 1, 1], right)
+
+
+@given(ANGLES, ANGLES)
+def test_pupils_stay_on_their_sphere(x_rad: float, y_rad: float):
+    gaze = np.tile([x_rad, y_rad, 0.0], (1, 2, 1))
+    reach = np.linalg.norm(pupils(gaze) - EYE_CENTRES, axis=-1)
+    np.testing.assert_allclose(reach, PUPIL_M, atol=1e-12)
+
+
+def test_pupil_projection_turns_by_the_pixels_of_the_facts():
+    """15.35 px times the sine of the angle, at 1.154 px a millimetre."""
+    camera = Camera(1154 * 0.925, (112.0, 112.0), 1.0, 224, 224)
+    gaze = np.zeros((2, 2, 3))
+    gaze[1, :, 1] = np.radians(1.0)
+    moved = np.diff(camera.project(pupils(gaze))[..., 0], axis=0)
+    assert moved == pytest.approx(0.268, abs=0.01)
+
+
+def test_head_turns_about_its_origin_and_then_moves():
+    points = looking(0)
+    head, move = np.array([[0.0, np.pi / 2, 0.0]]), np.array([[0.01, 0.02, 0.03]])
+    turned = in_camera(points, head, move)
+    nose = NAMES.index("nose_tip")
+    np.testing.assert_allclose(turned[0, nose] - move[0], [points[0, nose, 2], points[0, nose, 1], 0.0], atol=1e-12)
+
+
+def test_hidden_landmarks_give_no_aspect_ratio():
+    seen = looking(0)[..., :2].copy()
+    seen[0, EYES[1, 2]] = np.nan
+    ratio = eye_aspect_ratio(seen)
+    assert np.isfinite(ratio[0, 0])
+    assert np.isnan(ratio[0, 1])
