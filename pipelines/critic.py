@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import Normaliser, recordings
-from talkingeyes.metrics.contrast import CriticSettings, learn
+from talkingeyes.corpus.windows import recordings
+from talkingeyes.metrics.contrast import CriticSettings, Hearing, learn
 from talkingeyes.metrics.verdict import Verdict, judge
 from talkingeyes.models.critic import PARTS
 from talkingeyes.run import Report, Workspace, each, main
@@ -42,7 +42,8 @@ def train_part(
     from talkingeyes.learning.checkpoint import save
 
     corpus = Corpus(corpus_root)
-    learnt = learn(part, recordings(corpus, fit, embed, "train"), Normaliser.of(embed), settings)
+    hearing = Hearing.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
+    learnt = learn(part, recordings(corpus, fit, embed, "train"), hearing, settings)
     (folder / part).mkdir()
     save(folder / part, learnt.corr.critic.state_dict(), learnt.config, learnt.history)
     groups = {

@@ -7,17 +7,18 @@ import pytest
 import torch
 
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.windows import Normaliser, Recording
+from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.learning.loop import LoopSettings, train
 from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.contrast import Contrast, CriticSettings, divide, new_critic
+from talkingeyes.metrics.contrast import Contrast, CriticSettings, Hearing, divide, new_critic
 from talkingeyes.metrics.correlation import Correlation, auc
 from talkingeyes.models.critic import PARTS, Critic, CriticNetworkSettings, angles, similarity
 
 FPS = 25.0
 SETTINGS = CriticSettings(
     seed=0,
+    channels=["loud"],
     window_s=8.0,
     hop_s=0.8,
     kept_out=0.25,
@@ -38,6 +39,7 @@ SETTINGS = CriticSettings(
     ),
     bootstrap=BootstrapSettings(draws=50, level=0.95, seed=0),
 )
+HEARING = Hearing(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.float32))
 
 
 def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
@@ -61,7 +63,7 @@ def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
 
 def learnt(recordings: list[Recording]) -> tuple[Contrast, list[dict[str, float]]]:
     torch.manual_seed(0)
-    critic = new_critic("head", recordings, Normaliser(np.zeros(6, np.float32), np.ones(6, np.float32)), SETTINGS)
+    critic = new_critic("head", recordings, HEARING, SETTINGS)
     task = Contrast("head", critic, recordings, divide(recordings, SETTINGS), FPS, SETTINGS)
     return task, train(task, SETTINGS.loop, "critic")
 
@@ -101,7 +103,7 @@ def test_corr_is_a_cosine_blind_to_posture_and_the_same_alone_or_among_samples(p
     random = np.random.default_rng(0)
     network = SETTINGS.network
     count = 3 if part == "head" else 2
-    critic = Critic(network, torch.zeros(6), torch.ones(6), torch.ones(2), count)
+    critic = Critic(network, torch.arange(6), torch.zeros(6), torch.ones(6), torch.ones(2), count)
     corr = Correlation(part, critic, frames=200, hop=20)
     speech = random.normal(size=(240, 6)).astype(np.float32)
     head, gaze = random.normal(0, 0.1, (4, 240, 3)), random.normal(0, 0.1, (4, 240, 2, 3))
@@ -126,3 +128,10 @@ def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
     gaze = -np.repeat(turn[:, :, None], 2, axis=2)
     assert np.ptp(angles("space", turn, gaze), axis=1).max() < 1e-9
     assert np.ptp(angles("eyes", turn, gaze), axis=1).max() == pytest.approx(0.3)
+
+
+def test_a_channel_that_the_embedding_lacks_is_named() -> None:
+    embedding = {"channels": ["a", "b", "c"], "mean": [0.0, 1.0, 2.0], "std": [1.0, 1.0, 0.0]}
+    assert Hearing.of(embedding, ["c", "a"]).mean.tolist() == [2.0, 0.0]
+    with pytest.raises(InputError, match="got loudness"):
+        Hearing.of(embedding, ["a", "loudness"])

@@ -15,6 +15,7 @@ from talkingeyes.motion import Motion
 from talkingeyes.run import Workspace
 
 FPS, FRAMES, CHANNELS = 25.0, 60, 5
+NAMES = ["one", "two", "energy_dbfs", "f0_octaves", "voicing"]
 SPEAKERS = {"a": "train", "b": "train", "c": "train", "d": "train", "e": "test", "f": "unseen"}
 
 
@@ -43,7 +44,8 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
             if clip.split != "train":
                 _samples(random, still=True).save(_sample_path(root, "mean", clip))
                 _samples(random, still=False).save(_sample_path(root, "random", clip))
-    (embed / "embedding.json").write_text(json.dumps({"fps": FPS, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}))
+    statistics = {"fps": FPS, "channels": NAMES, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
+    (embed / "embedding.json").write_text(json.dumps(statistics))
     return Workspace.open(root)
 
 

@@ -8,19 +8,19 @@ weights kept are the best on speakers kept out of the training.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from talkingeyes.corpus.windows import Normaliser, Recording
+from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.learning.loop import LoopSettings, train
 from talkingeyes.metrics.bootstrap import BootstrapSettings
@@ -33,6 +33,7 @@ class CriticSettings(Settings):
     """The section `critic`."""
 
     seed: int
+    channels: Annotated[list[str], Field(min_length=1)]  # of the speech embedding, that the critic hears
     window_s: Annotated[float, Field(gt=0)]
     hop_s: Annotated[float, Field(gt=0)]
     kept_out: Annotated[float, Field(gt=0, lt=1)]  # share of the train speakers that weights are chosen on
@@ -102,7 +103,27 @@ def windows(recordings: Sequence[Recording], part: str, frames: int, starts: Seq
     )
 
 
-def new_critic(part: str, recordings: Sequence[Recording], normaliser: Normaliser, settings: CriticSettings) -> Critic:
+@dataclass(frozen=True)
+class Hearing:
+    """The channels of the speech embedding that a critic hears: where they stand, mean and standard deviation."""
+
+    index: Int[ndarray, " H"]
+    mean: Float[ndarray, " H"]
+    std: Float[ndarray, " H"]
+
+    @classmethod
+    def of(cls, embedding: Mapping[str, Any], channels: Sequence[str]) -> Hearing:
+        """From embedding.json. Raises InputError if a channel is not there."""
+        names = list(embedding["channels"])
+        missing = [name for name in channels if name not in names]
+        if missing:
+            raise InputError(f"critic.channels: should be channels of the embedding, got {', '.join(missing)}")
+        index = np.array([names.index(name) for name in channels])
+        mean, std = (np.asarray(embedding[key], np.float32)[index] for key in ("mean", "std"))
+        return cls(index, mean, np.maximum(std, np.float32(1e-6)))
+
+
+def new_critic(part: str, recordings: Sequence[Recording], hearing: Hearing, settings: CriticSettings) -> Critic:
     """An untrained critic. One scale for all angles of a part: a channel that hardly moves must not be blown up."""
     deviations, speeds = [], []
     for recording in recordings:
@@ -110,9 +131,9 @@ def new_critic(part: str, recordings: Sequence[Recording], normaliser: Normalise
         deviations.append(np.square(motion - np.median(motion, axis=0)).mean())
         speeds.append(np.linalg.norm(np.diff(motion, axis=0), axis=-1).mean())
     scale = torch.tensor([float(np.sqrt(np.mean(deviations))), float(np.mean(speeds))]).clamp_min(1e-6)
-    mean, std = (torch.from_numpy(np.asarray(each, np.float32)) for each in (normaliser.mean, normaliser.std))
+    index, mean, std = (torch.from_numpy(each) for each in (hearing.index, hearing.mean, hearing.std))
     torch.manual_seed(settings.seed)
-    critic = Critic(settings.network, mean, std.clamp_min(1e-6), scale, len(MIRROR[part]))
+    critic = Critic(settings.network, index, mean, std, scale, len(MIRROR[part]))
     critic.log_scale.data.fill_(-np.log(settings.temperature))
     return critic
 
@@ -127,11 +148,11 @@ class Learnt:
     kept_out: list[Recording]
 
 
-def learn(part: str, recordings: Sequence[Recording], normaliser: Normaliser, settings: CriticSettings) -> Learnt:
+def learn(part: str, recordings: Sequence[Recording], hearing: Hearing, settings: CriticSettings) -> Learnt:
     """Train the critic of one part."""
     division = divide(recordings, settings)
     fps = recordings[0].clip.fps
-    critic = new_critic(part, [recordings[index] for index in division.train], normaliser, settings)
+    critic = new_critic(part, [recordings[index] for index in division.train], hearing, settings)
     history = train(Contrast(part, critic, recordings, division, fps, settings), settings.loop, f"critic of {part}")
     frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
     config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json")}

@@ -38,6 +38,7 @@ class Correlation:
         tensors, config = checkpoint.tensors, checkpoint.config
         critic = Critic(
             CriticNetworkSettings.model_validate(config["network"]),
+            tensors["speech_channels"],
             tensors["speech_mean"],
             tensors["speech_std"],
             tensors["motion_scale"],

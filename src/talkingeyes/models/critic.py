@@ -17,7 +17,7 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
@@ -73,6 +73,7 @@ class Tower(nn.Module):
 class Critic(nn.Module):
     """Both towers, with the statistics that standardise what they are given."""
 
+    speech_channels: Tensor
     speech_mean: Tensor
     speech_std: Tensor
     motion_scale: Tensor
@@ -80,34 +81,41 @@ class Critic(nn.Module):
     def __init__(
         self,
         settings: CriticNetworkSettings,
-        speech_mean: Float[Tensor, " C"],
-        speech_std: Float[Tensor, " C"],
+        speech_channels: Int[Tensor, " H"],
+        speech_mean: Float[Tensor, " H"],
+        speech_std: Float[Tensor, " H"],
         motion_scale: Float[Tensor, 2],
         motion_angles: int,
     ) -> None:
-        """`motion_scale`: one for all angles (radians) and one for their speed (radians a frame)."""
+        """`speech_channels`: which of the embedding it hears, with their statistics.
+
+        `motion_scale`: one for all angles (radians) and one for their speed (radians a frame).
+        """
         super().__init__()
         self.step_frames = settings.step_frames
+        self.register_buffer("speech_channels", speech_channels)
         self.register_buffer("speech_mean", speech_mean)
         self.register_buffer("speech_std", speech_std)
         self.register_buffer("motion_scale", motion_scale)
         self.speech_tower = Tower(len(speech_mean), settings)
-        self.motion_tower = Tower(motion_angles + 2, settings)
+        self.motion_tower = Tower(motion_angles + 3, settings)
         self.log_scale = nn.Parameter(torch.zeros(()))  # of InfoNCE; Corr. does not use it
 
     def speech(self, speech: Float[Tensor, "B T C"]) -> Float[Tensor, "B N F"]:
         """Features of windows of the speech embedding without its mean over the window, which tells who speaks."""
-        standard = (self._steps(speech).mean(dim=2) - self.speech_mean) / self.speech_std
+        heard = self._steps(speech[..., self.speech_channels]).mean(dim=2)
+        standard = (heard - self.speech_mean) / self.speech_std
         features: Tensor = self.speech_tower(standard - standard.mean(dim=1, keepdim=True))
         return features
 
     def motion(self, angles: Float[Tensor, "B T A"]) -> Float[Tensor, "B N F"]:
-        """Features of windows of motion: angles without their median over the window; mean and peak speed."""
+        """Features of windows of motion: angles from their median over the window, how far, mean and peak speed."""
         centred = angles - angles.median(dim=1, keepdim=True).values
         speed = functional.pad(angles.diff(dim=1).norm(dim=-1), (1, 0))
         pose = self._steps(centred).mean(dim=2) / self.motion_scale[0]
         pace = self._steps(speed[..., None] / self.motion_scale[1])
-        channels = [pose, torch.log1p(pace.mean(dim=2)), torch.log1p(pace.amax(dim=2))]
+        away = pose.norm(dim=-1, keepdim=True)
+        channels = [pose, away, torch.log1p(pace.mean(dim=2)), torch.log1p(pace.amax(dim=2))]
         features: Tensor = self.motion_tower(torch.cat(channels, dim=-1))
         return features
 
