@@ -17,6 +17,7 @@ from talkingeyes.settings import Settings
 from talkingeyes.world.noise import NoiseSettings
 from talkingeyes.world.observations import CameraSettings
 from talkingeyes.world.speakers import Speaker, draw_speaker
+from talkingeyes.world.text import languages
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5}
 
@@ -43,6 +44,8 @@ class SynthesizeSettings(Settings):
             raise ValueError(f"longest_s should be at least shortest_s + 0.5 ({self.shortest_s + 0.5})")
         if self.clips < self.speakers:
             raise ValueError(f"clips should be at least speakers ({self.speakers})")
+        if unknown := set(self.languages) - set(languages()):
+            raise ValueError(f"languages should be among {', '.join(languages())}, not {', '.join(sorted(unknown))}")
         return self
 
     @property

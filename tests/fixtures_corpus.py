@@ -1,0 +1,14 @@
+"""A small synthetic corpus for tests of whatever reads one."""
+
+from pathlib import Path
+
+from pipelines import synthesize
+from talkingeyes.config import compose
+from talkingeyes.run import Workspace
+
+
+def make_tiny_corpus(folder: Path, *overrides: str, jobs: int = 1) -> Path:
+    """Synthesise the `tiny` corpus, with Hydra overrides such as `synthesize.clips=12`, in the workspace `folder`."""
+    params = compose(["synthesize=tiny", f"machine.jobs={jobs}", *overrides])
+    synthesize.run(Workspace(folder, params))
+    return folder / "data" / "synthesize"
