@@ -9,6 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from talkingeyes.errors import InputError
 from talkingeyes.fitting.accuracy import Yardstick
 from talkingeyes.fitting.blink import eye_aspect_ratio, lids, rates
 from talkingeyes.fitting.clip import FitSettings, fit_clip
@@ -66,12 +67,26 @@ def test_left_eye_alone_moves_only_left(settings: FitSettings):
 def test_newton_reaches_at_least_adams_objective(settings: FitSettings):
     sight = sight_of(scene(2, frames=40))
     by_adam = with_adam(settings).lightgazefit
-    by_adam = by_adam.model_copy(update={"adam": by_adam.adam.model_copy(update={"steps": 1000})})
+    by_adam = by_adam.model_copy(update={"adam": by_adam.adam.model_copy(update={"steps": 500})})
     newton, adam = (solve(sight, each) for each in (settings.lightgazefit, by_adam))
     assert newton.objective.sum() <= adam.objective.sum()
     assert adam.steps > 100
     seen = sight.seen.all(axis=1)
     np.testing.assert_allclose(angles_of_gaze(newton.gaze)[seen], angles_of_gaze(adam.gaze)[seen], atol=2e-3)
+
+
+@pytest.mark.parametrize(("unit_px", "kept"), [(1.0, 1.0), (112.0, 0.5)])
+def test_the_unit_of_the_pupils_decides_what_the_symmetry_term_does(settings: FitSettings, unit_px: float, kept: float):
+    yaw = np.array([[[0.0, 0.08, 0.0], [0.0, -0.08, 0.0]]])
+    seen = observe(Motion.of(FPS, np.zeros((1, 3)), yaw), np.random.default_rng(0), 0.0)
+    sight = Sight(seen.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA)
+    found = solve_newton(sight, settings.lightgazefit.model_copy(update={"unit_px": unit_px})).gaze[0, :, 1]
+    assert (found[0] - found[1]) / 0.16 == pytest.approx(kept, abs=0.05)
+
+
+def test_landmarks_of_another_list_are_refused(settings: FitSettings):
+    with pytest.raises(InputError, match="got 68"):
+        head_pose(np.zeros((5, 68, 2)), CAMERA, settings.head_pose)
 
 
 def test_frames_do_not_influence_each_other(settings: FitSettings):

@@ -33,7 +33,7 @@ class RejectSettings(Settings):
     """Which clips are not worth training on, and how long gaze is believed while it is not seen."""
 
     least_s: Annotated[float, Field(ge=0)]
-    hidden_face: Share
+    hidden_face: Annotated[float, Field(ge=0, lt=1)]
     hidden_gaze: Share
     residual_px: Annotated[float, Field(gt=0)]
     turned_rad: Annotated[float, Field(gt=0)]

@@ -16,6 +16,7 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.signal import savgol_filter
 
+from talkingeyes.errors import InputError
 from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import NAMES, RIGID, landmarks
@@ -54,7 +55,7 @@ class HeadPose:
 def head_pose(observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings) -> HeadPose:
     """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed."""
     if observed.shape[1] != len(NAMES):
-        raise ValueError(f"landmarks should be the {len(NAMES)} of head.landmarks.NAMES, got {observed.shape[1]}")
+        raise InputError(f"landmarks should be the {len(NAMES)} of head.landmarks.NAMES, got {observed.shape[1]}")
     points = observed[:, RIGID]
     visible = np.isfinite(points).all(axis=-1)
     seen = visible.sum(axis=1) >= settings.least_points
