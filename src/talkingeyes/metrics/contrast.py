@@ -73,31 +73,33 @@ def divide(recordings: Sequence[Recording], settings: CriticSettings) -> Divisio
 
 @dataclass(frozen=True)
 class Windows:
-    """Sound and motion of B windows, and which of them share a speaker but not a sound."""
+    """Sound (the channels heard) and motion of B windows, and which of them share a speaker but not a sound."""
 
-    speech: Float[Tensor, "B T C"]
+    heard: Float[Tensor, "B T H"]
     angles: Float[Tensor, "B T A"]
     rivals: Bool[ndarray, "B B"]
 
 
-def first_windows(recordings: Sequence[Recording], part: str, frames: int) -> Windows:
+def first_windows(recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int) -> Windows:
     """The first window of up to JUDGED recordings, evenly spread; those shorter than a window only if all are."""
     chosen = [recordings[int(index)] for index in np.linspace(0, len(recordings) - 1, min(JUDGED, len(recordings)))]
     whole = [recording for recording in chosen if len(recording) >= frames] or chosen
-    return windows(whole, part, frames, [0] * len(whole))
+    return windows(whole, part, channels, frames, [0] * len(whole))
 
 
-def windows(recordings: Sequence[Recording], part: str, frames: int, starts: Sequence[int]) -> Windows:
+def windows(
+    recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int, starts: Sequence[int]
+) -> Windows:
     """One window of each recording, cut to the shortest of them."""
     frames = min(frames, *(len(recording) - start for recording, start in zip(recordings, starts, strict=True)))
     cuts = [slice(start, start + frames) for start in starts]
     pairs = list(zip(recordings, cuts, strict=True))
     motion = np.stack([angles(part, recording.head[cut], recording.gaze[cut]) for recording, cut in pairs])
-    speech = np.stack([recording.speech[cut] for recording, cut in pairs])
+    heard = np.stack([recording.speech[cut][:, channels] for recording, cut in pairs])
     speakers = np.array([recording.clip.speaker for recording in recordings])
     sounds = np.array([recording.clip.sound for recording in recordings])
     return Windows(
-        torch.from_numpy(speech.astype(np.float32)),
+        torch.from_numpy(heard.astype(np.float32)),
         torch.from_numpy(motion.astype(np.float32)),
         (speakers[:, None] == speakers) & (sounds[:, None] != sounds),
     )
@@ -174,6 +176,7 @@ class Contrast:
         settings: CriticSettings,
     ) -> None:
         self.part, self.settings, self.recordings = part, settings, recordings
+        self.channels = critic.speech_channels.numpy()
         self.frames = round(settings.window_s * fps)
         self.shift_min = round(settings.shift_min_s * fps / settings.network.step_frames)
         self.random = np.random.default_rng([settings.seed, PARTS.index(part)])
@@ -186,12 +189,12 @@ class Contrast:
         self.speakers = sorted(name for name, sounds in self.of_speaker.items() if len(sounds) > 1)
         if not self.speakers:
             raise InputError("critic: needs at least two sounds of one train speaker, got one each")
-        self.held = first_windows([recordings[index] for index in division.kept_out], part, self.frames)
+        self.held = first_windows([recordings[index] for index in division.kept_out], part, self.channels, self.frames)
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """InfoNCE in both directions, with wrong times of the right motion among the negatives."""
         batch = self._draw()
-        speech, motion = self.critic.speech(batch.speech), self.critic.motion(batch.angles)
+        speech, motion = self.critic.speech(batch.heard), self.critic.motion(batch.angles)
         scale = self.critic.log_scale.exp().clamp_max(100.0)
         allowed = torch.from_numpy(batch.rivals | np.eye(len(speech), dtype=bool))
         between = (scale * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
@@ -203,7 +206,7 @@ class Contrast:
 
     def validate(self) -> dict[str, float]:
         """AUC on the speakers kept out: same-speaker negatives (what is chosen on), and all."""
-        similar = similarity(self.critic.speech(self.held.speech), self.critic.motion(self.held.angles)).numpy()
+        similar = similarity(self.critic.speech(self.held.heard), self.critic.motion(self.held.angles)).numpy()
         same = auc(np.diag(similar), similar[self.held.rivals])
         return {"score": same, "auc_all": auc(np.diag(similar), similar[~np.eye(len(similar), dtype=bool)])}
 
@@ -217,11 +220,11 @@ class Contrast:
                 break
         recordings = [self.recordings[index] for index in chosen]
         starts = [int(self.random.integers(max(1, len(each) - self.frames + 1))) for each in recordings]
-        drawn = windows(recordings, self.part, self.frames, starts)
+        drawn = windows(recordings, self.part, self.channels, self.frames, starts)
         mirror = np.where(self.random.random((len(chosen), 1)) < 0.5, MIRROR[self.part], 1.0)
         bound = np.log(self.settings.scale)
         gain = mirror * np.exp(self.random.uniform(-bound, bound, (len(chosen), 1)))
-        return Windows(drawn.speech, drawn.angles * torch.from_numpy(gain[:, None].astype(np.float32)), drawn.rivals)
+        return Windows(drawn.heard, drawn.angles * torch.from_numpy(gain[:, None].astype(np.float32)), drawn.rivals)
 
     def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
         """Cosines with the motion features turned round in time by a few random shifts."""

@@ -51,13 +51,13 @@ class Correlation:
         self, speech: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, " S"]:
         """Corr. of each sample: mean over the windows; a clip shorter than a window is one window."""
-        motion = angles(self.part, head, gaze)
+        motion, heard = angles(self.part, head, gaze), speech[:, self.critic.speech_channels.numpy()]
         starts = range(0, max(0, len(speech) - self.frames) + 1, self.hop)
-        values = [self._window(speech[s : s + self.frames], motion[:, s : s + self.frames]) for s in starts]
+        values = [self._window(heard[s : s + self.frames], motion[:, s : s + self.frames]) for s in starts]
         return np.asarray(np.mean(values, axis=0))
 
     @torch.no_grad()
-    def _window(self, speech: Float[ndarray, "T C"], motion: Float[ndarray, "S T A"]) -> Float[ndarray, " S"]:
-        one = self.critic.speech(torch.from_numpy(np.asarray(speech, np.float32))[None])
+    def _window(self, heard: Float[ndarray, "T H"], motion: Float[ndarray, "S T A"]) -> Float[ndarray, " S"]:
+        one = self.critic.speech(torch.from_numpy(heard.astype(np.float32))[None])
         others = self.critic.motion(torch.from_numpy(motion.astype(np.float32)))
         return np.asarray(torch.cosine_similarity(one.flatten(1), others.flatten(1)).numpy())

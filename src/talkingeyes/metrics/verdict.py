@@ -36,8 +36,8 @@ class Verdict:
 @torch.no_grad()
 def judge(corr: Correlation, recordings: Sequence[Recording], settings: BootstrapSettings) -> Verdict:
     """The verdict over the first windows of the recordings; `truth` is fitted motion, which the critic learns from."""
-    group = first_windows(recordings, corr.part, corr.frames)
-    speech = corr.critic.speech(group.speech)
+    group = first_windows(recordings, corr.part, corr.critic.speech_channels.numpy(), corr.frames)
+    speech = corr.critic.speech(group.heard)
     similar = similarity(speech, corr.critic.motion(group.angles)).numpy().astype(np.float64)
     still = similarity(speech, corr.critic.motion(torch.zeros_like(group.angles[:1]))).numpy()[:, 0].astype(np.float64)
     right, count = np.diag(similar).copy(), len(similar)

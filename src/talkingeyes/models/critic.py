@@ -87,7 +87,7 @@ class Critic(nn.Module):
         motion_scale: Float[Tensor, 2],
         motion_angles: int,
     ) -> None:
-        """`speech_channels`: which of the embedding it hears, with their statistics.
+        """`speech_channels`: the channels of the embedding that it hears, with their statistics.
 
         `motion_scale`: one for all angles (radians) and one for their speed (radians a frame).
         """
@@ -101,10 +101,9 @@ class Critic(nn.Module):
         self.motion_tower = Tower(motion_angles + 3, settings)
         self.log_scale = nn.Parameter(torch.zeros(()))  # of InfoNCE; Corr. does not use it
 
-    def speech(self, speech: Float[Tensor, "B T C"]) -> Float[Tensor, "B N F"]:
-        """Features of windows of the speech embedding without its mean over the window, which tells who speaks."""
-        heard = self._steps(speech[..., self.speech_channels]).mean(dim=2)
-        standard = (heard - self.speech_mean) / self.speech_std
+    def speech(self, heard: Float[Tensor, "B T H"]) -> Float[Tensor, "B N F"]:
+        """Features of windows of the channels heard, without their mean over the window, which tells who speaks."""
+        standard = (self._steps(heard).mean(dim=2) - self.speech_mean) / self.speech_std
         features: Tensor = self.speech_tower(standard - standard.mean(dim=1, keepdim=True))
         return features
 
