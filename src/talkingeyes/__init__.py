@@ -6,7 +6,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from talkingeyes.cli import animate as animate
+    from talkingeyes.animation import animate as animate
 
 __all__ = ["animate"]
 
@@ -14,7 +14,7 @@ __all__ = ["animate"]
 def __getattr__(name: str) -> Any:
     """`animate` on first use: it brings torch, which takes seconds to import."""
     if name == "animate":
-        from talkingeyes.cli import animate
+        from talkingeyes.animation import animate
 
         return animate
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -24,6 +24,7 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 
 
+@runtime_checkable
 class Generator(Protocol):
     """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others."""
 

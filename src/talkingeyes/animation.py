@@ -1,0 +1,125 @@
+"""Speech file in, motions out: what `talkingeyes animate` and `talkingeyes.animate` do.
+
+Reads a sound file and a trained model. Writes, if a folder is given, sample_00.npz, .events.json and .mp4 of each
+sample, and traces.png; the folder appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import read_speech
+from talkingeyes.errors import InputError
+from talkingeyes.motion import Motion
+from talkingeyes.run import progress
+
+if TYPE_CHECKING:
+    from talkingeyes.performance.perform import Performance
+
+MODEL = Path("data", "train", "talkingeyes")
+PICTURE_PX = 256
+FPS_BOUNDS = (10.0, 240.0)
+MOST_SAMPLES = 1000
+OWN_FILES = re.compile(r"sample_\d+\.(npz|events\.json|mp4)|traces\.png")
+
+
+def animate(
+    speech: Path | str,
+    out: Path | str | None = None,
+    *,
+    samples: int = 3,
+    seed: int = 0,
+    fps: float = 25.0,
+    model: Path | str = MODEL,
+    force: bool = False,
+) -> list[Motion]:
+    """`samples` motions for the speech in a file; the same seed gives the same motions.
+
+    With `out`, they are also written there, with a drawing and a plot; `force` replaces what an earlier call wrote.
+    Raises InputError (one line) for a sound, a model, a number or a folder that will not do.
+    """
+    _check(samples, seed, fps)
+    target = None if out is None else _target(Path(out), force)
+    sound = read_speech(speech)
+    performances = _perform(Path(model), sound, samples, seed, float(fps))
+    if target is not None:
+        try:
+            with _appearing(target) as folder:
+                _write(folder, performances, sound)
+        except OSError as error:
+            raise InputError(f"{out}: should be a folder that can be written, got: {error.strerror or error}") from None
+    return [performance.motion for performance in performances]
+
+
+def _check(samples: int, seed: int, fps: float) -> None:
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise InputError(f"samples: should be 1 to {MOST_SAMPLES}, got {samples}")
+    if seed < 0:
+        raise InputError(f"seed: should be 0 or more, got {seed}")
+    if not (math.isfinite(fps) and FPS_BOUNDS[0] <= fps <= FPS_BOUNDS[1]):
+        raise InputError(f"fps: should be {FPS_BOUNDS[0]:.0f} to {FPS_BOUNDS[1]:.0f}, got {fps}")
+
+
+def _perform(model: Path, sound: Float[ndarray, " N"], samples: int, seed: int, fps: float) -> list[Performance]:
+    if not model.is_dir():
+        raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
+    from talkingeyes.performance.perform import Performer
+
+    return Performer.load(model).perform(sound, samples, seed, fps)
+
+
+def _target(out: Path, force: bool) -> Path:
+    """The folder to write, checked before any work is done."""
+    try:
+        target = out.resolve()
+        nearest = next(path for path in (target, *target.parents) if path.exists())
+        found = sorted(path.name for path in nearest.iterdir()) if nearest == target else []
+    except (OSError, ValueError) as error:  # ValueError: a NUL character
+        raise InputError(f"{str(out)!r}: should be a new or empty folder, got: {error}") from None
+    strange = [name for name in found if not OWN_FILES.fullmatch(name)]
+    if strange:
+        raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
+    if found and not force:
+        raise InputError(f"{out}: holds earlier output; should be a new or empty folder, or be replaced by --force")
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
+        raise InputError(f"{out}: should be a folder that can be written, got {nearest}, which cannot hold it")
+    return target
+
+
+def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"]) -> None:
+    from talkingeyes.export.traces import plot_traces
+    from talkingeyes.export.video import write_video
+    from talkingeyes.head.sketch import draw
+
+    for index, performance in enumerate(performances):
+        motion, name = performance.motion, f"sample_{index:02d}"
+        motion.save(folder / f"{name}.npz")
+        performance.events.save(folder / f"{name}.events.json")
+        pictures = iter(progress(draw(motion, PICTURE_PX), f"{name}.mp4", len(motion)))
+        write_video(folder / f"{name}.mp4", pictures, motion.fps, sound)
+    plot_traces([performance.motion for performance in performances], sound, folder / "traces.png")
+
+
+@contextlib.contextmanager
+def _appearing(target: Path) -> Iterator[Path]:
+    """A new folder beside the target that takes its place when the block ends well."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        partial.mkdir()
+        yield partial
+        if target.exists():
+            shutil.rmtree(target)
+        partial.rename(target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

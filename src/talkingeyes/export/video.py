@@ -1,0 +1,72 @@
+"""Frames and sound as an mp4 (h264, yuv420p, aac) that plays everywhere, at any frame rate."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import SAMPLE_RATE
+
+AAC_FRAME = 1024
+
+
+def write_video(
+    path: Path, frames: Iterable[UInt8[ndarray, "H W 3"]], fps: float, sound: Float[ndarray, " N"] | None
+) -> None:
+    """Write frames with 16 kHz sound; the sound ends with the last frame. The file appears whole or not at all.
+
+    An odd height or width loses its last row or column, for yuv420p needs even ones.
+    """
+    import av
+
+    rate = Fraction(fps).limit_denominator(1001)
+    with (
+        _renamed_when_done(path) as partial,
+        av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container,
+    ):
+        video: Any = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": "20"})
+        video.pix_fmt = "yuv420p"
+        video.thread_count = 1
+        audio: Any = None if sound is None else container.add_stream("aac", rate=SAMPLE_RATE, layout="mono")
+        heard = 0
+        for count, picture in enumerate(frames, start=1):
+            even = np.ascontiguousarray(picture[: len(picture) // 2 * 2, : picture.shape[1] // 2 * 2])
+            if count == 1:
+                video.height, video.width = even.shape[:2]
+            container.mux(video.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+            if sound is not None:  # beside the picture, so that neither stream has to wait in memory
+                until = min(round(count / rate * SAMPLE_RATE), len(sound))
+                for start in range(heard, until - AAC_FRAME + 1, AAC_FRAME):
+                    container.mux(audio.encode(_sound_frame(sound, start, start + AAC_FRAME)))
+                    heard = start + AAC_FRAME
+        container.mux(video.encode(None))
+        if sound is not None:
+            if until > heard:
+                container.mux(audio.encode(_sound_frame(sound, heard, until)))
+            container.mux(audio.encode(None))
+
+
+def _sound_frame(sound: Float[ndarray, " N"], start: int, stop: int) -> Any:
+    import av
+
+    samples = np.clip(sound[None, start:stop], -1, 1).astype(np.float32)
+    frame = av.AudioFrame.from_ndarray(samples, format="fltp", layout="mono")
+    frame.sample_rate, frame.pts, frame.time_base = SAMPLE_RATE, start, Fraction(1, SAMPLE_RATE)
+    return frame
+
+
+@contextlib.contextmanager
+def _renamed_when_done(path: Path) -> Iterator[Path]:
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
