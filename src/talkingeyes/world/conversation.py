@@ -14,14 +14,14 @@ import numpy as np
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.world.speakers import Style
 
-AVERT_AT_START, AVERT_AT_PAUSE, RETURN_AT_END = 0.78, 0.40, 0.55
+AVERT_AT_START, AVERT_AT_PAUSE, RETURN_AT_END = 0.85, 0.40, 0.60
 START_LATENCY_S = (-0.55, 0.50)
 PAUSE_LATENCY_S = (0.0, 0.30)
 RETURN_LATENCY_S = (-0.6, 0.1)
 LEAST_PAUSE_S = 0.25
 PLANNING_S, PLANNING_SPREAD = 1.3, 0.5  # an aversion at the start of an utterance lasts so long into it (Andrist 2013)
 AVERSION_S, AVERSION_SPREAD = 1.6, 0.5
-HAZARD_PER_S = 0.42
+HAZARD_PER_S = 0.36
 LEAST_DWELL_S = 0.45
 WARM_UP_S = 6.0
 

@@ -19,14 +19,14 @@ from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.world.conversation import Look
 from talkingeyes.world.speakers import Style
 
-PARTNER_SPREAD_RAD = np.radians([2.0, 1.0])
-FACE_RAD = np.radians([3.5, 4.0])
-SCAN_CAP_DEG = {False: 8.0, True: 16.0}
+PARTNER_SPREAD_RAD = np.radians([1.5, 0.8])
+FACE_RAD = np.radians([3.2, 3.4])
+SCAN_CAP_DEG = {False: 8.0, True: 8.0}
 SCAN_MEDIAN_S, SCAN_SPREAD = 0.65, 0.6
 LEAST_INTERVAL_S = 0.15
 LEAST_AVERSION_DEG = 4.0
 LONGEST_RAD = np.radians(27.5)
-AWAY_RAD = np.radians(14.0)
+AWAY_RAD = np.radians(10.0)
 EYE_RANGE_RAD = np.radians([[-25.0, -22.0], [25.0, 14.0]])
 SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
 UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)

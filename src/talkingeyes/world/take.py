@@ -72,7 +72,7 @@ def perform(
 
 
 def _continuous(annotation: Annotation, style: Style, random: np.random.Generator) -> Continuous:
-    posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(1.0) * random.standard_normal(3)
+    posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * random.standard_normal(3)
     drift, *speaking = (gestures.unrest(band, style.head_scale, random) for band in gestures.BANDS.values())
     unrest = Waves(
         random.uniform(0.1, 0.8, 4), np.full((4, 2), LID_UNREST / np.sqrt(2.0)), random.uniform(0, 2 * np.pi, (4, 2))

@@ -1,0 +1,248 @@
+"""The synthetic world: takes within FACTS' bands, weakly coupled to speech, and detector noise as it was asked for."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from talkingeyes import rotation
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.config import compose
+from talkingeyes.motion import Motion
+from talkingeyes.physiology.blinks import PAPER, PHYSIO
+from talkingeyes.world import noise, plan
+from talkingeyes.world.observations import exact_landmarks_px, exact_pupils_px, make_camera, observe
+from talkingeyes.world.speakers import Style, draw_style
+from talkingeyes.world.take import Take, perform
+from talkingeyes.world.voices import speak_about
+
+SETTINGS = plan.SynthesizeSettings(**compose(["synthesize=default"])["synthesize"])
+FPS = 25.0
+
+
+@dataclass(frozen=True)
+class Played:
+    """A take with what it was drawn from."""
+
+    annotation: Annotation
+    seconds: float
+    style: Style
+    take: Take
+    motion: Motion
+
+
+@pytest.fixture(scope="module")
+def spoken():
+    """Annotations and lengths of 20 sounds, one of each speaker."""
+    made = []
+    for sound in plan.sounds(SETTINGS)[:20]:
+        voice = plan.speaker_of(SETTINGS, sound).voice
+        made.append(speak_about(voice, 8.0, 9.6, plan.generator(0, "sound", sound.index))[1])
+    return [(each.annotation, each.seconds) for each in made]
+
+
+@pytest.fixture(scope="module")
+def played(spoken):
+    """20 speakers, two sounds each, two takes each."""
+    drawn = []
+    for number in range(20):
+        style = draw_style(plan.generator(0, "speaker", number))
+        for sound in (number, (number + 7) % 20):
+            annotation, seconds = spoken[sound]
+            for take in range(2):
+                random = plan.generator(0, "motion", 100 * number + sound, take)
+                made = perform(annotation, style, seconds, random, PHYSIO)
+                drawn.append(Played(annotation, seconds, style, made, made.motion(FPS, round(seconds * FPS))))
+    return drawn
+
+
+def speed_deg_s(angles_rad):
+    return np.degrees(np.linalg.norm(np.diff(angles_rad, axis=0), axis=1)) * FPS
+
+
+def shifts(played):
+    """(yaw, pitch) steps of all saccades of at least 1 degree, in degrees."""
+    steps = [
+        np.subtract(s.end_rad, s.start_rad) for each in played for s in each.take.events.saccades if s.onset_s >= 0
+    ]
+    steps = np.degrees(steps)
+    return steps[np.hypot(*steps.T) >= 1.0]
+
+
+def averted(each):
+    """Whether gaze is averted at each frame."""
+    times = np.arange(len(each.motion)) / FPS
+    return np.any([(times >= look.start_s) & (times < look.end_s) & look.averted for look in each.take.looks], axis=0)
+
+
+def speaking(each):
+    times = np.arange(len(each.motion)) / FPS
+    return np.any([(times >= span.start_s) & (times < span.end_s) for span in each.annotation.speaking], axis=0)
+
+
+def test_gaze_in_space_is_mostly_still(played):
+    speed = np.concatenate([speed_deg_s(rotation.gaze_in_space(e.motion.head, e.motion.gaze)[:, 0]) for e in played])
+    assert 0.85 <= (speed < 2.5).mean() <= 0.95
+
+
+def test_eye_speed_and_spread(played):
+    angles = [rotation.angles_of_gaze(each.motion.gaze[:, 0]) for each in played]
+    assert 12 <= np.mean([speed_deg_s(each).mean() for each in angles]) <= 20
+    yaw, pitch = np.degrees(np.mean([each.std(axis=0) for each in angles], axis=0))
+    assert 3 <= yaw <= 8 and 2 <= pitch <= 6
+    everything = np.degrees(np.concatenate(angles))
+    assert np.abs(everything[:, 0]).max() <= 30 + 1e-6
+    assert everything[:, 1].min() >= -30 - 1e-6 and everything[:, 1].max() <= 20 + 1e-6
+
+
+def test_eyes_are_parallel_and_free_of_torsion(played):
+    for each in played:
+        assert np.array_equal(each.motion.gaze[:, 0], each.motion.gaze[:, 1])
+        assert np.abs(each.motion.gaze[..., 2]).max() < 1e-12
+
+
+def test_saccades(played):
+    steps = shifts(played)
+    amplitude = np.hypot(*steps.T)
+    assert 0.8 <= len(steps) / sum(each.seconds for each in played) <= 2.8
+    assert 4 <= amplitude.mean() <= 8 and amplitude.max() <= 30
+    assert 0.42 <= (amplitude < 5).mean() <= 0.70 and 0.80 <= (amplitude < 15).mean() <= 0.98
+    angle = np.degrees(np.arctan2(steps[:, 1], steps[:, 0])) % 90
+    cardinal = (angle < 22.5) | (angle > 67.5)
+    assert 1.4 <= cardinal.sum() / (~cardinal).sum() <= 3.0
+
+
+def test_saccades_are_a_chain(played):
+    for each in played:
+        saccades = each.take.events.saccades
+        for before, after in pairwise(saccades):
+            assert before.end_rad == after.start_rad
+            assert after.onset_s >= before.onset_s + before.duration_s + 0.099
+
+
+def test_head(played):
+    deviation = np.degrees(np.mean([each.motion.head.std(axis=0) for each in played], axis=0))
+    assert 2 <= deviation[0] <= 5 and 3 <= deviation[1] <= 6.5 and 1.2 <= deviation[2] <= 4
+    speeds = [speed_deg_s(each.motion.head) for each in played]
+    assert 5 <= np.mean(np.concatenate(speeds)) <= 18
+    talking = np.concatenate([speaking(each)[1:] for each in played])
+    speed = np.concatenate(speeds)
+    assert 1.3 <= speed[talking].mean() / speed[~talking].mean() <= 3.5
+
+
+def test_blinks(played):
+    blinks = [blink for each in played for blink in each.take.events.blinks]
+    assert 18 <= len(blinks) / sum(each.seconds for each in played) * 60 <= 30
+    asked = np.mean([each.style.blinks_per_min for each in played])
+    assert len(blinks) / sum(each.seconds for each in played) * 60 == pytest.approx(asked, rel=0.2)
+    lid = np.concatenate([each.motion.lid for each in played])
+    assert lid.max() <= 1.0 and lid.min() >= -0.3 and lid.max() > 0.95
+
+
+def test_gaze_averts_with_speech_but_weakly(played):
+    states = [averted(each) for each in played]
+    talking = [1 - state[speaking(each)].mean() for each, state in zip(played, states, strict=True)]
+    assert 0.45 <= np.mean(talking) <= 0.70
+    starts = [state[round(e.annotation.speaking[0].start_s * FPS) + 1] for e, state in zip(played, states, strict=True)]
+    ends = [not state[round(e.annotation.speaking[-1].end_s * FPS)] for e, state in zip(played, states, strict=True)]
+    assert 0.45 <= np.mean(starts) <= 0.80 and 0.55 <= np.mean(ends) <= 0.85
+    assert np.mean(starts) > 1 - np.mean(talking) + 0.08
+
+
+def test_speakers_keep_their_habits(played):
+    looking = np.array([1 - averted(each).mean() for each in played]).reshape(20, 4).mean(axis=1)
+    habits = np.array([each.style.look for each in played]).reshape(20, 4)[:, 0]
+    assert np.corrcoef(looking, habits)[0, 1] > 0.6
+
+
+def test_takes_differ_in_all_but_jaw(played):
+    for first, second in zip(played[::2], played[1::2], strict=True):
+        assert np.array_equal(first.motion.jaw, second.motion.jaw)
+        assert not np.allclose(first.motion.head, second.motion.head, atol=0.01)
+    distance = [
+        np.linalg.norm((a.motion.gaze - b.motion.gaze).reshape(-1, 6), axis=1).mean()
+        for a, b in zip(played[::2], played[1::2], strict=True)
+    ]
+    assert 0.15 <= np.mean(distance) <= 0.26
+
+
+def test_the_same_seed_is_the_same_take(spoken):
+    annotation, seconds = spoken[0]
+    style = draw_style(np.random.default_rng(0))
+    first, second = (perform(annotation, style, seconds, np.random.default_rng(4), PHYSIO) for _ in range(2))
+    assert first.events == second.events
+    assert np.array_equal(first.motion(60.0, 500).gaze, second.motion(60.0, 500).gaze)
+
+
+def test_silence_can_be_performed_too():
+    take = perform(Annotation(), draw_style(np.random.default_rng(0)), 8.0, np.random.default_rng(1), PAPER)
+    motion = take.motion(25.0, 200)
+    assert np.array_equal(motion.jaw, np.zeros((200, 3))) and len(take.looks) > 0
+
+
+def motion_ahead(frames, yaw_rad=0.0):
+    """Looking up and aside with open eyes, the head turned."""
+    gaze = np.broadcast_to(rotation.gaze_of_angles(np.array([0.3, 0.2])), (frames, 2, 3)).copy()
+    return Motion.of(FPS, np.tile([0.0, yaw_rad, 0.0], (frames, 1)), gaze)
+
+
+def test_the_camera_has_the_scale_asked_for():
+    camera = make_camera(SETTINGS.camera)
+    motion = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))
+    pupils = exact_pupils_px(motion, camera)[0]
+    assert pupils[0, 0] - pupils[1, 0] == pytest.approx(62.9 * 1.154, rel=0.02)
+    points = exact_landmarks_px(motion, camera)[0]
+    assert points.min() > 10 and points.max() < 214
+    assert points[:, 1].min() + points[:, 1].max() == pytest.approx(224, abs=8)
+
+
+def test_noise_of_zero_is_exact():
+    silent = {name: 0.0 for name in ("bias_px", "slow_px", "white_least_px", "white_most_px", "burst_share")}
+    unit = {f"gain_{axis}_{end}": 1.0 for axis in "xy" for end in ("least", "most")}
+    pupil = SETTINGS.noise.pupil.model_copy(update={**silent, **unit})
+    landmark = SETTINGS.noise.landmark.model_copy(update={"bias_px": 0.0, "slow_px": 0.0, "white_px": 0.0})
+    settings, camera = noise.NoiseSettings(pupil=pupil, landmark=landmark), make_camera(SETTINGS.camera)
+    motion = motion_ahead(50)
+    seen = observe(motion, camera, settings, np.random.default_rng(0))
+    assert np.allclose(seen.pupils, exact_pupils_px(motion, camera))
+    assert np.allclose(seen.landmarks, exact_landmarks_px(motion, camera))
+    assert (seen.confidence == 1.0).all()
+
+
+def test_pupil_noise_is_slow_and_hidden_by_lids():
+    camera, settings = make_camera(SETTINGS.camera), SETTINGS.noise
+    motion = motion_ahead(400)
+    motion = replace(motion, lid=np.where(np.arange(400)[:, None] < 20, 0.9, 0.0) * np.ones((1, 2)))
+    exact = exact_pupils_px(motion, camera)
+    errors = np.stack([observe(motion, camera, settings, np.random.default_rng(i)).pupils - exact for i in range(60)])
+    assert np.isnan(errors[:, :20]).all() and not np.isnan(errors[:, 20:]).any()
+    errors = errors[:, 20:]
+    centred = errors - np.median(errors, axis=(0, 1))
+    usual = np.abs(centred).max(axis=-1) < 2.5
+    assert 0.95 < usual.mean() < 1.0
+    step = np.median(np.abs(np.diff(errors, axis=1)))
+    assert step < 0.7 * np.median(np.abs(centred))
+    ahead = exact_pupils_px(replace(motion, gaze=0 * motion.gaze), camera)
+    gain = 1 + np.median(errors, axis=(0, 1, 2)) / (exact - ahead)[0, 0]
+    assert gain == pytest.approx([0.96, 0.875], abs=0.05)
+    bias = np.median(errors, axis=1)
+    assert np.corrcoef(bias[:, 0, 0], bias[:, 1, 0])[0, 1] > 0.25
+
+
+def test_autoregressive_noise_is_stationary_at_any_rate():
+    for fps in (25.0, 100.0):
+        drawn = noise.autoregressive((400, 500), 0.5, 0.95, fps, np.random.default_rng(0))
+        assert drawn[0].std() == pytest.approx(0.5, rel=0.1) and drawn[-1].std() == pytest.approx(0.5, rel=0.1)
+        lag = round(0.04 * fps)
+        assert np.mean(drawn[:-lag] * drawn[lag:]) / np.mean(drawn**2) == pytest.approx(0.95, abs=0.02)
+
+
+def test_noise_grows_with_the_head_turned():
+    settings = SETTINGS.noise.landmark
+    exact = np.zeros((300, 40, 2))
+    near, far = (
+        noise.noisy_landmarks(exact, np.full(300, yaw), FPS, settings, np.random.default_rng(0)).std()
+        for yaw in (0.0, np.radians(30))
+    )
+    assert far / near == pytest.approx(1.5)
