@@ -1,0 +1,142 @@
+"""`talkingeyes animate`, with a performer that needs no training."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+import talkingeyes
+from talkingeyes import cli
+from talkingeyes.audio.waveform import frames_of
+from talkingeyes.errors import InputError
+from talkingeyes.motion import Blink, Events, Motion
+from talkingeyes.performance import perform
+
+
+class ToyPerformer:
+    """Motions that depend on seed, sample and the length of the sound."""
+
+    @classmethod
+    def load(cls, model: Path) -> ToyPerformer:
+        if not (model / "config.json").exists():
+            raise InputError(f"{model}: not a trained model")
+        return cls()
+
+    def perform(self, sound: np.ndarray, samples: int, seed: int, fps: float) -> list[perform.Performance]:
+        performances = []
+        for index in range(samples):
+            random = np.random.default_rng([seed, index])
+            frames = frames_of(len(sound), fps)
+            motion = Motion.of(fps, random.normal(0, 0.05, (frames, 3)), random.normal(0, 0.05, (frames, 2, 3)))
+            performances.append(perform.Performance(motion, Events(blinks=(Blink(0.1, 0.09, 0.02, 0.2, 1.0),))))
+        return performances
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder with speech and a model."""
+    monkeypatch.setattr(perform, "Performer", ToyPerformer)
+    monkeypatch.chdir(tmp_path)
+    noise = np.random.default_rng(0).normal(0, 0.1, (48_000, 2))
+    soundfile.write(tmp_path / "my speech.wav", noise, 48_000)
+    (tmp_path / "my speech.wav").rename(tmp_path / "my speech.txt")
+    (tmp_path / "data" / "train" / "talkingeyes").mkdir(parents=True)
+    (tmp_path / "data" / "train" / "talkingeyes" / "config.json").touch()
+    return tmp_path
+
+
+def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    return int(left.value.code or 0)
+
+
+SAMPLE = (".events.json", ".mp4", ".npz")
+
+
+@pytest.mark.parametrize("out", ["out", "a/b/c d", "-dash", "\N{SNOWMAN}"])
+def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
+    assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "2", "--fps", "30") == 0
+    names = sorted(path.name for path in (place / out).iterdir())
+    assert names == [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE] + ["traces.png"]
+    motion = Motion.load(place / out / "sample_01.npz")
+    assert (motion.fps, len(motion)) == (30.0, 30)
+    assert len(Events.load(place / out / "sample_00.events.json").blinks) == 1
+    assert not [path for path in (place / out).parent.iterdir() if "partial" in path.name]
+
+
+def test_python_does_the_same(place: Path) -> None:
+    silent = talkingeyes.animate("my speech.txt", samples=2, seed=5)
+    written = talkingeyes.animate(place / "my speech.txt", place / "out", samples=2, seed=5)
+    for index in range(2):
+        np.testing.assert_array_equal(silent[index].gaze, written[index].gaze)
+        loaded = Motion.load(place / "out" / f"sample_{index:02d}.npz")
+        np.testing.assert_allclose(loaded.head, written[index].head, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["none.wav", "-o", "out"], "none.wav: cannot be opened"),
+        (["my speech.txt", "-o", "out", "--samples", "0"], "samples: should be 1 to 1000, got 0"),
+        (["my speech.txt", "-o", "out", "--fps", "nan"], "fps: should be 10 to 240, got nan"),
+        (["my speech.txt", "-o", "out", "--fps", "1000"], "fps: should be 10 to 240"),
+        (["my speech.txt", "-o", "out", "--seed", "-1"], "seed: should be 0 or more"),
+        (["my speech.txt", "-o", "out", "--model", "other"], "`make repro` first"),
+        (["my speech.txt", "-o", "out", "--model", "data"], "not a trained model"),
+        (["my speech.txt", "-o", "data"], "should be a new or empty folder"),
+        (["my speech.txt", "-o", "data", "--force"], "should be a new or empty folder"),
+        (["my speech.txt", "-o", "."], "should be a new or empty folder"),
+        (["my speech.txt", "-o", "my speech.txt"], "should be a new or empty folder"),
+        (["my speech.txt", "-o", "my speech.txt/out"], "cannot hold it"),
+    ],
+)
+def test_a_mistake_is_one_line_and_changes_nothing(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    before = sorted(place.rglob("*"))
+    assert call(monkeypatch, "animate", *words) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ")
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert sorted(place.rglob("*")) == before
+
+
+def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["animate", "my speech.txt", "-o", "out", "--samples"]
+    assert call(monkeypatch, *words, "2") == 0
+    assert call(monkeypatch, *words, "1") == 2
+    assert (place / "out" / "sample_01.npz").exists()
+    assert call(monkeypatch, *words, "1", "--force") == 0
+    assert not (place / "out" / "sample_01.npz").exists()
+
+
+def test_a_call_that_breaks_leaves_the_earlier_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    talkingeyes.animate("my speech.txt", "out", samples=1)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("talkingeyes.export.traces.plot_traces", full)
+    with pytest.raises(InputError, match="No space left"):
+        talkingeyes.animate("my speech.txt", "out", samples=2, force=True)
+    assert sorted(path.name for path in place.iterdir()) == ["data", "my speech.txt", "out"]
+    assert not (place / "out" / "sample_01.npz").exists()
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = "import sys; import talkingeyes.cli; print([m for m in sys.modules if m.split('.')[0] in %r])"
+    heavy = ["torch", "numpy", "matplotlib", "scipy", "onnxruntime", "transformers", "mlflow", "av"]
+    done = subprocess.run(
+        [sys.executable, "-c", code % heavy], capture_output=True, text=True, check=True, env={**os.environ}
+    )
+    assert done.stdout.strip() == "[]"
