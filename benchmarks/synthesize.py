@@ -1,0 +1,70 @@
+"""How fast the synthetic world is in CPU time of one core: times real time of speech, motion, what the camera sees, and writing.
+
+Run     python benchmarks/synthesize.py [SOUNDS]     (make bench)
+Reads   conf/ (synthesize=default)
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from pipelines.synthesize import Order, perform_sound, say_sound
+from talkingeyes.config import compose
+from talkingeyes.corpus.store import SAMPLE_RATE
+from talkingeyes.run import quiet
+from talkingeyes.world import plan
+from talkingeyes.world.observations import make_camera, observe
+from talkingeyes.world.plan import SynthesizeSettings
+from talkingeyes.world.take import perform
+from talkingeyes.world.voices import speak_about
+
+
+def main() -> None:
+    """Print the table."""
+    settings = SynthesizeSettings.model_validate(compose()["synthesize"])
+    sounds = plan.sounds(settings)[: int(sys.argv[1]) if sys.argv[1:] else 30]
+    spent_s: Counter[str] = Counter()
+    seconds = sum(measure(settings, sound, spent_s) for sound in sounds)
+    print(f"{len(sounds)} sounds, {seconds:.0f} s of speech; CPU time")
+    print(f"{'step':<34}{'ms a sound':>12}{'times real time':>18}")
+    for step, spent in spent_s.items():
+        print(f"{step:<34}{1000 * spent / len(sounds):>12.1f}{seconds / spent:>18.0f}")
+
+
+def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: Counter[str]) -> float:
+    """Add up the time of each step for one sound; how long the sound is."""
+
+    def lap(step: str) -> None:
+        nonlocal start
+        spent_s[step] += time.process_time() - start
+        start = time.process_time()
+
+    speaker = plan.speaker_of(settings, sound)
+    random = plan.generator(settings.seed, "sound", sound.index)
+    start = time.process_time()
+    spoken = speak_about(speaker.voice, settings.shortest_s, settings.longest_s, random)[1]
+    lap("speak")
+    motion_random = plan.generator(settings.seed, "motion", sound.index)
+    take = perform(spoken.annotation, speaker.style, spoken.seconds, motion_random, settings.blink_profile)
+    lap("draw a take")
+    motion = take.motion(settings.fps, len(spoken.sound) * 25 // SAMPLE_RATE)
+    lap("render at 25 frames a second")
+    take.motion(500.0, round(500 * spoken.seconds))
+    lap("render at 500 frames a second")
+    observe(motion, make_camera(settings.camera), settings.noise, plan.generator(settings.seed, "noise", sound.index))
+    lap("observe")
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.process_time()
+        said = say_sound(Path(folder), settings, sound)
+        perform_sound(Path(folder), settings, Order(said, "train", 1))
+        lap("all of it, files included")
+    return spoken.seconds
+
+
+if __name__ == "__main__":
+    quiet()
+    main()
