@@ -1,0 +1,161 @@
+"""Stage `report`: Table III beside the paper's, what is required and whether it is reached, and plots.
+
+Reads   data/evaluate/*, data/critic/report.json; for plots the corpus and data/sample/*; if there, data/fit/table8.json
+        and data/pretrain/*/codes.json
+Writes  data/report/: metrics.json {row: {split: {part: {figure: value}}}}, table3.md, table3.csv, and as PNG: figures,
+        traces (several samples of one sound), speeds, codes
+Run     python -m pipelines.report
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.store import SAMPLE_RATE, Corpus, sharded
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.plots import Trace, plot_codes, plot_figures, plot_speeds, plot_traces
+from talkingeyes.metrics.table import (
+    TITLES,
+    Requirement,
+    Table,
+    checklist,
+    comma_separated,
+    markdown,
+    ordered,
+    requirements,
+    verdicts,
+)
+from talkingeyes.run import Report, Row, Workspace, main
+
+# Methods whose traces are drawn beside truth, and how many of their samples.
+TRACED, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4
+# Requirements on what comes before the models: pupil error and speed after fitting, codes in use.
+MOST_ERROR_PX, LEAST_SPEED, MOST_SPEED, LEAST_CODES = 0.95, 1.0, 1.25, 0.9
+
+INTRODUCTION = """# Table III
+
+Beside each figure stands its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds
+with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.: read both beside truth, fitted and
+mismatched motion. The paper's numbers are of another corpus and another critic.
+"""
+
+
+def run(workspace: Workspace) -> Report:
+    """Gather, write, draw."""
+    rows = {path.parent.name: _json(path) for path in sorted(workspace.data("evaluate").glob("*/metrics.json"))}
+    if not rows:
+        raise InputError(f"{workspace.data('evaluate')}: should hold rows that `evaluate` wrote, got none")
+    counts = {
+        path.parent.name: np.array(_json(path)["counts"], float)
+        for path in sorted(workspace.data("pretrain").glob("*/codes.json"))
+    }
+    asked = [*requirements(rows), *_upstream(workspace.data("fit", "table8.json"), counts)]
+    with workspace.output("report") as folder:
+        (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
+        (folder / "table3.csv").write_text(comma_separated(rows))
+        (folder / "table3.md").write_text(_page(rows, _json(workspace.data("critic", "report.json")), asked))
+        plot_figures(rows, folder / "figures.png")
+        plot_speeds(_speeds(workspace.data("evaluate"), ordered(rows)), folder / "speeds.png")
+        if counts:
+            plot_codes(counts, folder / "codes.png")
+        _draw_traces(workspace, folder / "traces.png")
+    artifacts = sorted(workspace.data("report").iterdir())
+    pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
+    flat = {name: _flat(row) for name, row in _values(rows).items()}
+    missed = sum(not each.reached for each in asked)
+    return Report(
+        metrics={"required": len(asked), "missed": missed},
+        artifacts=artifacts,
+        rows=[Row(name, flat[name], pictures) for name in ordered(rows)],
+    )
+
+
+def _page(rows: Mapping[str, Table], critic: Mapping[str, Any], asked: list[Requirement]) -> str:
+    parts = [INTRODUCTION, markdown(rows), "### Required\n", checklist(asked)]
+    return "\n".join([*parts, "\n### The critics behind Corr.\n", verdicts(critic), ""])
+
+
+def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[Requirement]:
+    found = []
+    if table8.exists():
+        fitted = next(row for row in _json(table8)["rows"] if row["method"] == "lightgazefit")
+        if "error_px" in fitted:
+            found.append(Requirement("fit: pupil error, pixels", fitted["error_px"], most=MOST_ERROR_PX))
+            ratio = fitted["velocity_ratio"]
+            found.append(Requirement("fit: eye-only speed to truth's", ratio, LEAST_SPEED, MOST_SPEED))
+    for name, used in counts.items():
+        found.append(Requirement(f"{name}: share of codes in use", float((used > 0).mean()), least=LEAST_CODES))
+    return found
+
+
+def _draw_traces(workspace: Workspace, path: Path) -> None:
+    """Truth, where it is known, and the traced models under the test sound with the most takes."""
+    corpus = Corpus(workspace.corpus)
+    models = [name for name in TRACED if workspace.data("sample", name).is_dir()]
+    clips = corpus.select("test", "unseen")
+    if not models or not clips:
+        return
+    takes: dict[str, list[Clip]] = {}
+    for clip in clips:
+        takes.setdefault(clip.sound, []).append(clip)
+    chosen = sorted(max(takes.values(), key=len), key=lambda clip: clip.take)
+    traces = []
+    if corpus.has_truth:
+        motions = [corpus.truth(clip) for clip in chosen[:SAMPLES_DRAWN]]
+        stacks = [np.stack([getattr(motion, name) for motion in motions]) for name in ("head", "gaze")]
+        title = f"Truth, {len(motions)} takes" if len(motions) > 1 else "Truth"
+        traces.append(Trace(title, Samples(chosen[0].fps, *stacks)))
+    for name in models:
+        samples = Samples.load(sharded(workspace.data("sample", name), chosen[0].id, ".npz"))
+        few = Samples(samples.fps, samples.head[:SAMPLES_DRAWN], samples.gaze[:SAMPLES_DRAWN])
+        traces.append(Trace(TITLES[name], few))
+    plot_traces(traces, corpus.speech(chosen[0]), SAMPLE_RATE, path)
+
+
+def _speeds(folder: Path, names: list[str]) -> dict[str, dict[str, Float[ndarray, "2 N"]]]:
+    """What `evaluate` wrote of the distribution of speed: row to part to speeds and shares."""
+    found: dict[str, dict[str, Float[ndarray, "2 N"]]] = {}
+    for name in names:
+        points: dict[str, list[list[float]]] = {}
+        with (folder / name / "speed.csv").open() as file:
+            for line in csv.DictReader(file):
+                points.setdefault(line["part"], []).append([float(line["speed_deg_s"]), float(line["share_faster"])])
+        found[name] = {part: np.array(values).T for part, values in points.items()}
+    return found
+
+
+def _values(rows: Mapping[str, Table]) -> dict[str, Any]:
+    return {
+        name: {
+            split: {part: {key: each["value"] for key, each in figures.items()} for part, figures in parts.items()}
+            for split, parts in row.items()
+        }
+        for name, row in rows.items()
+    }
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, float]:
+    return {
+        f"{split}/{part}/{key}": value
+        for split, parts in row.items()
+        for part, figures in parts.items()
+        for key, value in figures.items()
+    }
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text())
+
+
+if __name__ == "__main__":
+    main(run)
