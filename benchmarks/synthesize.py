@@ -1,4 +1,4 @@
-"""How fast the synthetic world is in CPU time of one core: times real time of speech, motion, what the camera sees, and writing.
+"""How fast the synthetic world is, in CPU time of one core: speech, motion, what the camera sees, and writing.
 
 Run     python benchmarks/synthesize.py [SOUNDS]     (make bench)
 Reads   conf/ (synthesize=default)

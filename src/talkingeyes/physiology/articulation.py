@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Phoneme
 
-THETA_PER_S = 20.0
+THETA_PER_S = 25.0
 REST_DOMINANCE = 0.06
 STRESS_GAIN, UNSTRESSED_GAIN = 1.2, 0.9
 JAW_LIMIT_RAD = 0.30
