@@ -13,7 +13,7 @@ from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.prosody import energy_dbfs
 from talkingeyes.audio.waveform import frames_of, read_speech
 from talkingeyes.errors import InputError
-from talkingeyes.run import validated
+from talkingeyes.settings import validated
 
 PROSODY = {
     "f0_lowest_hz": 60.0,

@@ -18,7 +18,7 @@ from talkingeyes.audio.encoder_logmel import LogmelEncoder, LogmelSettings
 from talkingeyes.audio.encoder_moonshine import MoonshineEncoder, MoonshineSettings
 from talkingeyes.audio.encoder_transformers import TransformersEncoder, TransformersSettings
 from talkingeyes.audio.prosody import ProsodySettings, prosody
-from talkingeyes.audio.waveform import block_levels_dbfs, frames_of
+from talkingeyes.audio.waveform import block_levels_dbfs
 from talkingeyes.settings import Settings
 
 PROSODY_CHANNELS = ("energy_dbfs", "f0_octaves", "voicing")
@@ -62,8 +62,7 @@ class ProsodicEncoder:
         # Unvoiced frames get the reference pitch; `voicing` says how little that means.
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
         appended = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1).astype(np.float32)
-        features = self._family(levelled, fps)[: frames_of(len(sound), fps)]
-        return np.concatenate([features, appended], axis=1)
+        return np.concatenate([self._family(levelled, fps), appended], axis=1)
 
 
 def make_encoder(settings: EmbedSettings) -> SpeechEncoder:

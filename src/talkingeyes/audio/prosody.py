@@ -119,8 +119,9 @@ def _normalised_difference(frames: Float[ndarray, "K W"], longest: int) -> Float
 
 
 def framed(sound: Float[ndarray, " N"], centres_s: Float[ndarray, " T"], size: int) -> Iterator[Float[ndarray, "K W"]]:
-    """Windows of `size` samples around the times, zeros outside the sound, in blocks of bounded memory."""
-    starts = np.round(centres_s * SAMPLE_RATE).astype(int)
-    padded = np.pad(sound, (size // 2, size))
-    for first in range(0, len(starts), BLOCK_FRAMES):
-        yield padded[starts[first : first + BLOCK_FRAMES, None] + np.arange(size)]
+    """Windows of `size` samples around rising times, zeros outside the sound, in blocks of bounded memory."""
+    for first in range(0, len(centres_s), BLOCK_FRAMES):
+        starts = np.round(centres_s[first : first + BLOCK_FRAMES] * SAMPLE_RATE).astype(int) - size // 2
+        begin, end = int(starts[0]), int(starts[-1]) + size
+        around = np.pad(sound[max(begin, 0) : max(end, 0)], (max(-begin, 0), max(end - len(sound), 0)))
+        yield around[starts[:, None] - begin + np.arange(size)]

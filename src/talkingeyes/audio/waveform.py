@@ -65,7 +65,8 @@ def block_levels_dbfs(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
     """RMS about the mean of each whole 50 ms block (a shorter sound is one block), in dBFS, at least -200."""
     size = min(len(sound), round(BLOCK_S * SAMPLE_RATE))
     blocks = np.reshape(sound[: len(sound) // size * size], (-1, size))
-    return np.asarray(20 * np.log10(np.maximum(blocks.std(axis=1, dtype=np.float64), 1e-10)))
+    parts = [blocks[first : first + 1000].std(axis=1, dtype=np.float64) for first in range(0, len(blocks), 1000)]
+    return np.asarray(20 * np.log10(np.maximum(np.concatenate(parts), 1e-10)))
 
 
 def loudest_dbfs(sound: Float[ndarray, " N"]) -> float:

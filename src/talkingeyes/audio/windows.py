@@ -43,9 +43,9 @@ def encode_in_windows(
     overlap_s: float,
 ) -> Float[ndarray, "T C"]:
     """Features at the times t / fps, linearly interpolated between the encoder's own frames."""
-    sound = np.pad(sound, (0, max(0, stride.shortest - len(sound))))
     size = round(window_s * SAMPLE_RATE)
     times = np.arange(frames_of(len(sound), fps)) / fps * SAMPLE_RATE
+    sound = np.pad(sound, (0, stride.shortest - len(sound))) if len(sound) < stride.shortest else sound
     total = np.zeros(len(times), np.float32)
     features: ndarray | None = None
     for start in window_starts(len(sound), size, round(overlap_s * SAMPLE_RATE)):
@@ -57,7 +57,8 @@ def encode_in_windows(
         features[inside] += encoded * weight[:, None]
         total[inside] += weight
     assert features is not None
-    return np.asarray(features / total[:, None])
+    features /= total[:, None]
+    return np.asarray(features)
 
 
 def window_starts(length: int, size: int, overlap: int) -> list[int]:

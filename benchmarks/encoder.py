@@ -1,0 +1,68 @@
+"""How fast the default speech encoder is, how that grows with the sound, and what memory it takes.
+
+The packaged recording is repeated to 10 s, 1 min and 10 min; each length is encoded in a process of its own. Printed are
+CPU seconds per 10 s of sound (one thread), how they grow, and peak memory beyond the sound and the features.
+
+Run     python benchmarks/encoder.py     (make bench)
+Reads   conf/ (embed=default)
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.waveform import read_speech
+from talkingeyes.config import compose
+from talkingeyes.run import quiet
+from talkingeyes.settings import validated
+
+LENGTHS_S = (10, 60, 600)
+FPS = 25.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """CPU seconds and peak memory of one process that encoded one sound."""
+
+    cpu_s: float
+    peak_mib: float
+
+
+def measure(seconds: int) -> Measured:
+    """Encode so many seconds of speech, after a warm-up."""
+    encoder = make_encoder(validated("embed", EmbedSettings, compose()["embed"]))
+    speech = read_speech(packaged(SPEECH))
+    sound = np.tile(speech, seconds * 16_000 // len(speech) + 1)[: seconds * 16_000]
+    encoder(sound[:160_000], FPS)
+    start = time.process_time()
+    features = encoder(sound, FPS)
+    cpu_s = time.process_time() - start
+    own_mib = (sound.nbytes + features.nbytes) / 2**20
+    return Measured(cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - own_mib)
+
+
+def main() -> None:
+    """Each length in a process of its own, so that peaks do not mix."""
+    quiet()
+    print("sound (s)   CPU s per 10 s   x real time   peak MiB beyond sound and features")
+    measured = {}
+    for seconds in LENGTHS_S:
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            measured[seconds] = pool.apply(measure, (seconds,))
+        cpu_s = measured[seconds].cpu_s
+        peak_mib = measured[seconds].peak_mib
+        print(f"{seconds:9d}   {cpu_s / seconds * 10:14.3f}   {seconds / cpu_s:11.0f}   {peak_mib:10.0f}")
+    first, minute, long = (measured[seconds] for seconds in LENGTHS_S)
+    print(f"time of 10 min over 60 times that of 10 s: {long.cpu_s / (60 * first.cpu_s):.2f}")
+    print(f"peak memory of 10 min over that of 1 min: {long.peak_mib / minute.peak_mib:.2f}")
+
+
+if __name__ == "__main__":
+    main()
