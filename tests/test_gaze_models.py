@@ -53,7 +53,7 @@ def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
             kind="speech_to_motion",
             parts=("head", "gaze"),
             prior=None,
-            speech={"width": 12, "layers": 2, "dropout": 0.0},
+            speech={"width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"latent_frames": head_frames},
             gaze={"kind": kind, **GAZE[kind]},
             reconstructed_head=0.5,
@@ -117,12 +117,22 @@ def test_codebook_steps_equal_the_parallel_decoder() -> None:
     values, stay = torch.randn(2, 12, 8), torch.rand(2, 12) < 0.5
     stay[:, 0] = False
     with torch.no_grad():
-        whole = network.decode(values, stay).unflatten(1, (12, 4))
-        held, cache = network.mean.expand(2, -1), network.decoder.start()
+        whole = network.render(values, stay).unflatten(1, (12, 4))
+        held, cache = None, network.decoder.start()
         for step in range(12):
             patch = network.step(values[:, step], stay[:, step], held, cache)
             torch.testing.assert_close(patch, whole[:, step], atol=1e-6, rtol=1e-5)
             held = patch[:, -1]
+
+
+def test_rendered_frames_rest_or_move_by_at_least_the_tolerance() -> None:
+    network = codebook(4, 1.0)
+    network.scale.fill_(0.015)
+    with torch.no_grad():
+        steps = network.render(torch.randn(2, 30, 8), torch.zeros(2, 30, dtype=torch.bool)).diff(dim=1).abs().amax(-1)
+    moving = steps > 0
+    assert 0.02 < moving.float().mean() < 1
+    assert steps[moving].min() >= network.stay_tolerance_rad - 1e-6
 
 
 def test_encoder_and_decoder_are_causal() -> None:

@@ -91,9 +91,9 @@ class PriorTask:
                 torch.from_numpy(to_signal(self.settings.network.signal, recording.head, recording.gaze))[None]
             )
             stay = stay_mask(self.module, signal)
-            result = self.module(signal, stay)
-            counts += torch.bincount(result.quantised.indices[~stay], minlength=len(counts))
-            squares += float((result.signal - signal).square().sum())
+            quantised = self.module.quantiser(self.module.encode(signal))
+            counts += torch.bincount(quantised.indices[~stay], minlength=len(counts))
+            squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
             numbers += signal.numel() // signal.shape[-1]
             stays, patches = stays + int(stay.sum()), patches + stay.numel()
         # Both eyes' errors together, so half of the sum of squares is one eye's.

@@ -81,7 +81,7 @@ class TranslationTask:
 
     def _alive(self, temperature: float) -> Aliveness:
         motions = [
-            self.module.generate(torch.from_numpy(np.asarray(each.speech)), [index], temperature)
+            self.module.generate(torch.from_numpy(np.array(each.speech)), [index], temperature)
             for index, each in enumerate(self.watched)
         ]
         return aliveness(

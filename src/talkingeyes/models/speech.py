@@ -24,6 +24,8 @@ class SpeechSettings(Settings):
     # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
     layers: Annotated[int, Field(ge=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
+    # Share of the embedding's channels that are hidden from a whole window in training.
+    channel_dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
 class SpeechInput(nn.Module):
@@ -36,7 +38,7 @@ class SpeechInput(nn.Module):
         super().__init__()
         self.register_buffer("mean", torch.zeros(channels))
         self.register_buffer("std", torch.ones(channels))
-        self.drop = nn.Dropout(settings.dropout)
+        self.drop = nn.Dropout1d(settings.channel_dropout)
         self.stack = ConvolutionStack(channels, settings.width, settings.layers, settings.dropout)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
@@ -46,5 +48,6 @@ class SpeechInput(nn.Module):
 
     def forward(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T S"]:
         """Projected features."""
-        features: Tensor = self.stack(self.drop((embedding - self.mean) / self.std))
+        standard = (embedding - self.mean) / self.std
+        features: Tensor = self.stack(self.drop(standard.transpose(1, 2)).transpose(1, 2))
         return features

@@ -102,7 +102,7 @@ class CategoricalGaze(nn.Module):
             before = draw(logits[:, 0], uniform[:, step], temperature)
             stay = before == self.stay
             values = self.codebook.values_of(before)
-            patches.append(self.codebook.step(values, stay, held, decoding))
+            patches.append(self.codebook.step(values, stay, held if step else None, decoding))
             held = patches[-1][:, -1]
             dwell = torch.where(stay, dwell + 1, 0)
         signal = torch.cat(patches, dim=1)[:, : speech.shape[1]]
@@ -116,7 +116,7 @@ class CategoricalGaze(nn.Module):
         signal = torch.from_numpy(to_signal(name, head[:, :frames].numpy(), gaze[:, :frames].numpy()))
         stay = stay_mask(self.codebook, signal)
         quantised = self.codebook.quantiser(self.codebook.encode(signal))
-        rendered = self.codebook.decode(quantised.values, stay)
+        rendered = self.codebook.render(quantised.values, stay)
         codes = torch.where(stay, self.stay, quantised.indices)
         last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch - 1 :: self.patch]
         order = torch.arange(stay.shape[1]).expand_as(stay)

@@ -3,7 +3,7 @@
 Encoder and decoder are causal with attention over a fixed past, so speech of any length costs linear time and can be
 streamed. One code stands for `frames_per_code` frames: 1 as in the paper; with 4 the decoder that predicts codes stays
 alive when it runs free (docs/log.md). With a stay tolerance, a patch that does not move has no code: it copies the
-frame before it exactly.
+frame before it exactly. So does each rendered frame within the tolerance: codes cannot tremble while gaze rests. Rendered, so does every frame within the tolerance: codes cannot tremble while gaze rests.
 """
 
 from __future__ import annotations
@@ -118,13 +118,30 @@ class GazeVQVAE(nn.Module):
         table = torch.cat([self.quantiser.codebook, self.stay[None]])
         return table[indices]
 
+    def render(self, values: Float[Tensor, "B N C"], stay: Bool[Tensor, "B N"]) -> Float[Tensor, "B T F"]:
+        """The decoded signal as it is shown, frames within the stay tolerance held."""
+        signal = self.decode(values, stay)
+        return self._held(signal, signal[:, 0])
+
     def step(
-        self, values: Float[Tensor, "B C"], stay: Bool[Tensor, " B"], held: Float[Tensor, "B F"], cache: Cache
+        self, values: Float[Tensor, "B C"], stay: Bool[Tensor, " B"], held: Float[Tensor, "B F"] | None, cache: Cache
     ) -> Float[Tensor, "B P F"]:
-        """D_VQ one code at a time; `held` is the last frame so far."""
+        """`render`, one code at a time; `held` is the last frame so far (None: there is none)."""
         values = torch.where(stay[:, None], self.stay, values)
         moved = self._to_patches(self.decoder.step(self.from_code(values)[:, None], cache))[:, 0]
-        return torch.where(stay[:, None, None], held[:, None].expand_as(moved), moved)
+        if held is None:
+            return self._held(moved, moved[:, 0])
+        return self._held(torch.where(stay[:, None, None], held[:, None].expand_as(moved), moved), held)
+
+    def _held(self, signal: Float[Tensor, "B T F"], held: Float[Tensor, "B F"]) -> Float[Tensor, "B T F"]:
+        if self.stay_tolerance_rad is None:
+            return signal
+        frames = []
+        for frame in signal.unbind(1):
+            near = (frame - held).abs().amax(-1, keepdim=True) < self.stay_tolerance_rad
+            held = torch.where(near, held, frame)
+            frames.append(held)
+        return torch.stack(frames, dim=1)
 
     def _to_patches(self, features: Float[Tensor, "B N W"]) -> Float[Tensor, "B N P F"]:
         out: Tensor = self.out(features).unflatten(-1, (self.settings.frames_per_code, -1))
