@@ -1,7 +1,7 @@
 """How fast the default speech encoder is, how that grows with the sound, and what memory it takes.
 
-The packaged recording is repeated to 10 s, 1 min and 10 min; each length is encoded in a process of its own. Printed are
-CPU seconds per 10 s of sound (one thread), how they grow, and peak memory beyond the sound and the features.
+The packaged recording is repeated to 10 s, 1 min and 10 min; each length is encoded in a process of its own. Printed
+are CPU seconds per 10 s of sound (one thread), how they grow, and peak memory beyond the sound and the features.
 
 Run     python benchmarks/encoder.py     (make bench)
 Reads   conf/ (embed=default)
@@ -19,7 +19,6 @@ import numpy as np
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.config import compose
 from talkingeyes.run import quiet
 from talkingeyes.settings import validated
 
@@ -35,9 +34,16 @@ class Measured:
     peak_mib: float
 
 
-def measure(seconds: int) -> Measured:
+def default_settings() -> EmbedSettings:
+    """The section `embed` of conf/."""
+    from talkingeyes.config import compose
+
+    return validated("embed", EmbedSettings, compose()["embed"])
+
+
+def measure(settings: EmbedSettings, seconds: int) -> Measured:
     """Encode so many seconds of speech, after a warm-up."""
-    encoder = make_encoder(validated("embed", EmbedSettings, compose()["embed"]))
+    encoder = make_encoder(settings)
     speech = read_speech(packaged(SPEECH))
     sound = np.tile(speech, seconds * 16_000 // len(speech) + 1)[: seconds * 16_000]
     encoder(sound[:160_000], FPS)
@@ -51,11 +57,14 @@ def measure(seconds: int) -> Measured:
 def main() -> None:
     """Each length in a process of its own, so that peaks do not mix."""
     quiet()
+    spawn = multiprocessing.get_context("spawn")
+    with spawn.Pool(1) as pool:  # apart, for a process begins with the peak of the one that starts it
+        settings = pool.apply(default_settings)
     print("sound (s)   CPU s per 10 s   x real time   peak MiB beyond sound and features")
     measured = {}
     for seconds in LENGTHS_S:
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            measured[seconds] = pool.apply(measure, (seconds,))
+        with spawn.Pool(1) as pool:
+            measured[seconds] = pool.apply(measure, (settings, seconds))
         cpu_s = measured[seconds].cpu_s
         peak_mib = measured[seconds].peak_mib
         print(f"{seconds:9d}   {cpu_s / seconds * 10:14.3f}   {seconds / cpu_s:11.0f}   {peak_mib:10.0f}")

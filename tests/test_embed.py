@@ -12,10 +12,12 @@ import pytest
 from pipelines import embed
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.config import compose
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
 from talkingeyes.run import Workspace
+from talkingeyes.settings import validated
 
 SECTION = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
@@ -90,3 +92,10 @@ def test_a_corpus_that_cannot_be_embedded_leaves_nothing_behind(tmp_path: Path, 
     with pytest.raises(InputError, match=words):
         embed.run(place)
     assert not place.data("embed").exists()
+
+
+@pytest.mark.parametrize("name", ["default", "logmel", "wav2vec2", "hubert"])
+def test_each_variant_of_the_section_is_whole(name: str) -> None:
+    section = compose([f"embed={name}"])["embed"]
+    kind = validated("embed", EmbedSettings, section).encoder.kind
+    assert kind == ("moonshine" if name == "default" else name)
