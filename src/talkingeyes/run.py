@@ -5,6 +5,7 @@ A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` make
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import inspect
 import os
@@ -31,6 +32,8 @@ B = TypeVar("B")
 __all__ = ["Report", "Row", "Workspace", "each", "main", "perform", "progress", "quiet", "shell"]
 
 Stage = Callable[..., Report]
+
+SUMS = "SHA256SUMS"
 
 
 @dataclass(frozen=True)
@@ -82,18 +85,28 @@ class Workspace:
 
     @contextmanager
     def output(self, *parts: str) -> Iterator[Path]:
-        """A new folder that becomes data/<parts> only when the block ends well: never a half-made output."""
+        """A new folder that becomes data/<parts> only when the block ends well: never a half-made output.
+
+        SHA256SUMS in it stands for all its files: DVC looks at one file for each stage that reads thousands.
+        """
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         try:
             yield partial
+            (partial / SUMS).write_text(sums(partial))
         except BaseException:
             shutil.rmtree(partial, ignore_errors=True)
             raise
         shutil.rmtree(final, ignore_errors=True)
         partial.rename(final)
+
+
+def sums(folder: Path) -> str:
+    """What `sha256sum` prints for the files of a folder."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    return "".join(f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
 
 
 def each(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
@@ -133,7 +146,7 @@ def shell(command: Callable[[], None]) -> NoReturn:
     try:
         command()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)  # some causes quote several lines
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
