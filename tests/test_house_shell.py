@@ -71,6 +71,18 @@ def test_an_output_appears_whole_or_not_at_all(tmp_path):
     assert workspace.data("fit", "a").read_text() == "old"
 
 
+def test_an_output_lists_its_files_as_sha256sum_does(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("fit") as folder:
+        (folder / "b").mkdir()
+        (folder / "b" / "c").write_bytes(b"x" * 1000)
+        (folder / "a").write_bytes(b"")
+    check = subprocess.run(
+        ["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=workspace.data("fit"), check=True, capture_output=True
+    )
+    assert check.stdout == b"a: OK\nb/c: OK\n"
+
+
 def square(number):
     return number**2
 
