@@ -35,6 +35,8 @@ from talkingeyes.run import Report, Workspace, each, main
 SPLITS = ("test", "unseen")
 # Where the distribution of speed is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
+# Starting a process takes as long as measuring some fifty sounds.
+SOUNDS_WORTH_A_PROCESS = 100
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,12 @@ def run(workspace: Workspace, name: str) -> Report:
     sources = Sources(name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", name))
     found: dict[str, dict[str, list[Figures]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
     work = items(sources, settings)
-    for item, figures in zip(
-        work, each(partial(evaluate, sources), work, workspace.jobs, f"evaluate {name}"), strict=True
-    ):
-        for part, measured in figures.items():
-            found[item.takes[0].split][part].append(measured)
+    critics = {part: Correlation.load(sources.critic, part) for part in CRITICS.values()} if work else {}
+    jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
+    measured = each(partial(evaluate, sources, critics), work, jobs, f"evaluate {name}")
+    for item, figures in zip(work, measured, strict=True):
+        for part, of_part in figures.items():
+            found[item.takes[0].split][part].append(of_part)
     table = {
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
         for split, parts in found.items()
@@ -103,7 +106,7 @@ def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
     return found
 
 
-def evaluate(sources: Sources, item: Item) -> dict[str, Figures]:
+def evaluate(sources: Sources, critics: dict[str, Correlation], item: Item) -> dict[str, Figures]:
     """The figures of one sound by part; none if the row has nothing for it (a speaker of one sound has no mismatch)."""
     corpus, clip = Corpus(sources.corpus), item.takes[0]
     takes = Recordings(item.takes, sources.fit, sources.embed)[:]
@@ -121,7 +124,7 @@ def evaluate(sources: Sources, item: Item) -> dict[str, Figures]:
         truth=cropped(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],
     )
-    return measure(case, {part: Correlation.load(sources.critic, part) for part in CRITICS.values()})
+    return measure(case, critics)
 
 
 def _samples(sources: Sources, item: Item, fitted: Samples, truth: Samples | None) -> Samples | None:

@@ -77,7 +77,8 @@ def test_the_mean_has_no_diversity_and_rests(tables):
             assert parts[part]["l2"]["value"] > 0
 
 
-def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_path):
+def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluate, "SOUNDS_WORTH_A_PROCESS", 1)
     parallel = toy_workspace(tmp_path, jobs=2)
     shutil.copytree(workspace.data("critic"), parallel.data("critic"))
     evaluate.run(parallel, "mismatched")

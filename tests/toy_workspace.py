@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
@@ -40,6 +41,8 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
         jittered.save(sharded_for_writing(root / "data" / "fit" / "motion", clip.id, ".npz"))
         if clip.take == 0:
             speech = random.normal(size=(FRAMES, CHANNELS)).astype(np.float32)
+            noise = random.uniform(-0.1, 0.1, FRAMES * 640).astype(np.float32)
+            corpus.write_sound(clip.sound, noise, Annotation())
             np.save(sharded_for_writing(embed / "speech", clip.sound, ".npy"), speech)
             if clip.split != "train":
                 _samples(random, still=True).save(_sample_path(root, "mean", clip))

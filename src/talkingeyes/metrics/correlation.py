@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.stats import rankdata
 
 from talkingeyes.learning.checkpoint import load
 from talkingeyes.models.critic import MIRROR, Critic, CriticNetworkSettings, angles
@@ -20,8 +19,9 @@ from talkingeyes.models.critic import MIRROR, Critic, CriticNetworkSettings, ang
 
 def auc(positives: Float[ndarray, " P"], negatives: Float[ndarray, " N"]) -> float:
     """Chance that a positive scores above a negative; ties count half."""
-    ranks = rankdata(np.concatenate([positives, negatives]))[: len(positives)]
-    return float((ranks.mean() - (len(positives) + 1) / 2) / len(negatives))
+    ordered = np.sort(negatives)
+    below, not_above = (np.searchsorted(ordered, positives, side=side) for side in ("left", "right"))
+    return float((below + not_above).mean() / 2 / len(ordered))
 
 
 class Correlation:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.corpus.samples import Samples
+from talkingeyes.kinematics import STILL_DEG_S
 from talkingeyes.metrics.table import TITLES, Column, Table, figure, ordered
 from talkingeyes.rotation import angles_of_direction, directions, gaze_in_space
 
@@ -84,13 +85,13 @@ def _mark_reference(axis: Any, rows: Mapping[str, Table], column: Column) -> Non
         axis.axvline(found["value"], color="0.3", linewidth=0.9, linestyle=":", zorder=0)
 
 
-def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sound_rate: float, path: Path) -> None:
+def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rate: int, path: Path) -> None:
     """Yaw of eyes, of gaze in space and of the head over time: a column a method, a colour a sample."""
     canvas = _figure(3.4 * len(traces) + 0.6, 7.2)
     axes = canvas.subplots(
         4, len(traces), sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": [0.5, 1, 1, 1]}
     )
-    sound_s = np.arange(len(sound)) / sound_rate
+    sound_s = np.arange(len(sound)) / sample_rate
     for column, trace in zip(axes.T, traces, strict=True):
         column[0].plot(sound_s, sound, color="0.55", linewidth=0.3, rasterized=True)
         column[0].set_title(trace.title, fontsize=11)
@@ -129,6 +130,8 @@ def plot_speeds(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path:
             axis.loglog(
                 speed, shown, color=COLOURS.get(name), linewidth=2.2 if wide else 1.2, label=TITLES.get(name, name)
             )
+        axis.axvline(STILL_DEG_S, color="0.4", linewidth=0.9, linestyle=":")
+        axis.text(STILL_DEG_S * 0.9, 1.5e-4, "still", color="0.4", fontsize=8, ha="right")
         axis.set_title(title, fontsize=11)
         axis.set_xlabel("speed, degrees a second")
         axis.grid(True, which="major", color="0.9")

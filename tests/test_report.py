@@ -1,0 +1,108 @@
+"""The report on a hand-made workspace: tables, requirements, pictures, rows for the record of runs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import pytest
+from toy_workspace import toy_workspace
+
+from pipelines import critic, evaluate, report
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.table import Requirement, checklist, markdown, requirements
+
+ROWS = ("truth", "fitted", "mismatched", "mean", "random")
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    made = toy_workspace(tmp_path_factory.mktemp("workspace"))
+    critic.run(made)
+    for row in ROWS:
+        evaluate.run(made, row)
+    made.data("sample", "random").rename(made.data("sample", "talkingeyes"))
+    made.data("pretrain", "codes").mkdir(parents=True)
+    made.data("pretrain", "codes", "codes.json").write_text(json.dumps({"counts": [5, 0, 1, 1]}))
+    return made
+
+
+@pytest.fixture(scope="module")
+def reported(workspace):
+    return report.run(workspace)
+
+
+def test_writes_tables_and_pictures(workspace, reported):
+    names = {path.name for path in workspace.data("report").iterdir()}
+    pictures = {"figures.png", "traces.png", "speeds.png", "codes.png"}
+    assert names == {"metrics.json", "table3.md", "table3.csv"} | pictures
+    assert all(workspace.data("report", name).stat().st_size > 5000 for name in pictures)
+    assert {path.name for path in reported.artifacts} == names
+
+
+def test_metrics_hold_every_row_flat(workspace, reported):
+    metrics = json.loads(workspace.data("report", "metrics.json").read_text())
+    assert set(metrics) == set(ROWS)
+    assert metrics["mean"]["test"]["gaze"]["diversity"] == 0
+    assert [row.name for row in reported.rows] == list(ROWS)
+    assert reported.rows[3].metrics["unseen/head/diversity"] == 0
+
+
+def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported):
+    with workspace.data("report", "table3.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [(line["split"], line["row"]) for line in lines] == [(s, r) for s in ("test", "unseen") for r in ROWS]
+    random = lines[4]
+    assert random["paper_gaze_diversity"] == "0.23383"
+    assert float(random["gaze_l2_low"]) <= float(random["gaze_l2"]) <= float(random["gaze_l2_high"])
+    page = workspace.data("report", "table3.md").read_text()
+    assert page.index("| Truth |") < page.index("| Mismatched motion |") < page.index("| Random |")
+    assert "codes: share of codes in use | at least 0.9 | 0.75 | **off by -0.15**" in page
+
+
+def test_reports_are_repeatable(workspace, reported):
+    before = {path.name: path.read_bytes() for path in workspace.data("report").iterdir()}
+    report.run(workspace)
+    assert {path.name: path.read_bytes() for path in workspace.data("report").iterdir()} == before
+
+
+def test_nothing_to_report_on_is_said(tmp_path):
+    empty = toy_workspace(tmp_path)
+    with pytest.raises(InputError, match="got none"):
+        report.run(empty)
+
+
+def made(**figures):
+    """A row whose figures have the given values on both splits."""
+    parts = {"gaze": {}, "space": {}, "head": {}}
+    for key, value in figures.items():
+        part, name = key.split("_", 1)
+        parts[part][name] = {"value": value, "low": value, "high": value}
+    return {"test": parts, "unseen": parts}
+
+
+def test_requirements_say_what_is_reached_and_by_how_much_not():
+    alive = {"gaze_diversity": 0.2, "gaze_diversity_ratio": 0.9, "gaze_speed_ratio": 1.0, "gaze_speed_p99_ratio": 1.6}
+    rows = {
+        "mean": made(gaze_diversity=0.0),
+        "vae": made(gaze_diversity=0.25),
+        "mismatched": made(gaze_corr_difference=-0.1, space_corr_difference=0.1, head_corr_difference=-0.2),
+        "talkingeyes": made(**alive, space_still=0.8),
+    }
+    found = [each for each in requirements(rows) if each.name.startswith("test")]
+    assert [each.reached for each in found] == [False, True, True, False, True, True, False, True]
+    assert found[0].off == pytest.approx(-0.05)
+    assert found[3].off == pytest.approx(0.1)
+    assert "0.6 to 1.5 | 1.6 | **off by +0.1**" in checklist(found)
+    assert not any(each.reached for each in requirements({}))
+
+
+def test_bounds_are_closed():
+    assert Requirement("", 0.5, 0.5, 1.3).reached
+    assert Requirement("", 1.3, 0.5, 1.3).reached
+    assert not Requirement("", math.nextafter(1.3, 2), 0.5, 1.3).reached
+
+
+def test_a_row_without_figures_has_empty_cells():
+    assert "| Truth |  |  |" in markdown({"truth": {"test": {}, "unseen": {}}})
