@@ -69,12 +69,12 @@ def run(workspace: Workspace) -> Report:
         if counts:
             plot_codes(counts, folder / "codes.png")
         _draw_traces(workspace, folder / "traces.png")
-    artifacts = sorted(workspace.data("report").iterdir())
+    artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
     flat = {name: _flat(row) for name, row in _values(rows).items()}
     missed = sum(not each.reached for each in asked)
     return Report(
-        metrics={"required": len(asked), "missed": missed},
+        metrics={"required": float(len(asked)), "missed": float(missed)},
         artifacts=artifacts,
         rows=[Row(name, flat[name], pictures) for name in ordered(rows)],
     )

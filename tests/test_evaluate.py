@@ -38,9 +38,8 @@ def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
     report = json.loads(workspace.data("critic", "report.json").read_text())
     assert set(report) == set(PARTS)
     for part in PARTS:
-        assert {path.name for path in workspace.data("critic", part).iterdir()} == {
-            "model.safetensors", "config.json", "history.json",
-        }  # fmt: skip
+        names = {path.name for path in workspace.data("critic", part).iterdir()}
+        assert names == {"model.safetensors", "config.json", "history.json"}
         assert set(report[part]) == {"kept_out", "test", "unseen", "test_and_unseen"}
         for verdict in report[part].values():
             assert set(verdict) == {
