@@ -154,7 +154,10 @@ def _flat(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _json(path: Path) -> Any:
-    return json.loads(path.read_text())
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not readable ({error}); `make repro` writes it") from None
 
 
 if __name__ == "__main__":
