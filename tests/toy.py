@@ -1,4 +1,4 @@
-"""Toy recordings: gaze that jumps and rests, a head that sways, speech of noise. Fast, and alive enough to learn from."""
+"""Toy recordings: gaze that jumps and rests, a head that sways, speech of noise. Fast, alive enough to learn from."""
 
 import numpy as np
 

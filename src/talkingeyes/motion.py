@@ -31,8 +31,8 @@ ARRAYS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
 class Motion:
     """One performance of T frames at `fps`.
 
-    `head` is root and neck in one, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 at the opening
-    that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink and jaw.
+    `head` is root and neck in one, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 at the
+    opening that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink and jaw.
     """
 
     fps: float
@@ -103,7 +103,11 @@ class Motion:
         texts = {**CONVENTIONS, "head_model": self.head_model, "expression_names": json.dumps(self.expression_names)}
         with path.open("wb") as file:
             np.savez_compressed(
-                file, allow_pickle=False, fps=np.float64(self.fps), **arrays, **{k: np.str_(v) for k, v in texts.items()}
+                file,
+                allow_pickle=False,
+                fps=np.float64(self.fps),
+                **arrays,
+                **{k: np.str_(v) for k, v in texts.items()},
             )
 
     @classmethod

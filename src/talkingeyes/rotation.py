@@ -49,7 +49,8 @@ def direction_of_angles(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*
 def angles_of_direction(unit: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 2"]:
     """(yaw, pitch) of unit vectors; the inverse of `direction_of_angles`."""
     return np.stack(
-        [np.arctan2(unit[..., 0], unit[..., 2]), np.arctan2(unit[..., 1], np.hypot(unit[..., 0], unit[..., 2]))], axis=-1
+        [np.arctan2(unit[..., 0], unit[..., 2]), np.arctan2(unit[..., 1], np.hypot(unit[..., 0], unit[..., 2]))],
+        axis=-1,
     )
 
 
@@ -71,6 +72,6 @@ def gaze_in_space(head: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*N E 3"]) 
 def eye_in_head(head: Float[ndarray, "*N 3"], space_rad: Float[ndarray, "*N E 2"]) -> Float[ndarray, "*N E 3"]:
     """Torsion-free eye rotation vectors that look in direction `space_rad` from a head turned by `head`.
 
-    The inverse of `gaze_in_space`: the counter-rotation of the eyes (vestibulo-ocular reflex with gain 1) is this product.
+    The inverse of `gaze_in_space`: the counter-rotation of the eyes (vestibulo-ocular reflex, gain 1) is this product.
     """
     return listing(np.einsum("...ji,...ej->...ei", matrices(head), direction_of_angles(space_rad)))

@@ -3,7 +3,7 @@
 Encoder and decoder are causal with attention over a fixed past, so speech of any length costs linear time and can be
 streamed. One code stands for `frames_per_code` frames: 1 as in the paper; with 4 the decoder that predicts codes stays
 alive when it runs free (docs/log.md). With a stay tolerance, a patch that does not move has no code: it copies the
-frame before it exactly. So does each rendered frame within the tolerance: codes cannot tremble while gaze rests. Rendered, so does every frame within the tolerance: codes cannot tremble while gaze rests.
+frame before it exactly. So does each rendered frame within the tolerance: codes cannot tremble while gaze rests.
 """
 
 from __future__ import annotations
