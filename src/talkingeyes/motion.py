@@ -32,7 +32,8 @@ class Motion:
     """One performance of T frames at `fps`.
 
     `head` is root and neck in one, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 at the
-    opening that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink and jaw.
+    opening that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink
+    and jaw.
     """
 
     fps: float
