@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from talkingeyes.corpus.windows import Recordings
+from talkingeyes.corpus.windows import Recording
 from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
 from talkingeyes.models.gaze.categorical import stay_mask
@@ -41,7 +42,7 @@ class CodeUse:
         """Distinct codes used, their share, perplexity, share of stays, error."""
         used = int((self.counts > 0).sum())
         return {
-            "codes_used": used,
+            "codes_used": float(used),
             "codes_used_share": used / len(self.counts),
             "perplexity": perplexity(self.counts),
             "stays": self.stays,
@@ -52,7 +53,7 @@ class CodeUse:
 class PriorTask:
     """Self-reconstruction of true gaze through the codebook."""
 
-    def __init__(self, settings: PriorSettings, train: Recordings, val: Recordings) -> None:
+    def __init__(self, settings: PriorSettings, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         torch.manual_seed(settings.seed)
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
@@ -82,7 +83,7 @@ class PriorTask:
         return {"score": -use.error_deg, "error_deg": use.error_deg, "perplexity": perplexity(use.counts)}
 
     @torch.no_grad()
-    def use(self, recordings: Recordings) -> CodeUse:
+    def use(self, recordings: Sequence[Recording]) -> CodeUse:
         """Codes over every clip of a split, whole clips at once."""
         counts = torch.zeros(self.settings.network.quantiser.codes)
         squares, numbers, stays, patches = 0.0, 0, 0, 0
@@ -99,7 +100,7 @@ class PriorTask:
         # Both eyes' errors together, so half of the sum of squares is one eye's.
         return CodeUse(counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stays / max(patches, 1))
 
-    def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+    def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B U F"]:
         """Whole patches only."""
         return signal[
             :, : signal.shape[1] // self.settings.network.frames_per_code * self.settings.network.frames_per_code

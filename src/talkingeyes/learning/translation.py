@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from talkingeyes.corpus.windows import Normaliser, Recordings
+from talkingeyes.corpus.windows import Normaliser, Recording
 from talkingeyes.learning.aliveness import Aliveness, aliveness
 from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
@@ -40,8 +41,8 @@ class TranslationTask:
         self,
         settings: TranslationSettings,
         seed: int,
-        train: Recordings,
-        val: Recordings,
+        train: Sequence[Recording],
+        val: Sequence[Recording],
         normaliser: Normaliser,
         codebook: GazeVQVAE | None,
     ) -> None:
@@ -88,7 +89,7 @@ class TranslationTask:
             [each.head[0].numpy() for each in motions], [each.gaze[0].numpy() for each in motions], self._fps
         )
 
-    def _normalise(self, train: Recordings) -> None:
+    def _normalise(self, train: Sequence[Recording]) -> None:
         head = statistics(np.concatenate([each.head for each in train]))
         self.module.head.normalise_by(torch.from_numpy(head.mean), head.scale)
         if isinstance(self.module.gaze, VAEGaze):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.corpus.windows import Recordings
+from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.models.gaze.signal import mirrored
 from talkingeyes.models.speech_to_motion import Batch
@@ -46,7 +47,7 @@ def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
 class Windows:
     """Draws batches from recordings. Clips shorter than a window are left out."""
 
-    def __init__(self, recordings: Recordings, settings: WindowSettings, seed: int) -> None:
+    def __init__(self, recordings: Sequence[Recording], settings: WindowSettings, seed: int) -> None:
         self.recordings, self.settings = recordings, settings
         self.random = np.random.default_rng(seed)
         lengths = np.array([len(recording) for recording in recordings])

@@ -19,8 +19,10 @@ from talkingeyes import rotation
 from talkingeyes.motion import Saccade
 from talkingeyes.physiology import saccades
 
-# A step of at least 1 degree a frame (25 degrees a second at 25 fps) belongs to a saccade (Salvucci & Goldberg 2000).
+# A step of at least 1 degree a frame (25 degrees a second at 25 fps) is a saccade (Salvucci & Goldberg 2000); smaller
+# steps right before and after it are its slow start and end.
 STEP_RAD = np.radians(1.0)
+EDGE_RAD = np.radians(0.2)
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,11 @@ class Performed:
 def find_saccades(space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
     """Saccades of gaze in space (yaw, pitch; the mean of the eyes): runs of steps, amplitude their sum."""
     found = []
-    for first, last in _runs(np.linalg.norm(np.diff(space_rad, axis=0), axis=1) >= STEP_RAD):
+    steps = np.linalg.norm(np.diff(space_rad, axis=0), axis=1)
+    for first, last in _runs(steps >= EDGE_RAD):
         start, end = space_rad[first], space_rad[last + 1]
         amplitude = float(np.linalg.norm(end - start))
-        if amplitude < STEP_RAD:
+        if amplitude < STEP_RAD or steps[first : last + 1].max() < STEP_RAD:
             continue
         duration, skew = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
         found.append(
@@ -62,7 +65,10 @@ def resample(
     """The same motion at another frame rate. Its duration stays, so T becomes T * new_fps / fps."""
     times = np.arange(len(head)) / fps
     new_times = np.arange(int(len(head) * new_fps / fps + 1e-9)) / new_fps
-    new_head = CubicSpline(times, head)(np.minimum(new_times, times[-1]))
+    # A single frame has no spline; it is held.
+    new_head = (
+        CubicSpline(times, head)(np.minimum(new_times, times[-1])) if len(head) > 1 else head[new_times.astype(int)]
+    )
     smooth = space_rad - _staircase(found, times)[:, None]
     between = np.stack(
         [np.interp(new_times, times, smooth[:, eye, axis]) for eye in (0, 1) for axis in (0, 1)], axis=-1

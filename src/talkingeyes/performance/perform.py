@@ -65,7 +65,17 @@ class Performer:
         blink_profile: BlinkProfileName = "physio",
     ) -> list[Performance]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for."""
-        embedding = self.encoder(sound, self.fps)
+        return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, blink_profile)
+
+    def perform_embedded(
+        self,
+        embedding: Float[ndarray, "T C"],
+        samples: int,
+        seed: int,
+        fps: float,
+        blink_profile: BlinkProfileName = "physio",
+    ) -> list[Performance]:
+        """The same for speech that is embedded already."""
         drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
         return [self._one(drawn, index, seed, fps, blink_profile) for index in range(samples)]
 
