@@ -55,6 +55,7 @@ def recomputed(embedding: np.ndarray) -> float:
     import torch
 
     from talkingeyes.learning.trained import NetworkGenerator, load_generator
+    from talkingeyes.models.gaze.generator import Condition
 
     generator = load_generator(MODEL)
     assert isinstance(generator, NetworkGenerator)
@@ -62,7 +63,8 @@ def recomputed(embedding: np.ndarray) -> float:
     start = time.process_time()
     with torch.no_grad():
         speech = network.speech(torch.from_numpy(embedding)[None])
-        memory = network.gaze._memory(speech, torch.zeros(1, len(embedding), 3))
+        still = torch.zeros(1, len(embedding), 3)
+        memory = network.gaze._memory(Condition(speech, still, still))
         for step in range(memory.shape[1]):
             features = network.gaze.transformer(memory[:, : step + 1], memory)
             network.gaze.out(features)

@@ -125,6 +125,7 @@ def prior(patch: int, **changes: Any) -> PriorSettings:
 def test_a_codebook_learns_uses_its_codes_and_repeats(patch: int) -> None:
     train_clips, val = recordings(12, seed=1), recordings(3, seed=2)
     first = PriorTask(prior(patch), train_clips, val)
+    first.module.eval()
     before = first.use(val).error_deg
     history = train(first, prior(patch).loop, "prior")
     second = PriorTask(prior(patch), train_clips, val)

@@ -14,6 +14,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.gaze.categorical import CategoricalGaze, CategoricalGazeSettings
+from talkingeyes.models.gaze.generator import Condition
 from talkingeyes.models.gaze.regressed import RegressedGaze, RegressedGazeSettings
 from talkingeyes.models.gaze.vae import VAEGaze, VAEGazeSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -78,8 +79,9 @@ class SpeechToMotion(nn.Module):
         speech = self.speech(batch.speech)
         predicted = self.head.predict(speech, batch.head)
         replaced = torch.rand(len(batch.head)) < self.settings.reconstructed_head
-        condition = torch.where(replaced[:, None, None], predicted.head, batch.head)
-        terms = predicted.terms | self.gaze.terms(speech, self.head.normal(condition), batch.head, batch.gaze)
+        seen = torch.where(replaced[:, None, None], predicted.head, batch.head)
+        condition = Condition(speech, batch.head, self.head.normal(seen))
+        terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
         total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
         return {"total": total, **terms}  # type: ignore[dict-item]
 
@@ -91,7 +93,8 @@ class SpeechToMotion(nn.Module):
         speech = self.speech(embedding[None]).expand(len(seeds), -1, -1)
         head = self.head.sample(speech, seeds)
         chosen = float(self.temperature) if temperature is None else temperature
-        return Generated(head, self.gaze.sample(speech, self.head.normal(head), head, seeds, chosen))
+        condition = Condition(speech, head, self.head.normal(head))
+        return Generated(head, self.gaze.sample(condition, seeds, chosen))
 
 
 def _gaze_generator(

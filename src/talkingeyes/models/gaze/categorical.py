@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.gaze.generator import uniforms
+from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import stays, to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
@@ -61,31 +61,18 @@ class CategoricalGaze(nn.Module):
         )
         self.out = nn.Linear(width, self.stay + 1)
 
-    def terms(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        gaze: Float[Tensor, "B T 2 3"],
-    ) -> dict[str, Tensor]:
+    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Cross-entropy of the codes of true gaze, with true codes as history."""
-        codes, history = self._encode(head, gaze)
-        memory = self._memory(speech, head_normal)
+        codes, history = self._encode(condition.head, gaze)
+        memory = self._memory(condition)
         logits = self.out(self.transformer(self._query(history) + memory, memory))
         logits = self._bar_first_stay(logits)
         return {"gaze_codes": F.cross_entropy(logits.flatten(0, 1), codes.flatten())}
 
     @torch.no_grad()
-    def sample(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        seeds: list[int],
-        temperature: float,
-    ) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Draw code after code; gaze in space is rendered by D_VQ, and the eyes make up for the head."""
-        memory = self._memory(speech, head_normal)
+        memory = self._memory(condition)
         batch, steps = memory.shape[:2]
         cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
         uniform = uniforms(seeds, steps)
@@ -105,8 +92,8 @@ class CategoricalGaze(nn.Module):
             patches.append(self.codebook.step(values, stay, held if step else None, decoding))
             held = patches[-1][:, -1]
             dwell = torch.where(stay, dwell + 1, 0)
-        signal = torch.cat(patches, dim=1)[:, : speech.shape[1]]
-        return torch.from_numpy(to_gaze(self.codebook.settings.signal, head.numpy(), signal.numpy()))
+        signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
+        return torch.from_numpy(to_gaze(self.codebook.settings.signal, condition.head.numpy(), signal.numpy()))
 
     @torch.no_grad()
     def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
@@ -127,10 +114,11 @@ class CategoricalGaze(nn.Module):
             torch.cat([torch.zeros_like(dwell[:, :1]), dwell[:, :-1]], dim=1),
         )
 
-    def _memory(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B N W"]:
+    def _memory(self, condition: Condition) -> Float[Tensor, "B N W"]:
         """Speech and head a code; the last patch is filled up by its last frame."""
+        speech = condition.speech
         missing = -speech.shape[1] % self.patch
-        both = torch.cat([speech, head], dim=-1)
+        both = torch.cat([speech, condition.head_normal], dim=-1)
         both = torch.cat([both, both[:, -1:].expand(-1, missing, -1)], dim=1).unflatten(1, (-1, self.patch))
         pooled = both[..., : speech.shape[-1]].mean(2)
         out: Tensor = self.condition(torch.cat([pooled, both[..., speech.shape[-1] :].flatten(2)], dim=-1))

@@ -5,6 +5,7 @@ A generator is one file here: `categorical`, `regressed` (the paper) or `vae` (t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch
@@ -15,27 +16,26 @@ from torch import Tensor
 SEED_OFFSET = 1_000_003
 
 
-class GazeGenerator(Protocol):
-    """`head` is in radians; `head_normal` the same in units of its standard deviation, as the condition."""
+@dataclass(frozen=True)
+class Condition:
+    """What gaze is generated for. `head` is in radians; `head_normal`, what networks see, in its standard deviations.
 
-    def terms(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        gaze: Float[Tensor, "B T 2 3"],
-    ) -> dict[str, Tensor]:
-        """Named terms of the loss for true motion; `head_normal` may be a reconstruction of `head`."""
+    In training `head_normal` may be a reconstruction of `head`.
+    """
+
+    speech: Float[Tensor, "B T S"]
+    head: Float[Tensor, "B T 3"]
+    head_normal: Float[Tensor, "B T 3"]
+
+
+class GazeGenerator(Protocol):
+    """The role."""
+
+    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+        """Named terms of the loss for true gaze."""
         ...
 
-    def sample(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        seeds: list[int],
-        temperature: float,
-    ) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Eye-in-head rotation vectors, a seed a row."""
         ...
 

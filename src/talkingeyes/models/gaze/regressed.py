@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.categorical import draw
-from talkingeyes.models.gaze.generator import uniforms
+from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.quantiser import Quantiser
@@ -50,18 +50,12 @@ class RegressedGaze(nn.Module):
         )
         self.out = nn.Linear(width, codebook.settings.quantiser.width)
 
-    def terms(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        gaze: Float[Tensor, "B T 2 3"],
-    ) -> dict[str, Tensor]:
+    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Losses of all frames, each predicted from true frames before it; beside them what copying the last gives."""
-        signal = torch.from_numpy(to_signal(self.codebook.settings.signal, head.numpy(), gaze.numpy()))
+        signal = torch.from_numpy(to_signal(self.codebook.settings.signal, condition.head.numpy(), gaze.numpy()))
         true = (signal - self.codebook.mean) / self.codebook.scale
         past = torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
-        features = self.out(self.transformer(self.embed(past), self._memory(speech, head_normal)))
+        features = self.out(self.transformer(self.embed(past), self._memory(condition)))
         quantised = self.codebook.quantiser(features)
         stay = torch.zeros(true.shape[:2], dtype=torch.bool)
         predicted = (self.codebook.decode(quantised.values, stay) - self.codebook.mean) / self.codebook.scale
@@ -73,32 +67,26 @@ class RegressedGaze(nn.Module):
         }
 
     @torch.no_grad()
-    def sample(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        seeds: list[int],
-        temperature: float,
-    ) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Frame after frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
-        memory = self._memory(speech, head_normal)
+        memory = self._memory(condition)
+        batch, frames = memory.shape[:2]
         cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
-        uniform = uniforms(seeds, speech.shape[1])
-        moving = torch.zeros(len(speech), dtype=torch.bool)
-        past = self.codebook.mean.expand(len(speech), -1)
-        frames = []
-        for step in range(speech.shape[1]):
+        uniform = uniforms(seeds, frames)
+        moving = torch.zeros(batch, dtype=torch.bool)
+        past = self.codebook.mean.expand(batch, -1)
+        made = []
+        for step in range(frames):
             normal = (past - self.codebook.mean) / self.codebook.scale
             features = self.out(self.transformer.step(self.embed(normal)[:, None], cache))[:, 0]
             values = lookup(self.codebook.quantiser, features, uniform[:, step], temperature)
             past = self.codebook.step(values, moving, past, decoding)[:, 0]
-            frames.append(past)
-        signal = torch.stack(frames, dim=1)
-        return torch.from_numpy(to_gaze(self.codebook.settings.signal, head.numpy(), signal.numpy()))
+            made.append(past)
+        signal = torch.stack(made, dim=1)
+        return torch.from_numpy(to_gaze(self.codebook.settings.signal, condition.head.numpy(), signal.numpy()))
 
-    def _memory(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T W"]:
-        out: Tensor = self.condition(torch.cat([speech, head], dim=-1))
+    def _memory(self, condition: Condition) -> Float[Tensor, "B T W"]:
+        out: Tensor = self.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
         return out
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.generator import SEED_OFFSET
+from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 
 
@@ -36,18 +36,12 @@ class VAEGaze(nn.Module):
         self.mean.copy_(mean)
         self.scale.fill_(scale)
 
-    def terms(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        gaze: Float[Tensor, "B T 2 3"],
-    ) -> dict[str, Tensor]:
+    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Eq. 11 to 13 for gaze."""
         true = (gaze.flatten(2) - self.mean) / self.scale
-        condition = torch.cat([speech, head_normal], dim=-1)
-        posterior = self.vae.encode(true, condition)
-        predicted = self.vae.decode(posterior.draw(), condition)
+        given = torch.cat([condition.speech, condition.head_normal], dim=-1)
+        posterior = self.vae.encode(true, given)
+        predicted = self.vae.decode(posterior.draw(), given)
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
             "gaze_velocity": losses.velocity(predicted, true),
@@ -55,18 +49,12 @@ class VAEGaze(nn.Module):
         }
 
     @torch.no_grad()
-    def sample(
-        self,
-        speech: Float[Tensor, "B T S"],
-        head_normal: Float[Tensor, "B T 3"],
-        head: Float[Tensor, "B T 3"],
-        seeds: list[int],
-        temperature: float,
-    ) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Motions from codes drawn from N(0, temperature^2 I)."""
-        shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
+        given = torch.cat([condition.speech, condition.head_normal], dim=-1)
+        shape = (self.vae.codes(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
         codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
-        signal = self.vae.decode(codes, torch.cat([speech, head_normal], dim=-1)) * self.scale + self.mean
+        signal = self.vae.decode(codes, given) * self.scale + self.mean
         gaze: Tensor = signal.unflatten(-1, (2, 3))
         return gaze
