@@ -38,7 +38,7 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
     with workspace.output("train", name) as folder:
-        config = network_config(settings, len(normaliser.mean), codebook)
+        config = network_config(settings, normaliser.channels, codebook)
         save(folder, task.module.state_dict(), config, [*history, chosen])
         shutil.copyfile(embed / "embedding.json", folder / "embedding.json")
     weights = sum(parameter.numel() for parameter in task.module.parameters())

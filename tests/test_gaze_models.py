@@ -53,14 +53,14 @@ def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
             kind="speech_to_motion",
             parts=("head", "gaze"),
             prior=None,
-            speech={"width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
+            speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"latent_frames": head_frames},
             gaze={"kind": kind, **GAZE[kind]},
             reconstructed_head=0.5,
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
             temperatures=(1.0,),
         ),
-        CHANNELS,
+        [str(index) for index in range(CHANNELS)],
         book,
     ).eval()
 

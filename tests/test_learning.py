@@ -30,7 +30,8 @@ LOOP = {
     "clip_norm": 1.0,
     "validate_every": 30,
 }
-NORMALISER = Normaliser(np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
+NAMES = tuple(str(index) for index in range(CHANNELS))
+NORMALISER = Normaliser(NAMES, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
 
 
 class Line:
@@ -148,7 +149,7 @@ def translation(kind: str, **changes: Any) -> TranslationSettings:
             "kind": "speech_to_motion",
             "parts": ["head", "gaze"],
             "prior": None,
-            "speech": {"width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
+            "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
             "head": VAE,
             "gaze": {"kind": kind, **GAZE[kind]},
             "reconstructed_head": 0.5,
@@ -181,7 +182,7 @@ def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path:
     chosen = task.choose_temperature()
     assert float(task.module.temperature) in settings.temperatures
     assert len(chosen) == len(settings.temperatures)
-    checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, CHANNELS, book), history)
+    checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, NAMES, book), history)
     speech = recordings(1, seed=9)[0].speech
     again = load_generator(tmp_path).generate(speech, [5], 25.0)
     direct = task.module.generate(torch.from_numpy(speech), [5])

@@ -38,8 +38,9 @@ class Recording:
 
 @dataclass(frozen=True)
 class Normaliser:
-    """Mean and standard deviation of each channel of the speech embedding over the train split."""
+    """Names of the channels of the speech embedding, their means and standard deviations over the train split."""
 
+    channels: tuple[str, ...]
     mean: Float[ndarray, " C"]
     std: Float[ndarray, " C"]
 
@@ -47,7 +48,8 @@ class Normaliser:
     def of(cls, embed: Path) -> Normaliser:
         """From the embed stage's folder."""
         content = json.loads((embed / "embedding.json").read_text())
-        return cls(np.asarray(content["mean"], np.float32), np.asarray(content["std"], np.float32))
+        mean, std = (np.asarray(content[name], np.float32) for name in ("mean", "std"))
+        return cls(tuple(content["channels"]), mean, std)
 
 
 class Recordings(Sequence[Recording]):

@@ -5,6 +5,7 @@ Reads a folder of the train stage; everything that generation needs is in it (co
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -59,11 +60,13 @@ class BaselineGenerator:
         return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
 
 
-def network_config(settings: TranslationSettings, channels: int, codebook: GazeVQVAE | None) -> dict[str, Any]:
+def network_config(
+    settings: TranslationSettings, channels: Sequence[str], codebook: GazeVQVAE | None
+) -> dict[str, Any]:
     """What a network is rebuilt from."""
     return {
         "model": settings.model_dump(mode="json"),
-        "channels": channels,
+        "channels": list(channels),
         "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
     }
 

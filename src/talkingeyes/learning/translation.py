@@ -51,7 +51,7 @@ class TranslationTask:
         self.windows = Windows(train, settings.windows, seed)
         # The first take of each val sound, as many as are watched.
         self.watched = [each for each in val if each.clip.take == 0][: settings.watched_clips]
-        self.module = SpeechToMotion(settings, len(normaliser.mean), codebook)
+        self.module = SpeechToMotion(settings, normaliser.channels, codebook)
         self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
         self._normalise(train)
         self.truth = aliveness([each.head for each in self.watched], [each.gaze for each in self.watched], self._fps)

@@ -6,6 +6,7 @@ each model, as the paper trains a part of its encoder.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import torch
@@ -13,6 +14,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.errors import InputError
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.settings import Settings
 
@@ -20,6 +22,8 @@ from talkingeyes.settings import Settings
 class SpeechSettings(Settings):
     """Size of the projection."""
 
+    # Channels of the embedding that are heard; null: all.
+    channels: tuple[str, ...] | None
     width: Annotated[int, Field(gt=0)]
     # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
     layers: Annotated[int, Field(ge=0)]
@@ -29,17 +33,24 @@ class SpeechSettings(Settings):
 
 
 class SpeechInput(nn.Module):
-    """Speech features a frame from an embedding of C channels."""
+    """Speech features a frame from an embedding of C named channels."""
 
+    heard: Tensor
     mean: Tensor
     std: Tensor
 
-    def __init__(self, settings: SpeechSettings, channels: int) -> None:
+    def __init__(self, settings: SpeechSettings, names: Sequence[str]) -> None:
+        """Raises InputError if a channel of the settings is not among the names."""
         super().__init__()
-        self.register_buffer("mean", torch.zeros(channels))
-        self.register_buffer("std", torch.ones(channels))
+        chosen = tuple(names) if settings.channels is None else settings.channels
+        strange = [name for name in chosen if name not in names]
+        if strange:
+            raise InputError(f"speech.channels: should be channels of the embedding, got {', '.join(strange)}")
+        self.register_buffer("heard", torch.tensor([list(names).index(name) for name in chosen]))
+        self.register_buffer("mean", torch.zeros(len(names)))
+        self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
-        self.stack = ConvolutionStack(channels, settings.width, settings.layers, settings.dropout)
+        self.stack = ConvolutionStack(len(chosen), settings.width, settings.layers, settings.dropout)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
         """Set the statistics of the train split; channels that never vary are left at zero."""
@@ -48,6 +59,6 @@ class SpeechInput(nn.Module):
 
     def forward(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T S"]:
         """Projected features."""
-        standard = (embedding - self.mean) / self.std
+        standard = ((embedding - self.mean) / self.std)[..., self.heard]
         features: Tensor = self.stack(self.drop(standard.transpose(1, 2)).transpose(1, 2))
         return features

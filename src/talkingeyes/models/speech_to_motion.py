@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -66,7 +67,7 @@ class SpeechToMotion(nn.Module):
 
     temperature: Tensor
 
-    def __init__(self, settings: SpeechToMotionSettings, channels: int, codebook: GazeVQVAE | None) -> None:
+    def __init__(self, settings: SpeechToMotionSettings, channels: Sequence[str], codebook: GazeVQVAE | None) -> None:
         super().__init__()
         self.settings = settings
         self.speech = SpeechInput(settings.speech, channels)
