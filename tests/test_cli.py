@@ -65,7 +65,10 @@ SAMPLE = (".events.json", ".mp4", ".npz")
 def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
     assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "2", "--fps", "30") == 0
     names = sorted(path.name for path in (place / out).iterdir())
-    assert names == [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE] + ["traces.png"]
+    assert names == [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE] + [
+        "sheet.png",
+        "traces.png",
+    ]
     motion = Motion.load(place / out / "sample_01.npz")
     assert (motion.fps, len(motion)) == (30.0, 30)
     assert len(Events.load(place / out / "sample_00.events.json").blinks) == 1

@@ -1,7 +1,8 @@
 """Speech file in, motions out: what `talkingeyes animate` and `talkingeyes.animate` do.
 
 Reads a sound file and a trained model. Writes, if a folder is given, sample_00.npz, .events.json and .mp4 of each
-sample, and traces.png; the folder appears whole or not at all.
+sample, traces.png and sheet.png (the drawn head at several times, a row a sample); the folder appears whole or not at
+all.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ MODEL = Path("data", "train", "talkingeyes")
 PICTURE_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
 MOST_SAMPLES = 1000
-OWN_FILES = re.compile(r"sample_\d+\.(npz|events\.json|mp4)|traces\.png")
+OWN_FILES = re.compile(r"sample_\d+\.(npz|events\.json|mp4)|(traces|sheet)\.png")
+SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
 
 
 def animate(
@@ -97,9 +99,11 @@ def _target(out: Path, force: bool) -> Path:
 
 
 def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"]) -> None:
+    from PIL import Image
+
     from talkingeyes.export.traces import plot_traces
     from talkingeyes.export.video import write_video
-    from talkingeyes.head.sketch import draw
+    from talkingeyes.head.sketch import contact_sheet, draw
 
     for index, performance in enumerate(performances):
         motion, name = performance.motion, f"sample_{index:02d}"
@@ -107,7 +111,10 @@ def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, 
         performance.events.save(folder / f"{name}.events.json")
         pictures = iter(progress(draw(motion, PICTURE_PX), f"{name}.mp4", len(motion)))
         write_video(folder / f"{name}.mp4", pictures, motion.fps, sound)
-    plot_traces([performance.motion for performance in performances], sound, folder / "traces.png")
+    motions = [performance.motion for performance in performances]
+    plot_traces(motions, sound, folder / "traces.png")
+    times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
+    Image.fromarray(contact_sheet(motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")
 
 
 @contextlib.contextmanager
