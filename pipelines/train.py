@@ -6,6 +6,7 @@ Writes: data/train/<model>: all that generation needs.
 """
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     with workspace.output("train", name) as folder:
         config = network_config(settings, normaliser.channels, codebook)
         save(folder, task.module.state_dict(), config, [*history, chosen])
-        shutil.copyfile(embed / "embedding.json", folder / "embedding.json")
+        _keep_what_animate_needs(workspace, folder)
     weights = sum(parameter.numel() for parameter in task.module.parameters())
     return Report(metrics={**figures, "parameters": weights})
 
@@ -66,8 +67,14 @@ def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Re
     )
     with workspace.output("train", name) as folder:
         save_baseline(folder, settings, bank, normaliser.mean, normaliser.std)
-        shutil.copyfile(embed / "embedding.json", folder / "embedding.json")
+        _keep_what_animate_needs(workspace, folder)
     return Report(metrics={"clips": len(bank.features)})
+
+
+def _keep_what_animate_needs(workspace: Workspace, folder: Path) -> None:
+    """The encoder's settings and the blinks of the corpus, so that a model's folder is whole."""
+    shutil.copyfile(workspace.data("embed", "embedding.json"), folder / "embedding.json")
+    shutil.copyfile(workspace.data("fit", "blinks.json"), folder / "blinks.json")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ class ToyPerformer:
             raise InputError(f"{model}: not a trained model")
         return cls()
 
-    def perform(self, sound: np.ndarray, samples: int, seed: int, fps: float) -> list[perform.Performance]:
+    def perform(self, sound: np.ndarray, samples: int, seed: int, fps: float, blinks: str) -> list[perform.Performance]:
         performances = []
         for index in range(samples):
             random = np.random.default_rng([seed, index])

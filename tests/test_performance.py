@@ -8,6 +8,7 @@ from toy import recordings
 
 from talkingeyes import rotation
 from talkingeyes.corpus.samples import Samples
+from talkingeyes.errors import InputError
 from talkingeyes.kinematics import space_speed_deg_s
 from talkingeyes.motion import Blink, Saccade
 from talkingeyes.performance.events import find_saccades, resample
@@ -116,6 +117,11 @@ def test_profiles_blink_at_their_rates() -> None:
         rates[profile] = np.mean([len(one.events.blinks) / 2 for one in made])
     assert 34 < rates["paper"] < 46
     assert 18 < rates["physio"] < 30
+
+
+def test_an_unknown_profile_is_one_clear_line() -> None:
+    with pytest.raises(InputError, match="one of paper, physio, got often"):
+        PERFORMER.perform(SOUND, 1, 0, 25.0, "often")
 
 
 def test_sample_i_does_not_depend_on_how_many_are_asked_for() -> None:

@@ -42,18 +42,20 @@ def animate(
     samples: int = 3,
     seed: int = 0,
     fps: float = 25.0,
+    blinks: str = "physio",
     model: Path | str = MODEL,
     force: bool = False,
 ) -> list[Motion]:
     """`samples` motions for the speech in a file; the same seed gives the same motions.
 
+    `blinks` is the profile of their rate: physio, paper or corpus (that of the training data).
     With `out`, they are also written there, with a drawing and a plot; `force` replaces what an earlier call wrote.
     Raises InputError (one line) for a sound, a model, a number or a folder that will not do.
     """
     _check(samples, seed, fps)
     target = None if out is None else _target(Path(out), force)
     sound = read_speech(speech)
-    performances = _perform(Path(model), sound, samples, seed, float(fps))
+    performances = _perform(Path(model), sound, samples, seed, float(fps), blinks)
     if target is not None:
         try:
             with _appearing(target) as folder:
@@ -72,12 +74,14 @@ def _check(samples: int, seed: int, fps: float) -> None:
         raise InputError(f"fps: should be {FPS_BOUNDS[0]:.0f} to {FPS_BOUNDS[1]:.0f}, got {fps}")
 
 
-def _perform(model: Path, sound: Float[ndarray, " N"], samples: int, seed: int, fps: float) -> list[Performance]:
+def _perform(
+    model: Path, sound: Float[ndarray, " N"], samples: int, seed: int, fps: float, blinks: str
+) -> list[Performance]:
     if not model.is_dir():
         raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
     from talkingeyes.performance.perform import Performer
 
-    return Performer.load(model).perform(sound, samples, seed, fps)
+    return Performer.load(model).perform(sound, samples, seed, fps, blinks)
 
 
 def _target(out: Path, force: bool) -> Path:

@@ -31,6 +31,7 @@ def animate(
     samples: Annotated[int, typer.Option(help="How many motions to draw for the speech.")] = 3,
     seed: Annotated[int, typer.Option(help="The same seed gives the same motions.")] = 0,
     fps: Annotated[float, typer.Option(help="Frames a second, 10 to 240.")] = 25.0,
+    blinks: Annotated[str, typer.Option(help="Rate of blinks: physio, paper or corpus.")] = "physio",
     model: Annotated[Path, typer.Option(help="A trained model; `make repro` makes this one.")] = Path(
         "data/train/talkingeyes"
     ),
@@ -39,7 +40,7 @@ def animate(
     """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
     from talkingeyes.animation import animate as make
 
-    motions = make(speech, out, samples=samples, seed=seed, fps=fps, model=model, force=force)
+    motions = make(speech, out, samples=samples, seed=seed, fps=fps, blinks=blinks, model=model, force=force)
     count = "1 motion" if samples == 1 else f"{samples} motions"
     typer.echo(f"{out}: {count} of {motions[0].seconds:.2f} s at {fps:g} frames a second")
 

@@ -7,10 +7,10 @@ are shut, as in the paper's post-processing. Jaw and expression are neutral: the
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -24,8 +24,8 @@ from talkingeyes.learning.trained import Generator, load_generator
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.events import find_saccades, resample
 from talkingeyes.physiology import blinks
+from talkingeyes.physiology.blinks import BlinkProfile
 
-BlinkProfileName = Literal["paper", "physio"]
 SHUT = 0.5
 
 
@@ -44,6 +44,8 @@ class Performer:
     encoder: SpeechEncoder
     generator: Generator
     fps: float
+    # By name: of the paper, of physiology, of the corpus that the model was trained on.
+    blink_profiles: Mapping[str, BlinkProfile] = field(default_factory=lambda: blinks.PROFILES)
 
     @classmethod
     def load(cls, model: Path) -> Performer:
@@ -52,7 +54,11 @@ class Performer:
         try:
             embedding = json.loads((model / "embedding.json").read_text())
             encoder = make_encoder(EmbedSettings.model_validate(embedding["settings"]))
-            return cls(encoder, generator, float(embedding["fps"]))
+            seen = json.loads((model / "blinks.json").read_text())["speakers"]
+            law = BlinkProfile("lognormal", math.exp(seen["log_normal"]["mean"]), seen["log_normal"]["sd"])
+            # A corpus in which nobody blinks has no law of its own.
+            own = {"corpus": law} if seen["count"] > seen["without_blinks"] else {}
+            return cls(encoder, generator, float(embedding["fps"]), blinks.PROFILES | own)
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
 
@@ -62,9 +68,12 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: BlinkProfileName = "physio",
+        blink_profile: str = "physio",
     ) -> list[Performance]:
-        """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for."""
+        """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
+
+        Raises InputError for a blink profile that the model does not have.
+        """
         return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, blink_profile)
 
     def perform_embedded(
@@ -73,16 +82,19 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: BlinkProfileName = "physio",
+        blink_profile: str = "physio",
     ) -> list[Performance]:
         """The same for speech that is embedded already."""
+        if blink_profile not in self.blink_profiles:
+            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {blink_profile}")
+        profile = self.blink_profiles[blink_profile]
         drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
-        return [self._one(drawn, index, seed, fps, blink_profile) for index in range(samples)]
+        return [self._one(drawn, index, seed, fps, profile) for index in range(samples)]
 
-    def _one(self, drawn: Samples, index: int, seed: int, fps: float, profile: BlinkProfileName) -> Performance:
+    def _one(self, drawn: Samples, index: int, seed: int, fps: float, profile: BlinkProfile) -> Performance:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
-        blinked = blinks.draw_blinks(blinks.PROFILES[profile], len(head) / self.fps, random)
+        blinked = blinks.draw_blinks(profile, len(head) / self.fps, random)
         space = held_over(blinked, rotation.gaze_in_space(head, gaze), self.fps)
         found = find_saccades(space.mean(1), self.fps)
         if fps == self.fps:
