@@ -19,9 +19,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.store import SAMPLE_RATE, Corpus, sharded
+from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.plots import Trace, plot_codes, plot_figures, plot_speeds, plot_traces
 from talkingeyes.metrics.table import (

@@ -19,9 +19,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.store import SAMPLE_RATE, Corpus
+from talkingeyes.corpus.store import Corpus
 from talkingeyes.errors import InputError
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main

@@ -13,12 +13,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import Clip, read_index, write_index
 from talkingeyes.errors import InputError
 from talkingeyes.head.observation import Observation
 from talkingeyes.motion import Events, Motion
-
-SAMPLE_RATE = 16_000
 
 
 def sharded(folder: Path, name: str, suffix: str) -> Path:
