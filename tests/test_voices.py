@@ -9,9 +9,10 @@ from jaxtyping import Float
 from joblib import Parallel, delayed
 from numpy import ndarray
 
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
 from talkingeyes.world.text import Filler, Pause, Script, Sentence, Word, write_script
-from talkingeyes.world.voices import RATE_HZ, VARIANTS, Spoken, Voice, draw_voice, speak, speak_about
+from talkingeyes.world.voices import VARIANTS, Spoken, Voice, draw_voice, speak, speak_about
 
 pytest.importorskip("espeakng_loader")
 VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
@@ -27,7 +28,7 @@ def words_of(text: str) -> list[Word]:
 
 
 def level_db(spoken: Spoken, start_s: float, end_s: float) -> float:
-    sound = spoken.sound[round(start_s * RATE_HZ) : round(end_s * RATE_HZ)]
+    sound = spoken.sound[round(start_s * SAMPLE_RATE) : round(end_s * SAMPLE_RATE)]
     return float(10 * np.log10(np.mean(sound.astype(float) ** 2) + 1e-12))
 
 
@@ -41,7 +42,7 @@ def pitch_hz(sound: Float[ndarray, " N"]) -> float:
         likeness = np.correlate(frame, frame, "full")[1023:]
         lag = 40 + int(np.argmax(likeness[40:280]))
         if likeness[lag] > 0.6 * likeness[0]:
-            found.append(RATE_HZ / lag)
+            found.append(SAMPLE_RATE / lag)
     return float(np.median(found))
 
 
@@ -69,7 +70,9 @@ def test_sound_is_whole_frames_at_one_level_without_clipping(spoken: list[tuple[
         assert each.sound.dtype == np.float32
         assert len(each.sound) % 640 == 0
         assert np.abs(each.sound).max() < 1
-        speech = [each.sound[round(s.start_s * RATE_HZ) : round(s.end_s * RATE_HZ)] for s in each.annotation.speaking]
+        speech = [
+            each.sound[round(s.start_s * SAMPLE_RATE) : round(s.end_s * SAMPLE_RATE)] for s in each.annotation.speaking
+        ]
         assert 10 * np.log10(np.mean(np.concatenate(speech).astype(float) ** 2)) == pytest.approx(-23, abs=1.5)
 
 
@@ -108,17 +111,17 @@ def test_word_onsets_match_the_hiss_of_their_first_sound() -> None:
     from scipy import signal
 
     script = script_of(*words_of("When ten signs and nine sons seem in seven salons, then some sang."))
-    high = signal.butter(4, 4500, "high", fs=RATE_HZ, output="sos")
-    smooth = signal.butter(2, 60, fs=RATE_HZ, output="sos")
+    high = signal.butter(4, 4500, "high", fs=SAMPLE_RATE, output="sos")
+    smooth = signal.butter(2, 60, fs=SAMPLE_RATE, output="sos")
     for voice in (voice for voice in VOICES if voice.language == "en"):
         each = speak(script, voice)
         hiss = signal.sosfiltfilt(smooth, signal.sosfiltfilt(high, each.sound.astype(float)) ** 2)
         onsets = [word.start_s for word in each.annotation.words if word.label in {"signs", "seem", "seven", "some"}]
         assert len(onsets) == 4
         for onset_s in onsets:
-            start = round((onset_s - 0.06) * RATE_HZ)
-            near = hiss[start : start + round(0.16 * RATE_HZ)]
-            rise_s = (start + int(np.argmax(near > 0.25 * near.max()))) / RATE_HZ
+            start = round((onset_s - 0.06) * SAMPLE_RATE)
+            near = hiss[start : start + round(0.16 * SAMPLE_RATE)]
+            rise_s = (start + int(np.argmax(near > 0.25 * near.max()))) / SAMPLE_RATE
             assert abs(rise_s - onset_s) < 0.03
 
 
@@ -137,7 +140,7 @@ def test_runs_of_speech_end_at_pauses_of_a_quarter_second() -> None:
 def test_joins_do_not_click(spoken: list[tuple[Script, Spoken]]) -> None:
     for _, each in spoken:
         for pause in each.annotation.pauses:
-            for edge in (round(pause.start_s * RATE_HZ), round(pause.end_s * RATE_HZ)):
+            for edge in (round(pause.start_s * SAMPLE_RATE), round(pause.end_s * SAMPLE_RATE)):
                 assert np.abs(np.diff(each.sound[edge - 8 : edge + 8])).max() < 0.02
 
 

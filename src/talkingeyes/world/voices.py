@@ -15,11 +15,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
 from talkingeyes.world.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say, engine
 from talkingeyes.world.text import Filler, Pause, Script, Word, write_script
 
-RATE_HZ = 16000
 FRAME = 882  # native samples in a frame of 25 fps; resampled they are exactly 640
 LEVEL_RMS = 10 ** (-23 / 20)
 PEAK = 0.97
@@ -63,7 +63,7 @@ class Spoken:
 
     @property
     def seconds(self) -> float:
-        return len(self.sound) / RATE_HZ
+        return len(self.sound) / SAMPLE_RATE
 
 
 def draw_voice(random: np.random.Generator, language: str) -> Voice:
@@ -203,7 +203,7 @@ def _joined(runs: list[_Said | Pause], before_s: float, after_s: float, text: st
         at += len(pieces[-1]) if isinstance(run, Pause) else len(run.sound)
     length = at + round(after_s * NATIVE_HZ)
     pieces.append(np.zeros(-(-length // FRAME) * FRAME - at))
-    sound = soxr.resample(_levelled(np.concatenate(pieces), voiced), NATIVE_HZ, RATE_HZ, quality="HQ")
+    sound = soxr.resample(_levelled(np.concatenate(pieces), voiced), NATIVE_HZ, SAMPLE_RATE, quality="HQ")
     sound = sound[: len(sound) // 640 * 640].astype(np.float32)
     annotation = Annotation(
         words=tuple(words),
