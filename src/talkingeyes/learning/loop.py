@@ -7,6 +7,7 @@ Seeds: a task draws from generators that it seeds itself, so the same settings g
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Literal, Protocol, runtime_checkable
 
 import torch
@@ -44,8 +45,14 @@ class Task(Protocol):
     def validate(self) -> dict[str, float]: ...
 
 
-def train(task: Task, settings: LoopSettings, title: str) -> list[dict[str, float]]:
-    """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures."""
+Watch = Callable[[int, dict[str, float]], None]
+
+
+def train(task: Task, settings: LoopSettings, title: str, report: Watch | None = None) -> list[dict[str, float]]:
+    """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures.
+
+    `report` is given the step and the figures of every validation, and may raise to end a training that leads nowhere.
+    """
     weights = [parameter for parameter in task.module.parameters() if parameter.requires_grad]
     optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
     history: list[dict[str, float]] = []
@@ -74,6 +81,8 @@ def train(task: Task, settings: LoopSettings, title: str) -> list[dict[str, floa
             if not figures["score"] <= best:
                 best = figures["score"]
                 kept = {name: tensor.clone() for name, tensor in task.module.state_dict().items()}
+            if report is not None:
+                report(step, figures)
     if kept is not None:
         task.module.load_state_dict(kept)
     task.module.eval()
