@@ -69,6 +69,11 @@ def gaze_in_space(head: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*N E 3"]) 
     return angles_of_direction(np.einsum("...ij,...ej->...ei", matrices(head), directions(gaze)))
 
 
+def conjugate(space_rad: Float[ndarray, "*N E 2"]) -> Float[ndarray, "*N 2"]:
+    """Where both eyes look together: (yaw, pitch) of the mean of their directions."""
+    return angles_of_direction(direction_of_angles(space_rad).mean(axis=-2))
+
+
 def eye_in_head(head: Float[ndarray, "*N 3"], space_rad: Float[ndarray, "*N E 2"]) -> Float[ndarray, "*N E 3"]:
     """Torsion-free eye rotation vectors that look in direction `space_rad` from a head turned by `head`.
 

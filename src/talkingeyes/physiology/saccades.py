@@ -9,6 +9,7 @@ amplitude: peak velocities then lie on the main sequence (Bahill, Clark & Stark 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -47,6 +48,22 @@ def progress(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float
     """Share of the amplitude that is done at `phase` (0 to 1 within the saccade, clipped outside)."""
     x = np.clip(phase, 0.0, 1.0)
     return np.asarray(betainc(BETA_SUM * np.asarray(skewness) + 1.0, BETA_SUM * (1.0 - np.asarray(skewness)) + 1.0, x))
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean and standard deviation of the Beta law of velocity, as shares of a saccade's duration."""
+
+    mean: Float[ndarray, "*N"]
+    deviation: Float[ndarray, "*N"]
+
+
+def progress_moments(amplitude_rad: Float[ndarray, "*N"] | float) -> Moments:
+    """When in an unjittered saccade the movement happens, on average, and how spread."""
+    s = skew(amplitude_rad)
+    total = BETA_SUM + 2.0
+    mean = (BETA_SUM * s + 1.0) / total
+    return Moments(mean, np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0))))
 
 
 def position(saccade: Saccade, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
