@@ -1,0 +1,85 @@
+"""From a Motion to what a head model takes: weights of all its blend shapes, and rotations of its joints.
+
+Lids follow gaze and close by blend shapes where the head has ARKit's (`lid_weights`), the jaw opens by `jawOpen` where
+the head has it and by its joint elsewhere. Motion carries neither as expression.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.head.model import HeadModel
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import angles_of_gaze
+
+SIDES = ("Left", "Right")
+SHUT = 0.8  # weight of eyeBlink at which the lids meet
+SIDE_RAD = 0.30  # yaw of the jaw at weight 1 of jawLeft or jawRight
+DRIVEN = tuple(f"eye{what}{side}" for side in SIDES for what in ("Blink", "LookDown", "LookIn", "LookOut", "LookUp"))
+DRIVEN_JAW = ("jawForward", "jawLeft", "jawOpen", "jawRight")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """T poses of one head: weights of all its shapes, rotation vectors (radians), translation (metres)."""
+
+    expression: Float[ndarray, "T E"]
+    head: Float[ndarray, "T 3"]
+    jaw: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"]
+    translation: Float[ndarray, "T 3"]
+
+
+def motion_names(model: HeadModel) -> tuple[str, ...]:
+    """The shapes that a Motion of this head carries: all but those of gaze, blink and jaw."""
+    return tuple(name for name in model.expression_names if name not in DRIVEN + DRIVEN_JAW)
+
+
+def pose_of(model: HeadModel, motion: Motion) -> Pose:
+    """The poses of a motion. Raises InputError if its expression is that of another head."""
+    strange = [name for name in motion.expression_names if name not in model.expression_names]
+    if strange:
+        raise InputError(
+            f"motion: expression should be of the head {model.name}, got {strange[0]} of {motion.head_model}; map it first"
+        )
+    weights = np.zeros((len(motion), len(model.expression_names)))
+    weights[:, [model.shape(name) for name in motion.expression_names]] = motion.expression
+    for name, column in {**lid_weights(motion.gaze, motion.lid), **jaw_weights(motion.jaw, model.jaw_open_rad)}.items():
+        if name in model.expression_names:
+            weights[:, model.shape(name)] += column
+    joint = np.zeros_like(motion.jaw) if model.jaw_open_rad else motion.jaw
+    return Pose(weights, motion.head, joint, motion.gaze, motion.translation)
+
+
+def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of ARKit's lid shapes: what gaze alone gives, times what is left open, plus the blink.
+
+    Down: the upper lid by eyeLookDown, the lower by a negative eyeSquint; up: by eyeWide, and the lower lid by eyeLookUp.
+    """
+    pitch_deg = np.degrees(angles_of_gaze(gaze)[..., 1])
+    down, up = np.maximum(-pitch_deg, 0.0), np.maximum(pitch_deg, 0.0)
+    weights = {}
+    for eye, side in enumerate(SIDES):
+        left_open = 1.0 - lid[:, eye]
+        weights[f"eyeLookDown{side}"] = left_open * down[:, eye] / 17.0
+        weights[f"eyeSquint{side}"] = -0.5 * left_open * down[:, eye] / 20.0
+        weights[f"eyeWide{side}"] = left_open * 0.45 * up[:, eye] / 20.0
+        weights[f"eyeLookUp{side}"] = left_open * 0.3 * up[:, eye] / 20.0
+        weights[f"eyeBlink{side}"] = SHUT * lid[:, eye]
+    return weights
+
+
+def jaw_weights(jaw: Float[ndarray, "T 3"], open_rad: float) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of ARKit's jaw shapes, for a head that opens its mouth by them; `open_rad` 0 is one that does not."""
+    if not open_rad:
+        return {}
+    return {
+        "jawOpen": np.maximum(jaw[:, 0], 0.0) / open_rad,
+        "jawLeft": np.maximum(jaw[:, 1], 0.0) / SIDE_RAD,
+        "jawRight": np.maximum(-jaw[:, 1], 0.0) / SIDE_RAD,
+    }

