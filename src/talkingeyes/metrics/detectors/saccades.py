@@ -28,7 +28,9 @@ ENGBERT_KLIEGL_FROM_FPS = 200.0
 DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S = 25.0, 5.0
 VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S = 30.0, 10.0
 NOISE_SIGMAS, EDGE_SIGMAS = 5.0, 3.0
-ENGBERT_KLIEGL_LAMBDA, ENGBERT_KLIEGL_LEAST_S = 6.0, 0.012
+LEAST_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
+ECHO_S, ECHO_SHARE = 0.06, 0.5
+ENGBERT_KLIEGL_LAMBDA = 6.0
 ENGBERT_KLIEGL_LEAST_DEG_S = 15.0
 FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that they span 8 ms
 
@@ -107,6 +109,8 @@ def velocity_threshold(
     found = runs(speed >= edge, reversal)
     if len(found):
         found = found.where(np.maximum.reduceat(speed, found.first) >= core)
+    found = found.where(found.last - found.first + 1 >= LEAST_S * fps)
+    found = _without_echoes(gaze_in_space_rad, fps, Runs(found.first, found.last + 1))
     return _timed(gaze_in_space_rad, speed, fps, found, measured=fps >= VELOCITY_FROM_FPS)
 
 
@@ -130,7 +134,8 @@ def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: 
     with np.errstate(invalid="ignore"):
         outside = ((velocity / radius) ** 2).sum(axis=1) > 1.0
     found = runs(outside)
-    found = found.where(found.last - found.first + 1 >= ENGBERT_KLIEGL_LEAST_S * fps)
+    found = found.where(found.last - found.first + 1 >= LEAST_S * fps)
+    found = _without_echoes(gaze_in_space_rad, fps, found)
     speed = np.nan_to_num(np.hypot(velocity[:, 0], velocity[:, 1]))
     return _at_samples(gaze_in_space_rad, speed, fps, found)
 
@@ -141,10 +146,23 @@ def flat_steps(start_rad: Float[ndarray, "N 2"], step_rad: Float[ndarray, "N 2"]
     return np.stack([step_rad[:, 0] * shrink, step_rad[:, 1]], axis=1)
 
 
+def _without_echoes(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Runs:
+    """Saccades without what follows a larger one at once: eyes rest for 100 ms or more between two of them.
+
+    What is half as large or less within 60 ms of the end is a post-saccadic oscillation (experts label it apart).
+    """
+    if len(found) < 2:
+        return found
+    size = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
+    echo = np.zeros(len(found), bool)
+    echo[1:] = ((found.first[1:] - found.last[:-1]) <= ECHO_S * fps) & (size[1:] <= ECHO_SHARE * size[:-1])
+    return found.where(~echo)
+
+
 def _timed(
     gaze_in_space_rad: Float[ndarray, "T 2"], speed_deg_s: Float[ndarray, " S"], fps: float, found: Runs, measured: bool
 ) -> Saccades:
-    """Saccades of runs of steps, placed by the moments of their movement.
+    """Saccades from one frame to another, placed by the moments of their movement.
 
     When the movement is half done, on average, is known to a fraction of a frame, whereas when it starts between two
     frames is not. So onset and offset lie around the mean time, as far apart as the spread says (`measured`; less
@@ -152,7 +170,7 @@ def _timed(
     """
     if not len(found):
         return _none()
-    stop = found.last + 1
+    stop = found.last
     displacement = gaze_in_space_rad[stop] - gaze_in_space_rad[found.first]
     amplitude = np.linalg.norm(flat_steps(gaze_in_space_rad[found.first], displacement), axis=1)
     time_s = (np.arange(len(speed_deg_s)) + 0.5) / fps
@@ -171,7 +189,7 @@ def _timed(
         offset_s=onset + duration,
         start_rad=gaze_in_space_rad[found.first],
         displacement_rad=displacement,
-        peak_speed_deg_s=_peaks(speed_deg_s, found.first, found.last),
+        peak_speed_deg_s=_peaks(speed_deg_s, found.first, found.last - 1),
     )
 
 
