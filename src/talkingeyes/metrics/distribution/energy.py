@@ -1,0 +1,35 @@
+"""Energy score of S samples against what happened: a proper score of a forecast (Gneiting & Raftery 2007, eq. 21).
+
+ES = E |X - y| - 1/2 E |X - X'|: the first term is the error, the second forgives spread. Its mean is lowest for
+samples from the true distribution given the sound; the mean pose, which wins L2, pays for its missing spread. Pairs of
+a sample with itself are left out (the fair score, Ferro 2014), so that few samples are not punished.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+
+def energy_score(samples: Float[ndarray, "S *N C"], observed: Float[ndarray, "*N C"]) -> Float[ndarray, "*N"]:
+    """The score of each of N vectors; in the unit of the vectors. NaN for a single sample."""
+    count = len(samples)
+    error = np.linalg.norm(samples - observed, axis=-1).mean(axis=0)
+    if count < 2:
+        return np.full_like(error, np.nan)
+    between = [np.linalg.norm(samples[i + 1 :] - samples[i], axis=-1).sum(axis=0) for i in range(count - 1)]
+    return np.asarray(error - np.sum(between, axis=0) / (count * (count - 1)))
+
+
+def windowed_energy_score(
+    samples: Float[ndarray, "S T C"], observed: Float[ndarray, "T C"], frames: int
+) -> Float[ndarray, " W"]:
+    """Scores of consecutive windows as whole trajectories (root mean square over their frames, radians).
+
+    A window is one vector, so samples of the right spread that freeze or tremble pay too.
+    """
+    count = observed.shape[0] // frames
+    shape = (count, frames * observed.shape[1])
+    ours = samples[:, : count * frames].reshape(len(samples), *shape)
+    return np.asarray(energy_score(ours, observed[: count * frames].reshape(shape)) / np.sqrt(frames))

@@ -1,0 +1,98 @@
+"""Power spectra by Welch's method (1967), and three figures of them: slope, power above 5 Hz, distance in decibels.
+
+Eyes and head of people have little power above 5 Hz beside that of saccades; trembling shows there, and smoothing too.
+The steps of gaze give its spectrum a slope of about -2 (a saccade is a step: FACTS.md, section 9). Spectra of clips are
+sums over segments, so clips are drawn again without their frames. Frames are point samples: a saccade faster than a
+frame folds into the band, in truth and in samples alike, so only spectra of one frame rate are compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+SEGMENT_S = 2.56
+HIGH_HZ = 5.0
+SLOPE_BAND_HZ = (0.5, 5.0)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Sum over segments of the power density a channel (degrees squared a hertz), and how many segments there were."""
+
+    frequency_hz: Float[ndarray, " F"]
+    power: Float[ndarray, "F C"]
+    segments: float
+
+    @property
+    def density(self) -> Float[ndarray, "F C"]:
+        """Mean over segments."""
+        return self.power / max(self.segments, 1)
+
+
+def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None = None) -> Spectrum:
+    """Of one clip: Hann windows, half overlapping, each without its line of best fit; segments with a gap are left out.
+
+    The line goes because a head that turns across a segment would otherwise leak into every frequency.
+    """
+    size = round(SEGMENT_S * fps)
+    frequency_hz = np.fft.rfftfreq(size, 1 / fps)
+    starts = np.arange(0, len(angles_rad) - size + 1, size // 2)
+    index = starts[:, None] + np.arange(size)
+    if valid is not None:
+        index = index[valid[index].all(axis=1)] if len(index) else index
+    cut = np.degrees(angles_rad)[index]
+    time = np.arange(size) - (size - 1) / 2
+    slope = np.einsum("t,stc->sc", time, cut) / (time @ time)
+    straight = cut - cut.mean(axis=1, keepdims=True) - time[:, None] * slope[:, None]
+    window = np.hanning(size + 1)[:-1]
+    transform = np.fft.rfft(straight * window[:, None], axis=1)
+    power = 2 * np.square(np.abs(transform)) / (fps * np.square(window).sum())
+    return Spectrum(frequency_hz, power.sum(axis=0), float(len(index)))
+
+
+def pooled(spectra: list[Spectrum]) -> Spectrum:
+    """Over clips of one frame rate."""
+    return Spectrum(
+        spectra[0].frequency_hz,
+        np.sum([each.power for each in spectra], axis=0),
+        sum(each.segments for each in spectra),
+    )
+
+
+def high_power_deg2(one: Spectrum) -> float:
+    """Power above 5 Hz, summed over channels (degrees squared)."""
+    high = one.frequency_hz >= HIGH_HZ
+    return float(one.density[high].sum() * one.frequency_hz[1])
+
+
+def high_velocity_share(one: Spectrum) -> float:
+    """Share of the power of velocity that lies above 5 Hz: how much of the movement is trembling."""
+    velocity = np.square(2 * pi * one.frequency_hz)[:, None] * one.density
+    total = velocity.sum()
+    return float(velocity[one.frequency_hz >= HIGH_HZ].sum() / total) if total else float("nan")
+
+
+def slope(one: Spectrum) -> float:
+    """Slope of log power against log frequency from .5 to 5 Hz, channels summed; NaN where nothing moves."""
+    low, high = SLOPE_BAND_HZ
+    band = (one.frequency_hz >= low) & (one.frequency_hz <= high)
+    power = one.density[band].sum(axis=1)
+    if not (power > 0).all():
+        return float("nan")
+    return float(np.polyfit(np.log(one.frequency_hz[band]), np.log(power), 1)[0])
+
+
+def log_spectral_distance_db(one: Spectrum, reference: Spectrum) -> float:
+    """Root mean square over frequencies from .39 Hz up of the ratio of both spectra in decibels, mean over channels.
+
+    Power is held above a floor of 1e-6 of the reference's largest, or a frozen face would be infinitely far.
+    """
+    known = reference.density[1:]
+    floor = 1e-6 * known.max(axis=0)
+    ratio = 10 * np.log10(np.maximum(one.density[1:], floor) / np.maximum(known, floor))
+    return float(np.sqrt(np.square(ratio).mean(axis=0)).mean())

@@ -1,0 +1,231 @@
+"""Distances between distributions against closed forms, against scipy, and against what they must not do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal, stats
+
+from talkingeyes.metrics.distribution import coverage, energy, frechet, mmd, spectrum, wasserstein
+from talkingeyes.metrics.distribution.frechet import Gaussian, Moments
+
+FPS = 25.0
+
+
+def normal(seed: int, *shape: int) -> np.ndarray:
+    """Standard normal numbers."""
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+@given(st.integers(0, 10_000), st.integers(1, 40), st.integers(2, 40))
+def test_wasserstein_agrees_with_scipy_in_units_of_the_references_spread(seed: int, n: int, m: int) -> None:
+    ours, theirs = normal(seed, n) * 3, normal(seed + 1, m) + 1
+    expected = stats.wasserstein_distance(ours, theirs) / theirs.std()
+    assert wasserstein.wasserstein(ours, theirs) == pytest.approx(expected)
+    assert wasserstein.wasserstein(ours * 7 + 2, theirs * 7 + 2) == pytest.approx(expected)  # no unit
+
+
+def test_wasserstein_of_drawn_clips_is_that_of_their_pool() -> None:
+    groups, reference = [normal(index, 3 + index) for index in range(5)], normal(9, 60)
+    drawn = np.array([0, 0, 3, 4, 4])
+    pool = np.concatenate([groups[index] for index in drawn])
+    assert wasserstein.wasserstein_of(groups, reference)(drawn) == pytest.approx(
+        wasserstein.wasserstein(pool, reference)
+    )
+    assert np.isnan(wasserstein.wasserstein(np.zeros(0), reference))
+    assert np.isnan(wasserstein.wasserstein(reference, np.ones(4)))
+
+
+def test_binned_wasserstein_comes_near_the_exact_one() -> None:
+    ours, theirs, edges = normal(1, 4000) * 1.3 + 0.5, normal(2, 4000), np.linspace(-6, 6, 400)
+    binned = wasserstein.wasserstein_binned(
+        wasserstein.histogram(ours, edges), wasserstein.histogram(theirs, edges), edges
+    )
+    assert binned == pytest.approx(wasserstein.wasserstein(ours, theirs), abs=0.01)
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-9, 9))
+def test_directions_turned_by_an_angle_are_that_angle_apart(turn: float, start: float) -> None:
+    directions = start + normal(0, 300) * 0.3
+    assert wasserstein.circular_wasserstein(directions + turn, directions) == pytest.approx(abs(turn), abs=0.02)
+    assert wasserstein.circular_wasserstein(directions + 2 * np.pi, directions) == pytest.approx(0, abs=1e-9)
+
+
+def test_opposite_directions_are_half_a_turn_apart_at_most() -> None:
+    assert wasserstein.circular_wasserstein(np.array([np.pi]), np.array([0.0])) == pytest.approx(np.pi)
+    ring = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    assert wasserstein.circular_wasserstein(np.zeros(360), ring) == pytest.approx(np.pi / 2, abs=0.01)
+
+
+def test_frechet_of_commuting_gaussians_by_hand() -> None:
+    one = Gaussian(np.array([1.0, 0.0]), np.diag([4.0, 1.0]))
+    other = Gaussian(np.array([0.0, 2.0]), np.diag([1.0, 9.0]))
+    assert frechet.frechet(one, other) == pytest.approx(1 + 4 + (2 - 1) ** 2 + (1 - 3) ** 2)
+    assert frechet.frechet(one, one) == pytest.approx(0, abs=1e-9)
+
+
+@given(st.integers(0, 1000))
+def test_frechet_is_symmetric_and_does_not_see_a_rotation(seed: int) -> None:
+    one, other = (Moments.of([normal(seed + k, 40, 4) @ normal(seed + 9 + k, 4, 4)]).gaussian() for k in (0, 1))
+    turn = np.linalg.qr(normal(seed + 5, 4, 4))[0]
+    turned = [Gaussian(turn @ each.mean, turn @ each.covariance @ turn.T) for each in (one, other)]
+    assert frechet.frechet(one, other) == pytest.approx(frechet.frechet(other, one), rel=1e-6)
+    assert frechet.frechet(*turned) == pytest.approx(frechet.frechet(one, other), rel=1e-6)
+
+
+def test_moments_of_drawn_clips_are_those_of_their_windows() -> None:
+    groups = [normal(index, 4 + index, 3) for index in range(6)]
+    drawn = np.array([5, 5, 1])
+    pool = np.concatenate([groups[index] for index in drawn])
+    found = Moments.of(groups).gaussian(drawn)
+    assert found.mean == pytest.approx(pool.mean(axis=0))
+    assert found.covariance == pytest.approx(np.cov(pool.T, bias=True))
+    assert Moments.of(groups).enough == (sum(map(len, groups)) >= 30)
+
+
+def test_halves_of_one_set_are_nearer_than_another_set() -> None:
+    moments = Moments.of([normal(index, 6, 4) for index in range(60)])
+    floor = frechet.split_half(moments, 20, seed=0)
+    apart = frechet.frechet(Moments.of([normal(99, 360, 4) + 0.5]).gaussian(), moments.gaussian())
+    assert 0 < floor.max() < apart
+    assert (frechet.split_half(moments, 20, seed=0) == floor).all()
+
+
+def clustered(seed: int, clips: int, shift: float = 0.0, own: float = 1.0) -> list[np.ndarray]:
+    """Windows of clips that have each a place of their own."""
+    return [normal(seed + index, 1, 3) * own + normal(seed + 500 + index, 6, 3) * 0.3 + shift for index in range(clips)]
+
+
+def test_mmd_of_one_distribution_is_zero_on_average_and_grows_with_a_shift() -> None:
+    def value(seed: int, shift: float) -> float:
+        one, other = (mmd.draw(clustered(s, 30, d), 120, 0) for s, d in ((seed, shift), (seed + 2000, 0.0)))
+        return mmd.mmd(one, other)
+
+    same = [value(seed, 0.0) for seed in range(0, 60_000, 3000)]
+    assert abs(np.mean(same)) < 3 * np.std(same) / np.sqrt(len(same))
+    assert min(same) < 0
+    assert np.mean(same) < value(0, 0.5) < value(0, 1.0)
+
+
+def test_truth_against_itself_is_no_better_than_against_other_truth() -> None:
+    one = mmd.draw(clustered(0, 40), 200, 0)
+    assert abs(mmd.mmd(one, one, paired=True)) < 1e-12
+
+
+def test_permutation_test_deals_whole_clips() -> None:
+    """Windows of a clip are alike: a test that shuffled windows would reject nearly always."""
+    below = []
+    for seed in range(0, 60_000, 1500):
+        one, other = (mmd.draw(clustered(s, 12), 72, 0) for s in (seed, seed + 700))
+        below.append(mmd.permutation_p(one, other, 60, seed) < 0.1)
+    assert np.mean(below) < 0.3
+    one, other = mmd.draw(clustered(0, 30, 1.0), 120, 0), mmd.draw(clustered(900, 30), 120, 0)
+    assert mmd.permutation_p(one, other, 99, 0) == pytest.approx(0.01)
+
+
+def test_windows_are_drawn_evenly_and_no_more_than_asked_for() -> None:
+    groups = [normal(index, 4 if index else 0, 2) for index in range(50)]
+    drawn = mmd.draw(groups, 98, 3)
+    assert len(drawn.features) == 98
+    assert (np.bincount(drawn.clip) == [0] + [2] * 49).all()
+    assert len(mmd.draw(groups, 20, 3).features) == 20
+    for features, clip in zip(drawn.features, drawn.clip, strict=True):
+        assert (features == groups[clip]).all(axis=1).any()
+
+
+def test_energy_score_by_hand_and_against_the_integral_of_crps() -> None:
+    samples = np.array([[0.0], [2.0], [4.0]])
+    assert energy.energy_score(samples, np.array([1.0])) == pytest.approx((1 + 1 + 3) / 3 - (2 + 4 + 2) / 3 / 2)
+    assert np.isnan(energy.energy_score(samples[:1], np.array([1.0])))
+    drawn = normal(0, 4000, 1)
+    expected = np.mean(np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))  # CRPS of N(0, 1) at 0 is .2337
+    assert energy.energy_score(drawn[:2000], np.zeros(1)) == pytest.approx(expected, abs=0.02)
+
+
+def test_energy_score_is_best_for_the_true_distribution() -> None:
+    truth = normal(1, 3000, 2)
+    score = {
+        name: energy.energy_score(samples, truth).mean()
+        for name, samples in {
+            "right": normal(2, 10, 3000, 2),
+            "mean": np.zeros((10, 3000, 2)),
+            "narrow": normal(2, 10, 3000, 2) * 0.5,
+            "wide": normal(2, 10, 3000, 2) * 2,
+            "shifted": normal(2, 10, 3000, 2) + 0.7,
+        }.items()
+    }
+    assert min(score, key=lambda name: score[name]) == "right"
+
+
+def test_windowed_energy_score_punishes_samples_that_freeze() -> None:
+    truth = np.repeat(normal(3, 60, 2), 5, axis=0)
+    alive = np.repeat(normal(4, 10, 60, 2), 5, axis=1)
+    frozen = np.repeat(normal(5, 10, 1, 2), 300, axis=1)
+    scores = [energy.windowed_energy_score(each, truth, 50).mean() for each in (alive, frozen)]
+    assert scores[0] < scores[1]
+    assert len(energy.windowed_energy_score(alive, truth, 50)) == 6
+
+
+def test_reach_by_hand() -> None:
+    takes = np.zeros((2, 3, 1))
+    takes[1] = 4.0
+    samples = np.array([0.5, 1.0, 9.0])[:, None, None] * np.ones((3, 3, 1))
+    found = coverage.reach(samples, takes)
+    assert found.coverage_error == pytest.approx((0.5 + 3) / 2)
+    assert found.precision_error == pytest.approx((0.5 + 1 + 5) / 3)
+    assert coverage.own_reach(takes).coverage_error == 4
+    assert np.isnan(coverage.own_reach(takes[:1]).coverage_error)
+
+
+def test_manifold_of_a_mean_is_precise_but_covers_little_and_noise_the_other_way_round() -> None:
+    truth = mmd.draw(clustered(0, 60), 300, 0)
+    other = coverage.manifold(mmd.draw(clustered(5000, 60), 300, 0), truth, 5)
+    mean = coverage.manifold(mmd.draw([np.zeros((5, 3))] * 60, 300, 0), truth, 5)
+    noise = coverage.manifold(mmd.draw(clustered(5000, 60, own=6.0), 300, 0), truth, 5)
+    assert other.precise.mean() > 0.9
+    assert other.covered.mean() > 0.9
+    assert mean.precise.mean() == 1
+    assert mean.covered.mean() < 0.4
+    assert noise.precise.mean() < 0.6
+
+
+def test_balls_reach_beyond_their_own_clip() -> None:
+    truth = mmd.draw([np.full((3, 2), 100.0 * index) for index in range(12)], 36, 0)
+    near = mmd.draw([np.full((1, 2), 240.0)], 1, 0)
+    assert coverage.manifold(near, truth, 2).precise.mean() == 1
+    assert coverage.manifold(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
+
+
+def test_spectrum_agrees_with_scipy() -> None:
+    angles = np.cumsum(normal(0, 400, 3), axis=0) * 0.01
+    found = spectrum.spectrum(angles, FPS)
+    frequency, density = signal.welch(np.degrees(angles), FPS, "hann", 64, detrend="linear", axis=0)
+    assert found.frequency_hz == pytest.approx(frequency)
+    assert found.density[1:-1] == pytest.approx(density[1:-1])
+    assert found.segments == 1 + (400 - 64) // 32
+
+
+def test_spectra_of_clips_add_up_and_leave_gaps_out() -> None:
+    angles, valid = normal(0, 256, 2), np.ones(256, bool)
+    valid[100] = False
+    whole, gap = spectrum.spectrum(angles, FPS), spectrum.spectrum(angles, FPS, valid)
+    assert gap.segments == whole.segments - 2
+    both = spectrum.pooled([whole, gap])
+    assert both.density == pytest.approx((whole.power + gap.power) / (whole.segments + gap.segments))
+    assert spectrum.spectrum(angles[:30], FPS).segments == 0
+
+
+def test_trembling_shows_above_5_hz_and_steps_have_a_slope_of_two() -> None:
+    steps = np.cumsum(normal(1, 20_000, 1) * (np.random.default_rng(0).random((20_000, 1)) < 0.05), axis=0) * 0.05
+    still, shaken = (spectrum.spectrum(steps + amount * normal(2, 20_000, 1), FPS) for amount in (0.0, 0.01))
+    assert spectrum.slope(still) == pytest.approx(-2, abs=0.2)
+    power = np.degrees(0.01) ** 2 * (12.5 - 5) / 12.5
+    assert spectrum.high_power_deg2(shaken) - spectrum.high_power_deg2(still) == pytest.approx(power, rel=0.1)
+    assert spectrum.high_velocity_share(shaken) > spectrum.high_velocity_share(still)
+    assert spectrum.log_spectral_distance_db(still, still) == 0
+    assert spectrum.log_spectral_distance_db(shaken, still) > 3
+    frozen = spectrum.spectrum(steps * 0, FPS)
+    assert np.isnan(spectrum.slope(frozen))
+    assert np.isfinite(spectrum.log_spectral_distance_db(frozen, still))
