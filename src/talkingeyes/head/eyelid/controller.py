@@ -1,0 +1,49 @@
+"""From a target in space to the four angles of the two eyes: the geometric controller.
+
+Elisei, Bailly & Casari (AVSP 2007), section 5.2: a target in homogeneous coordinates (x, y, z, w) is the point
+(x, y, z) / w, and with w = 0 the direction (x, y, z) at optical infinity; one formula serves both, and the eyes
+converge on near targets. People converge less than geometry asks for (FACTS, section 1): `vergence_gain`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.rotation import angles_of_direction, matrices
+
+
+def aim(
+    target: Float[ndarray, "*N 4"],
+    eyes: Float[ndarray, "2 3"],
+    head: Float[ndarray, "*N 3"],
+    translation: Float[ndarray, "*N 3"],
+    vergence_gain: float = 1.0,
+) -> Float[ndarray, "*N 2 2"]:
+    """(yaw, pitch) in the head of the left and right eye that look at a target in space.
+
+    `eyes` are their centres in head coordinates; a point p of the head stands in space at R(head) p + translation.
+    With gain 1 both lines of sight meet in the target; with gain 0 the eyes stay parallel.
+    """
+    if not np.isfinite(target).all():
+        raise InputError(
+            "target: should be four finite homogeneous coordinates, got NaN or infinite ones; w = 0 is far"
+        )
+    weight = target[..., 3:]
+    sign = np.where(weight < 0, -1.0, 1.0)  # (-x, -w) is the same point as (x, w)
+    moved = sign * (target[..., :3] - weight * translation)
+    in_head = np.einsum("...ji,...j->...i", matrices(head), moved)
+    sight = in_head[..., None, :] - (sign * weight)[..., None, :] * eyes
+    length = np.linalg.norm(sight, axis=-1, keepdims=True)
+    if (length < 1e-9).any():
+        raise InputError("target: should be a point outside the eyes or a direction, got the centre of an eye or zeros")
+    angles = angles_of_direction(sight / length)
+    middle = angles.mean(axis=-2, keepdims=True)
+    return np.asarray(middle + vergence_gain * (angles - middle))
+
+
+def vergence_rad(angles_rad: Float[ndarray, "*N 2 2"]) -> Float[ndarray, "*N"]:
+    """Angle by which the lines of sight converge: positive for near targets."""
+    return np.asarray(angles_rad[..., 1, 0] - angles_rad[..., 0, 0])

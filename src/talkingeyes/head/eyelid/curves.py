@@ -1,0 +1,53 @@
+"""Curves drawn on a face: resampling to a constant number of points, and gaze from the contour of the iris.
+
+Elisei, Bailly & Casari (AVSP 2007), sections 4.1 and 5.1: curves of lids and brow anchor are resampled at regular
+curvilinear coordinates; the contour of the iris is a plane circle, and gaze is the normal through its centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.rotation import angles_of_direction
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle in space; its normal points out of the face (z above 0)."""
+
+    centre: Float[ndarray, " 3"]
+    normal: Float[ndarray, " 3"]
+    radius_m: float
+
+    @property
+    def angles_rad(self) -> Float[ndarray, " 2"]:
+        """Direction of the normal as (yaw, pitch): the paper's a1 (azimuth) and a2 (elevation)."""
+        return angles_of_direction(self.normal)
+
+
+def resampled(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]:
+    """`count` points at equal steps of length along a polyline, its ends included."""
+    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    if not np.isfinite(along[-1]) or along[-1] == 0.0:
+        raise InputError(f"curve: should be finite points along some length, got {len(curve)} points of none")
+    at = np.linspace(0.0, along[-1], count)
+    return np.stack([np.interp(at, along, channel) for channel in curve.T], axis=-1)
+
+
+def fitted_circle(contour: Float[ndarray, "K 3"]) -> Circle:
+    """The circle through a contour: its plane by singular vectors, centre and radius by linear least squares (Kasa)."""
+    if len(contour) < 3 or not np.isfinite(contour).all():
+        raise InputError(f"iris contour: should be at least 3 finite points, got {len(contour)}")
+    middle = contour.mean(axis=0)
+    _, _, (first, second, normal) = np.linalg.svd(contour - middle)
+    normal = normal if normal[2] > 0 else -normal
+    flat = (contour - middle) @ np.stack([first, second], axis=-1)
+    rows = np.column_stack([2.0 * flat, np.ones(len(flat))])
+    x, y, rest = np.linalg.lstsq(rows, (flat**2).sum(axis=1), rcond=None)[0]
+    return Circle(middle + x * first + y * second, normal, float(np.sqrt(rest + x**2 + y**2)))
