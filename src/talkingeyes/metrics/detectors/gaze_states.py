@@ -18,7 +18,7 @@ from talkingeyes.metrics.detectors.signal import seen
 
 RADIUS_DEG = 4.0
 LEAST_S = 0.1
-CANDIDATES = 100
+CANDIDATES, PLACES = 50, 2000
 SHIFTS = 3
 
 
@@ -61,11 +61,11 @@ def densest(places_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarr
     """The direction with most places within the radius, moved to their mean."""
     if not len(places_rad):
         return np.zeros(2)
-    candidates = places_rad[:: max(1, len(places_rad) // CANDIDATES)]
-    near = ((candidates[:, None] - places_rad) ** 2).sum(axis=2) <= radius_rad**2
-    centre = candidates[near.sum(axis=1).argmax()]
+    candidates, places = (places_rad[:: max(1, len(places_rad) // most)] for most in (CANDIDATES, PLACES))
+    square = (candidates**2).sum(axis=1)[:, None] + (places**2).sum(axis=1) - 2.0 * candidates @ places.T
+    centre = candidates[(square <= radius_rad**2).sum(axis=1).argmax()]
     for _ in range(SHIFTS):
-        centre = places_rad[((places_rad - centre) ** 2).sum(axis=1) <= radius_rad**2].mean(axis=0)
+        centre = places[((places - centre) ** 2).sum(axis=1) <= radius_rad**2].mean(axis=0)
     return np.asarray(centre)
 
 

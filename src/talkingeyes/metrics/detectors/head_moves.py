@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy.signal import argrelmin
 
 from talkingeyes.metrics.detectors.signal import seen
 
@@ -55,17 +54,16 @@ def detect_head_moves(head: Float[ndarray, "T 3"], fps: float, valid: Bool[ndarr
     velocity = (turned[window:] - turned[:-window]) * (fps / window)
     usable = known[window:] & known[:-window]
     speed = np.degrees(np.sqrt((velocity**2).sum(axis=1))) * usable
-    minima = np.concatenate([[0], argrelmin(speed, mode="clip")[0], [len(speed) - 1]])
-    found = []
-    for left, right in zip(minima[:-1].tolist(), minima[1:].tolist(), strict=True):
-        peak = left + int(np.argmax(speed[left : right + 1]))
-        if speed[peak] < PEAK_DEG_S:
-            continue
-        low = np.flatnonzero(speed[left : right + 1] >= EDGE * speed[peak]) + left
-        # Speed n lies between frames n and n + window; the movement reaches from the middle of one to that of another.
-        first, last = int(low[0]) + window // 2, int(low[-1]) + (window + 1) // 2
-        displacement = turned[last] - turned[first]
-        if np.linalg.norm(displacement) >= np.radians(LEAST_DEG):
-            found.append((first / fps, last / fps, *displacement, speed[peak]))
-    table = np.array(found, np.float64).reshape(-1, 6)
-    return HeadMoves(table[:, 0], table[:, 1], table[:, 2:5], table[:, 5])
+    dips = np.flatnonzero((speed[1:-1] < speed[:-2]) & (speed[1:-1] <= speed[2:])) + 1
+    starts = np.concatenate([[0], dips])
+    peaks = np.maximum.reduceat(speed, starts)
+    # Between two dips speed rises once and falls once, so what is above the edge is one stretch.
+    index = np.arange(len(speed))
+    above = speed >= EDGE * np.repeat(peaks, np.diff(np.concatenate([starts, [len(speed)]])))
+    low = np.minimum.reduceat(np.where(above, index, len(speed)), starts)
+    high = np.maximum.reduceat(np.where(above, index, -1), starts)
+    # Speed n lies between frames n and n + window; the movement reaches from the middle of one to that of another.
+    first, last = low + window // 2, high + (window + 1) // 2
+    displacement = turned[last] - turned[first]
+    kept = (peaks >= PEAK_DEG_S) & (np.linalg.norm(displacement, axis=1) >= np.radians(LEAST_DEG))
+    return HeadMoves(first[kept] / fps, last[kept] / fps, displacement[kept], peaks[kept])
