@@ -3,47 +3,65 @@
 Reads   data/fit, data/embed (train split; test and unseen only to report on, after training)
 Writes  data/critic/<part>/ (weights, config, history) and data/critic/report.json: AUC on negatives of the same
         speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker, and of a constant
-Run     python -m pipelines.critic
+Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.progress
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
 from talkingeyes.metrics.contrast import CriticSettings, Hearing, learn
 from talkingeyes.metrics.verdict import Verdict, judge
 from talkingeyes.models.critic import PARTS
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.run import SUMS, Report, Workspace, each, main
 
 
 def run(workspace: Workspace) -> Report:
     """Train the three parts, each in a process of its own."""
     settings = workspace.settings("critic", CriticSettings)
+    machine = workspace.params["machine"]
     with workspace.output("critic") as folder:
-        train = partial(train_part, workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
+        train = partial(
+            train_part, workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings, machine
+        )
         verdicts = dict(zip(PARTS, each(train, PARTS, workspace.jobs, "critic"), strict=True))
         report = {
             part: {group: asdict(verdict) for group, verdict in groups.items()} for part, groups in verdicts.items()
         }
         (folder / "report.json").write_text(json.dumps(report, indent=1))
+    for part in PARTS:
+        workspace.data(f".critic-{part}.progress").unlink(missing_ok=True)
     return Report(metrics=dict(_flat(verdicts)), artifacts=[workspace.data("critic", "report.json")])
 
 
 def train_part(
-    corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings, part: str
+    corpus_root: Path,
+    fit: Path,
+    embed: Path,
+    folder: Path,
+    settings: CriticSettings,
+    machine: Mapping[str, Any],
+    part: str,
 ) -> dict[str, Verdict]:
     """Train and save the critic of one part; what it can tell on each group of speakers."""
     from talkingeyes.learning.checkpoint import save
+    from talkingeyes.learning.place import Place
+    from talkingeyes.learning.progress import Progress
 
+    place = Place.alone(machine)
+    reads = (corpus_root / "clips.parquet", fit / SUMS, embed / SUMS, Path(__file__))
+    made_of = (settings.model_dump(mode="json"), part, place.describe())
+    progress = Progress.of(folder.with_name(f".critic-{part}.progress"), made_of, reads)
     corpus = Corpus(corpus_root)
     hearing = Hearing.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
-    learnt = learn(part, recordings(corpus, fit, embed, "train"), hearing, settings)
+    learnt = learn(part, recordings(corpus, fit, embed, "train"), hearing, settings, place, progress)
     (folder / part).mkdir()
     save(folder / part, learnt.corr.critic.state_dict(), learnt.config, learnt.history)
     groups = {

@@ -41,6 +41,7 @@ class Line:
         torch.manual_seed(0)
         self.module: nn.Module = nn.Linear(1, 1)
         self.spoil, self.seen = spoil, 0
+        self.random = np.random.default_rng(0)
 
     def losses(self, step: int) -> dict[str, Tensor]:
         x = torch.linspace(-1, 1, 16)[:, None]

@@ -26,7 +26,7 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
     root.mkdir(parents=True, exist_ok=True)
     (root / "params.yaml").write_text(
-        yaml.safe_dump({"corpus": "data/synthesize", "machine": {"jobs": jobs, "device": "cpu"}, **sections})
+        yaml.safe_dump({"corpus": "data/synthesize", "machine": {"jobs": jobs, "device": "cpu", "precision": "float32"}, **sections})
     )
     clips = _clips()
     corpus = Corpus(root / "data" / "synthesize")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import Field
@@ -32,7 +32,8 @@ class MachineSettings(Settings):
     """Where it runs: processes of clip-parallel work, and the device of learning."""
 
     jobs: int = Field(gt=0)
-    device: str = Field(pattern="^(cpu|cuda)$")
+    device: Literal["cpu", "cuda"]
+    precision: Literal["float32", "bfloat16"]
 
 
 ModelSettings = Annotated[TranslationSettings | BaselineSettings, Field(discriminator="kind")]

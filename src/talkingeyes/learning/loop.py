@@ -1,6 +1,7 @@
 """The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
 
-A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly.
+A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly, on any
+device, in one process or several (place.py), and goes on where it was killed (progress.py).
 Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
 """
 
@@ -10,12 +11,18 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Literal, Protocol, runtime_checkable
 
+import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from talkingeyes.learning.place import CPU, Place
+from talkingeyes.learning.progress import Progress, State
+from talkingeyes.models.layers import share
 from talkingeyes.settings import Settings
+
+LOSS = "loss/"
 
 
 class LoopSettings(Settings):
@@ -39,6 +46,8 @@ class Task(Protocol):
     """
 
     module: nn.Module
+    # What batches are drawn with. Noise in the network comes from torch's own generator.
+    random: np.random.Generator
 
     def losses(self, step: int) -> dict[str, Tensor]: ...
 
@@ -48,22 +57,35 @@ class Task(Protocol):
 Watch = Callable[[int, dict[str, float]], None]
 
 
-def train(task: Task, settings: LoopSettings, title: str, report: Watch | None = None) -> list[dict[str, float]]:
+def train(
+    task: Task,
+    settings: LoopSettings,
+    title: str,
+    report: Watch | None = None,
+    place: Place = CPU,
+    progress: Progress | None = None,
+) -> list[dict[str, float]]:
     """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures.
 
     `report` is given the step and the figures of every validation, and may raise to end a training that leads nowhere.
+    With `progress`, a training that was killed goes on from its last validation; the caller removes the file.
     """
-    weights = [parameter for parameter in task.module.parameters() if parameter.requires_grad]
+    module = task.module.to(place.device)
+    weights = [parameter for parameter in module.parameters() if parameter.requires_grad]
     optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    history: list[dict[str, float]] = []
+    losses_of = place.shared(module, task.losses, settings.batch)
+    state = progress.restore(module, optimiser, task.random) if progress else State()
+    for row in state.history if report else ():
+        report(int(row["step"]), _figures(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
-    best, kept = -math.inf, None
-    bar = tqdm(range(1, settings.steps + 1), desc=title, mininterval=1.0)
+    steps = range(state.step + 1, settings.steps + 1)
+    bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not place.first)
     for step in bar:
         for group in optimiser.param_groups:
             group["lr"] = _rate(settings, step)
-        task.module.train()
-        losses = task.losses(step)
+        module.train()
+        with place.autocast():
+            losses = losses_of(step)
         optimiser.zero_grad(set_to_none=True)
         losses["total"].backward()
         nn.utils.clip_grad_norm_(weights, settings.clip_norm)
@@ -71,22 +93,34 @@ def train(task: Task, settings: LoopSettings, title: str, report: Watch | None =
         for name, value in losses.items():
             sums[name] = sums.get(name, 0.0) + value.item()
         if step % settings.validate_every == 0 or step == settings.steps:
-            task.module.eval()
+            module.eval()
             with torch.no_grad():
                 figures = task.validate()
-            count = step - (int(history[-1]["step"]) if history else 0)
-            history.append({"step": float(step), **{f"loss/{k}": v / count for k, v in sums.items()}, **figures})
-            bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
+            since = step - state.step
+            state.step = step
+            state.history.append({"step": float(step), **_means(sums, since, place), **figures})
+            state.better(figures["score"], module.state_dict())
             sums = {}
-            if not figures["score"] <= best:
-                best = figures["score"]
-                kept = {name: tensor.clone() for name, tensor in task.module.state_dict().items()}
+            bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
+            if progress is not None and place.first:
+                progress.keep(state, module, optimiser, task.random)
             if report is not None:
                 report(step, figures)
-    if kept is not None:
-        task.module.load_state_dict(kept)
-    task.module.eval()
-    return history
+    if state.kept is not None:
+        module.load_state_dict(state.kept)
+    module.cpu().eval()
+    return state.history
+
+
+def _means(sums: dict[str, float], steps: int, place: Place) -> dict[str, float]:
+    """Losses a step, over all processes."""
+    values = share.mean(torch.tensor(list(sums.values()), dtype=torch.float64, device=place.device) / steps).tolist()
+    return {f"{LOSS}{name}": value for name, value in zip(sums, values, strict=True)}
+
+
+def _figures(row: dict[str, float]) -> dict[str, float]:
+    """What `validate` said."""
+    return {name: value for name, value in row.items() if name != "step" and not name.startswith(LOSS)}
 
 
 def _rate(settings: LoopSettings, step: int) -> float:

@@ -15,8 +15,9 @@ from talkingeyes.corpus.windows import Recording
 from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
 from talkingeyes.models.gaze.categorical import stay_mask
-from talkingeyes.models.gaze.signal import to_signal
+from talkingeyes.models.gaze.signal import signal_of, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.layers import share
 from talkingeyes.models.layers.quantiser import perplexity
 from talkingeyes.settings import Settings
 
@@ -58,6 +59,7 @@ class PriorTask:
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
         self.windows = Windows(train, settings.windows, settings.seed)
+        self.random = self.windows.random
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
         measured = statistics(frames)
         self.module.normalise_by(torch.from_numpy(measured.mean), measured.scale)
@@ -65,14 +67,12 @@ class PriorTask:
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 7 on a batch; the codebook term is the quantiser's moving average."""
         batch = self.windows.draw(self.settings.loop.batch)
-        signal = self._whole(
-            torch.from_numpy(to_signal(self.settings.network.signal, batch.head.numpy(), batch.gaze.numpy()))
-        )
+        signal = self._whole(signal_of(self.settings.network.signal, batch.head, batch.gaze))
         stay = stay_mask(self.module, signal)
         reconstruction = self.module(signal, stay)
         moving = ~stay.repeat_interleave(self.settings.network.frames_per_code, dim=1)[..., None]
         error = (reconstruction.signal - signal) / self.module.scale * moving
-        mean_error = error.square().sum() / (moving.sum().clamp(min=1) * signal.shape[-1])
+        mean_error = error.square().sum() / (share.mean(moving.sum().float()).clamp(min=1) * signal.shape[-1])
         commitment = reconstruction.quantised.commitment
         beta = self.settings.network.quantiser.commitment
         return {"total": mean_error + beta * commitment, "reconstruction": mean_error, "commitment": commitment}
@@ -93,7 +93,7 @@ class PriorTask:
             )
             stay = stay_mask(self.module, signal)
             quantised = self.module.quantiser(self.module.encode(signal))
-            counts += torch.bincount(quantised.indices[~stay], minlength=len(counts))
+            counts += torch.bincount(quantised.indices[~stay], minlength=len(counts)).cpu()
             squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
             numbers += signal.numel() // signal.shape[-1]
             stays, patches = stays + int(stay.sum()), patches + stay.numel()
@@ -101,7 +101,6 @@ class PriorTask:
         return CodeUse(counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stays / max(patches, 1))
 
     def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B U F"]:
-        """Whole patches only."""
-        return signal[
-            :, : signal.shape[1] // self.settings.network.frames_per_code * self.settings.network.frames_per_code
-        ]
+        """Whole patches only, where the network is."""
+        patch = self.settings.network.frames_per_code
+        return signal[:, : signal.shape[1] // patch * patch].to(self.module.mean.device)

@@ -49,6 +49,7 @@ class TranslationTask:
         torch.manual_seed(seed)
         self.settings = settings
         self.windows = Windows(train, settings.windows, seed)
+        self.random = self.windows.random
         # The first take of each val sound, as many as are watched.
         self.watched = [each for each in val if each.clip.take == 0][: settings.watched_clips]
         self.module = SpeechToMotion(settings, normaliser.channels, codebook)
@@ -86,7 +87,9 @@ class TranslationTask:
             for index, each in enumerate(self.watched)
         ]
         return aliveness(
-            [each.head[0].numpy() for each in motions], [each.gaze[0].numpy() for each in motions], self._fps
+            [each.head[0].cpu().numpy() for each in motions],
+            [each.gaze[0].cpu().numpy() for each in motions],
+            self._fps,
         )
 
     def _normalise(self, train: Sequence[Recording]) -> None:

@@ -15,6 +15,7 @@ from pydantic import Field
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.models.gaze.signal import mirrored
+from talkingeyes.models.layers import share
 from talkingeyes.models.speech_to_motion import Batch
 from talkingeyes.settings import Settings
 
@@ -44,6 +45,15 @@ def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
     return MotionStatistics(mean, float(np.sqrt((varying**2).mean())) if len(varying) else 1.0)
 
 
+@dataclass(frozen=True)
+class _Window:
+    """A recording, the first frame, and whether it is mirrored."""
+
+    index: int
+    start: int
+    mirrored: bool
+
+
 class Windows:
     """Draws batches from recordings. Clips shorter than a window are left out."""
 
@@ -57,19 +67,22 @@ class Windows:
                 f"no training clip has {settings.frames} frames, the longest has {lengths.max()}: shorten the window"
             )
         # A long clip gives more windows than a short one.
-        self.share = lengths[self.long_enough] / lengths[self.long_enough].sum()
+        self.lengths = lengths[self.long_enough] / lengths[self.long_enough].sum()
 
     def draw(self, batch: int) -> Batch:
-        """A batch of windows."""
-        windows = [self._window(int(index)) for index in self.random.choice(self.long_enough, batch, p=self.share)]
-        speech, head, gaze = (torch.from_numpy(np.stack(part)) for part in zip(*windows, strict=True))
-        return Batch(speech, head, gaze)
+        """A batch of windows; of several processes, each draws the same batch and cuts its own share of it."""
+        drawn = [self._drawn(int(index)) for index in self.random.choice(self.long_enough, batch, p=self.lengths)]
+        speech, head, gaze = zip(*map(self._cut, share.own(drawn)), strict=True)
+        return Batch(*(torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)))
 
-    def _window(self, index: int) -> tuple[ndarray, ...]:
-        recording = self.recordings[index]
-        start = int(self.random.integers(len(recording) - self.settings.frames + 1))
-        part = slice(start, start + self.settings.frames)
+    def _drawn(self, index: int) -> _Window:
+        start = int(self.random.integers(len(self.recordings[index]) - self.settings.frames + 1))
+        return _Window(index, start, self.settings.mirror and self.random.random() < 0.5)
+
+    def _cut(self, window: _Window) -> tuple[ndarray, ...]:
+        recording = self.recordings[window.index]
+        part = slice(window.start, window.start + self.settings.frames)
         head, gaze = recording.head[part], recording.gaze[part]
-        if self.settings.mirror and self.random.random() < 0.5:
+        if window.mirrored:
             head, gaze = mirrored(head, gaze)
         return np.asarray(recording.speech[part]), head, gaze

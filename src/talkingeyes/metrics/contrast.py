@@ -23,6 +23,8 @@ from torch.nn import functional
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.learning.loop import LoopSettings, train
+from talkingeyes.learning.place import CPU, Place
+from talkingeyes.learning.progress import Progress
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.correlation import Correlation, auc
 from talkingeyes.models.critic import MIRROR, PARTS, Critic, CriticNetworkSettings, angles, similarity
@@ -78,6 +80,10 @@ class Windows:
     heard: Float[Tensor, "B T H"]
     angles: Float[Tensor, "B T A"]
     rivals: Bool[ndarray, "B B"]
+
+    def to(self, device: torch.device) -> Windows:
+        """The same on a device."""
+        return Windows(self.heard.to(device), self.angles.to(device), self.rivals)
 
 
 def first_windows(recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int) -> Windows:
@@ -150,12 +156,20 @@ class Learnt:
     kept_out: list[Recording]
 
 
-def learn(part: str, recordings: Sequence[Recording], hearing: Hearing, settings: CriticSettings) -> Learnt:
+def learn(
+    part: str,
+    recordings: Sequence[Recording],
+    hearing: Hearing,
+    settings: CriticSettings,
+    place: Place = CPU,
+    progress: Progress | None = None,
+) -> Learnt:
     """Train the critic of one part."""
     division = divide(recordings, settings)
     fps = recordings[0].clip.fps
     critic = new_critic(part, [recordings[index] for index in division.train], hearing, settings)
-    history = train(Contrast(part, critic, recordings, division, fps, settings), settings.loop, f"critic of {part}")
+    task = Contrast(part, critic, recordings, division, fps, settings)
+    history = train(task, settings.loop, f"critic of {part}", place=place, progress=progress)
     frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
     config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json")}
     return Learnt(
@@ -193,20 +207,21 @@ class Contrast:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """InfoNCE in both directions, with wrong times of the right motion among the negatives."""
-        batch = self._draw()
+        batch = self._draw().to(self.critic.log_scale.device)
         speech, motion = self.critic.speech(batch.heard), self.critic.motion(batch.angles)
         scale = self.critic.log_scale.exp().clamp_max(100.0)
-        allowed = torch.from_numpy(batch.rivals | np.eye(len(speech), dtype=bool))
+        allowed = torch.from_numpy(batch.rivals | np.eye(len(speech), dtype=bool)).to(speech.device)
         between = (scale * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
         wrong = self._wrong_times(speech, motion) * scale
-        right = torch.arange(len(speech))
+        right = torch.arange(len(speech), device=speech.device)
         by_sound = functional.cross_entropy(torch.cat([between, wrong], dim=1), right)
         by_motion = functional.cross_entropy(torch.cat([between.T, wrong], dim=1), right)
         return {"total": (by_sound + by_motion) / 2}
 
     def validate(self) -> dict[str, float]:
         """AUC on the speakers kept out: same-speaker negatives (what is chosen on), and all."""
-        similar = similarity(self.critic.speech(self.held.heard), self.critic.motion(self.held.angles)).numpy()
+        held = self.held.to(self.critic.log_scale.device)
+        similar = similarity(self.critic.speech(held.heard), self.critic.motion(held.angles)).cpu().numpy()
         same = auc(np.diag(similar), similar[self.held.rivals])
         return {"score": same, "auc_all": auc(np.diag(similar), similar[~np.eye(len(similar), dtype=bool)])}
 

@@ -12,9 +12,9 @@ from torch import Tensor
 
 def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> Float[Tensor, ""]:
     """Eq. 11 for one part."""
-    return F.mse_loss(predicted, true)
+    return F.mse_loss(predicted.float(), true)
 
 
 def velocity(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> Float[Tensor, ""]:
     """Eq. 12 for one part: the same for first differences between frames."""
-    return F.mse_loss(predicted.diff(dim=1), true.diff(dim=1))
+    return F.mse_loss(predicted.float().diff(dim=1), true.diff(dim=1))

@@ -53,6 +53,10 @@ class Batch:
     head: Float[Tensor, "B T 3"]
     gaze: Float[Tensor, "B T 2 3"]
 
+    def to(self, device: torch.device) -> Batch:
+        """The same on a device."""
+        return Batch(self.speech.to(device), self.head.to(device), self.gaze.to(device))
+
 
 @dataclass(frozen=True)
 class Generated:
@@ -77,9 +81,10 @@ class SpeechToMotion(nn.Module):
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
+        batch = batch.to(self.temperature.device)
         speech = self.speech(batch.speech)
         predicted = self.head.predict(speech, batch.head)
-        replaced = torch.rand(len(batch.head)) < self.settings.reconstructed_head
+        replaced = torch.rand(len(batch.head), device=batch.head.device) < self.settings.reconstructed_head
         seen = torch.where(replaced[:, None, None], predicted.head, batch.head)
         condition = Condition(speech, batch.head, self.head.normal(seen))
         terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
@@ -91,7 +96,7 @@ class SpeechToMotion(nn.Module):
         self, embedding: Float[Tensor, "T C"], seeds: list[int], temperature: float | None = None
     ) -> Generated:
         """Motions of one speech, a seed each."""
-        speech = self.speech(embedding[None]).expand(len(seeds), -1, -1)
+        speech = self.speech(embedding[None].to(self.temperature.device)).expand(len(seeds), -1, -1)
         head = self.head.sample(speech, seeds)
         chosen = float(self.temperature) if temperature is None else temperature
         condition = Condition(speech, head, self.head.normal(head))

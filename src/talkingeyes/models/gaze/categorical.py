@@ -17,7 +17,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.gaze.generator import Condition, uniforms
-from talkingeyes.models.gaze.signal import stays, to_gaze, to_signal
+from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import Settings
@@ -75,10 +75,10 @@ class CategoricalGaze(nn.Module):
         memory = self._memory(condition)
         batch, steps = memory.shape[:2]
         cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
-        uniform = uniforms(seeds, steps)
-        before = torch.full((batch,), self.stay + 1)
+        uniform = uniforms(seeds, steps).to(memory.device)
+        before = torch.full((batch,), self.stay + 1, device=memory.device)
         held = self.codebook.mean.expand(batch, -1)
-        dwell = torch.zeros(batch, dtype=torch.long)
+        dwell = torch.zeros_like(before)
         patches = []
         for step in range(steps):
             normal = (held - self.codebook.mean) / self.codebook.scale
@@ -93,20 +93,21 @@ class CategoricalGaze(nn.Module):
             held = patches[-1][:, -1]
             dwell = torch.where(stay, dwell + 1, 0)
         signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
-        return torch.from_numpy(to_gaze(self.codebook.settings.signal, condition.head.numpy(), signal.numpy()))
+        return gaze_of(self.codebook.settings.signal, condition.head, signal)
 
     @torch.no_grad()
     def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
         """Codes of true gaze (stays by the tolerance of the codebook) and what was known before each."""
         frames = head.shape[1] // self.patch * self.patch
         name = self.codebook.settings.signal
-        signal = torch.from_numpy(to_signal(name, head[:, :frames].numpy(), gaze[:, :frames].numpy()))
+        signal = signal_of(name, head[:, :frames], gaze[:, :frames])
         stay = stay_mask(self.codebook, signal)
-        quantised = self.codebook.quantiser(self.codebook.encode(signal))
-        rendered = self.codebook.render(quantised.values, stay)
+        with torch.autocast(signal.device.type, enabled=False):  # targets and history as generation makes them
+            quantised = self.codebook.quantiser(self.codebook.encode(signal))
+            rendered = self.codebook.render(quantised.values, stay)
         codes = torch.where(stay, self.stay, quantised.indices)
         last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch - 1 :: self.patch]
-        order = torch.arange(stay.shape[1]).expand_as(stay)
+        order = torch.arange(stay.shape[1], device=stay.device).expand_as(stay)
         dwell = order - torch.where(stay, 0, order).cummax(dim=1).values
         return codes, _History(
             torch.cat([torch.full_like(codes[:, :1], self.stay + 1), codes[:, :-1]], dim=1),
@@ -127,7 +128,7 @@ class CategoricalGaze(nn.Module):
     def _query(self, history: _History) -> Float[Tensor, "B N W"]:
         x = self.embed(history.before)
         if self.training:
-            x = x * (torch.rand(x.shape[:2]) >= self.settings.history_dropout)[..., None]
+            x = x * (torch.rand(x.shape[:2], device=x.device) >= self.settings.history_dropout)[..., None]
         out: Tensor = x + self.place(torch.cat([history.held, history.dwell[..., None].float().log1p()], dim=-1))
         return out
 
@@ -142,8 +143,8 @@ def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tenso
     """Which patches of a signal are stays under the codebook's tolerance (none if it has no stay token)."""
     patches = codebook.patches(signal)
     if codebook.stay_tolerance_rad is None:
-        return torch.zeros(patches.shape[:2], dtype=torch.bool)
-    return torch.from_numpy(stays(patches.numpy(), codebook.stay_tolerance_rad))
+        return torch.zeros(patches.shape[:2], dtype=torch.bool, device=patches.device)
+    return torch.from_numpy(stays(patches.cpu().numpy(), codebook.stay_tolerance_rad)).to(patches.device)
 
 
 def draw(logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float) -> Int[Tensor, " B"]:

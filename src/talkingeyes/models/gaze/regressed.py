@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.categorical import draw
 from talkingeyes.models.gaze.generator import Condition, uniforms
-from talkingeyes.models.gaze.signal import to_gaze, to_signal
+from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.quantiser import Quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
@@ -52,12 +52,12 @@ class RegressedGaze(nn.Module):
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Losses of all frames, each predicted from true frames before it; beside them what copying the last gives."""
-        signal = torch.from_numpy(to_signal(self.codebook.settings.signal, condition.head.numpy(), gaze.numpy()))
+        signal = signal_of(self.codebook.settings.signal, condition.head, gaze)
         true = (signal - self.codebook.mean) / self.codebook.scale
         past = torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
         features = self.out(self.transformer(self.embed(past), self._memory(condition)))
         quantised = self.codebook.quantiser(features)
-        stay = torch.zeros(true.shape[:2], dtype=torch.bool)
+        stay = torch.zeros(true.shape[:2], dtype=torch.bool, device=true.device)
         predicted = (self.codebook.decode(quantised.values, stay) - self.codebook.mean) / self.codebook.scale
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
@@ -72,8 +72,8 @@ class RegressedGaze(nn.Module):
         memory = self._memory(condition)
         batch, frames = memory.shape[:2]
         cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
-        uniform = uniforms(seeds, frames)
-        moving = torch.zeros(batch, dtype=torch.bool)
+        uniform = uniforms(seeds, frames).to(memory.device)
+        moving = torch.zeros(batch, dtype=torch.bool, device=memory.device)
         past = self.codebook.mean.expand(batch, -1)
         made = []
         for step in range(frames):
@@ -83,7 +83,7 @@ class RegressedGaze(nn.Module):
             past = self.codebook.step(values, moving, past, decoding)[:, 0]
             made.append(past)
         signal = torch.stack(made, dim=1)
-        return torch.from_numpy(to_gaze(self.codebook.settings.signal, condition.head.numpy(), signal.numpy()))
+        return gaze_of(self.codebook.settings.signal, condition.head, signal)
 
     def _memory(self, condition: Condition) -> Float[Tensor, "B T W"]:
         out: Tensor = self.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))

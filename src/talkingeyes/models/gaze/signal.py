@@ -9,8 +9,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float
 from numpy import ndarray
+from torch import Tensor
 
 from talkingeyes import rotation
 
@@ -29,6 +31,16 @@ def to_gaze(name: SignalName, head: Float[ndarray, "*N 3"], signal: Float[ndarra
     if name == "eye_in_head":
         return signal.reshape(*signal.shape[:-1], 2, 3)
     return rotation.eye_in_head(head, signal.reshape(*signal.shape[:-1], 2, 2))
+
+
+def signal_of(name: SignalName, head: Float[Tensor, "*N 3"], gaze: Float[Tensor, "*N 2 3"]) -> Float[Tensor, "*N F"]:
+    """`to_signal` of tensors on any device."""
+    return torch.from_numpy(to_signal(name, head.cpu().numpy(), gaze.cpu().numpy())).to(head.device)
+
+
+def gaze_of(name: SignalName, head: Float[Tensor, "*N 3"], signal: Float[Tensor, "*N F"]) -> Float[Tensor, "*N 2 3"]:
+    """`to_gaze` of tensors on any device."""
+    return torch.from_numpy(to_gaze(name, head.cpu().numpy(), signal.cpu().numpy())).to(head.device)
 
 
 def stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool[ndarray, "B N"]:

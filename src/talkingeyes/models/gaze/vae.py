@@ -55,6 +55,6 @@ class VAEGaze(nn.Module):
         shape = (self.vae.codes(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
         codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
-        signal = self.vae.decode(codes, given) * self.scale + self.mean
+        signal = self.vae.decode(codes.to(given), given) * self.scale + self.mean
         gaze: Tensor = signal.unflatten(-1, (2, 3))
         return gaze

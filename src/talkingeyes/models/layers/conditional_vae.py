@@ -67,7 +67,7 @@ class ConditionalVAE(nn.Module):
 
     def encode(self, motion: Float[Tensor, "B T F"], condition: Float[Tensor, "B T C"]) -> Gaussian:
         """Moments of the codes, each the mean over the frames that it stands for."""
-        moments = self.moments(self.encoder(torch.cat([motion, condition], dim=-1)))
+        moments = self.moments(self.encoder(torch.cat([motion, condition], dim=-1))).float()
         span = self.settings.latent_frames or max(CLIP_LATENT_FRAMES, motion.shape[1])
         pooled = torch.stack([part.mean(1) for part in moments.split(span, dim=1)], dim=1)
         mean, log_variance = pooled.chunk(2, dim=-1)

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.models.layers import share
 from talkingeyes.settings import Settings
 
 
@@ -65,17 +66,23 @@ class Quantiser(nn.Module):
 
     def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
         """Nearest codes (eq. 5). Only latents where `used` count for the losses and the codebook."""
-        kept = latents if used is None else latents[used]
-        if self.training and len(kept):
-            self._update(kept.detach().reshape(-1, latents.shape[-1]))
-        indices = self.distances(latents.detach()).argmin(-1)
+        latents = latents.float()  # under autocast too: codes are compared in full precision
+        with torch.autocast(latents.device.type, enabled=False):
+            if self.training:
+                kept = latents if used is None else latents[used]
+                self._update(share.gathered(kept.detach().reshape(-1, latents.shape[-1])))
+            indices = self.distances(latents.detach()).argmin(-1)
         values = self.codebook[indices]
         error = (latents - values).square().mean(-1)
-        commitment = error.mean() if used is None else (error * used).sum() / used.sum().clamp(min=1)
+        commitment = (
+            error.mean() if used is None else (error * used).sum() / share.mean(used.sum().float()).clamp(min=1)
+        )
         return Quantised(latents + (values - latents).detach(), indices, commitment)
 
     @torch.no_grad()
     def _update(self, latents: Float[Tensor, "M C"]) -> None:
+        if not len(latents):
+            return
         if not self.started:
             self._restart(torch.ones_like(self.counts, dtype=torch.bool), latents)
             self.started.fill_(True)

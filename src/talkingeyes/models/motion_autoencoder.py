@@ -1,0 +1,101 @@
+"""The fixed encoder behind the Frechet distance and MMD: a small variational autoencoder of 2.56 s of head and gaze.
+
+A window is told as steps of .16 s: mean angles (gaze in space, eye-in-head, head) and the logarithms of mean and peak
+speed of each. An autoencoder of angles alone spends its few numbers on posture and hardly sees trembling, smoothing or
+stillness; with speeds as targets beside angles it has to keep them. The means of the code are the features: of unit
+scale where the code is used, near 0 where it is not (Kingma & Welling 2014), so they need no scaling of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s
+from talkingeyes.rotation import angles_of_gaze, gaze_in_space
+from talkingeyes.settings import Settings
+
+# Yaw and pitch of gaze in space and of eye-in-head, the head's rotation vector, mean and peak speed of the three.
+CHANNELS = 2 + 2 + 3 + 2 * 3
+SLOW_DEG_S = 1.0  # speeds below count as none: they are noise of trackers
+
+
+class AutoencoderSettings(Settings):
+    """Its size."""
+
+    step_frames: Annotated[int, Field(gt=0)]
+    width: Annotated[int, Field(gt=0)]
+    latent: Annotated[int, Field(gt=0, le=16)]  # a Gaussian of more needs more windows than corpora have
+    kl_weight: Annotated[float, Field(gt=0)]  # of eq. 10 of Kingma & Welling, a described number
+
+
+def described(
+    head: Float[ndarray, "B T 3"], gaze: Float[ndarray, "B T 2 3"], fps: float, step_frames: int
+) -> Float[ndarray, "B N 13"]:
+    """Steps of windows: mean angles (degrees) and logarithms of mean and peak speed (degrees a second)."""
+    poses = [gaze_in_space(head, gaze).mean(axis=-2), angles_of_gaze(gaze).mean(axis=-2), head]
+    speeds = [space_speed_deg_s(head, gaze, fps), eye_speed_deg_s(gaze, fps), head_speed_deg_s(head, fps)]
+    pose = _steps(np.degrees(np.concatenate(poses, axis=-1)), step_frames)
+    pace = _steps(np.pad(np.stack(speeds, axis=-1), ((0, 0), (1, 0), (0, 0)), mode="edge"), step_frames)
+    return np.concatenate(
+        [pose.mean(axis=2), np.log(pace.mean(axis=2) + SLOW_DEG_S), np.log(pace.max(axis=2) + SLOW_DEG_S)], axis=-1
+    )
+
+
+def _steps(frames: Float[ndarray, "B T C"], step_frames: int) -> Float[ndarray, "B N L C"]:
+    count = frames.shape[1] // step_frames
+    return frames[:, : count * step_frames].reshape(len(frames), count, step_frames, -1)
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What came back of the standardised steps, and the divergence of the code from its prior (nats a window)."""
+
+    steps: Float[Tensor, "B N C"]
+    divergence: Float[Tensor, " B"]
+
+
+class MotionAutoencoder(nn.Module):
+    """Two layers in, two layers out, over all numbers of a window at once."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(
+        self, settings: AutoencoderSettings, steps: int, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]
+    ) -> None:
+        """`steps` a window; `mean` and `std` of the channels over the train split."""
+        super().__init__()
+        self.register_buffer("mean", mean)
+        self.register_buffer("std", std)
+        numbers, width, latent = steps * len(mean), settings.width, settings.latent
+        self.encoder = nn.Sequential(
+            nn.Linear(numbers, width), nn.GELU(), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 2 * latent)
+        )
+        self.decoder = nn.Sequential(
+            nn.Linear(latent, width), nn.GELU(), nn.Linear(width, width), nn.GELU(), nn.Linear(width, numbers)
+        )
+
+    def standardised(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B N C"]:
+        """Channels of mean 0 and deviation 1."""
+        return (steps - self.mean) / self.std
+
+    def features(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B D"]:
+        """The means of the code."""
+        code: Tensor = self.encoder(self.standardised(steps).flatten(1))
+        return code.chunk(2, dim=1)[0]
+
+    def forward(self, steps: Float[Tensor, "B N C"], noise: Float[Tensor, "B D"]) -> Reconstruction:
+        """`noise`: standard normal, 0 for the mean."""
+        mean, log_variance = self.encoder(self.standardised(steps).flatten(1)).chunk(2, dim=1)
+        log_variance = log_variance.clamp(-10.0, 4.0)
+        back: Tensor = self.decoder(mean + noise * torch.exp(0.5 * log_variance))
+        divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(dim=1)
+        return Reconstruction(back.reshape(steps.shape), divergence)
