@@ -1,19 +1,34 @@
-"""The whole chain in one process: python -m pipelines.experiment [overrides], e.g. experiment=tiny train.seed=1.
+"""The Hydra entry: compose conf/, run the chain through the result store, once or for every job of a sweep.
 
-Composes conf/ with Hydra overrides, writes params.yaml into the folder that the key `workspace` names, and calls there
-the same stage functions as dvc.yaml does, in the same order.
+One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, until=train@vae
+A sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook (docs/sweeps.md)
+
+Any key and any group may be swept. Every job calls the same stage functions as dvc.yaml does, in the same order; what
+the store or data/ holds already is taken from there. Its results appear as links under the folder that `workspace`
+names, its row in MLflow there. A job returns the figures of `objective`, measured on val.
 """
 
 import importlib
+import json
+import os
 import sys
-from collections.abc import Iterator, Mapping
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stderr
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TextIO
 
-from talkingeyes.config import compose, write_params
-from talkingeyes.run import Workspace, perform, shell
+from talkingeyes.config import CONF, checked, write_params
+from talkingeyes.errors import InputError
+from talkingeyes.recipe import CHECKOUT, OWN_CORPUS, Call, needed, recipe
+from talkingeyes.record import record
+from talkingeyes.run import Report, Row, Workspace, clip_parallel, shell
+from talkingeyes.store import Entry, link, obtain
 
 REFERENCES = ("truth", "fitted", "mismatched")
+Watch = Callable[[int, dict[str, float]], None]
 
 
 def calls(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -23,28 +38,133 @@ def calls(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield from (("pretrain", prior) for prior in params["pretrain"])
     yield from (("train", model) for model in models)
     yield ("critic",)
+    yield from (("assess", model) for model in models)
     yield from (("sample", model) for model in models)
     yield from (("evaluate", row) for row in (*REFERENCES, *models))
     yield ("report",)
 
 
-def run_chain(workspace: Workspace) -> None:
-    """Run every stage. A corpus from elsewhere takes the place of `synthesize`."""
-    own = workspace.corpus == workspace.data("synthesize")
-    for stage, *names in calls(workspace.params):
-        if stage == "synthesize" and not own:
-            continue
-        print("==", stage, *names, file=sys.stderr)
-        perform(stage, importlib.import_module(f"pipelines.{stage}").run, workspace, *names)
+def chain(params: Mapping[str, Any]) -> list[Call]:
+    """What `until` needs. A corpus from elsewhere takes the place of `synthesize`."""
+    found = recipe(params, calls(params))
+    if params["corpus"] != OWN_CORPUS:
+        found = [call for call in found if call.stage != "synthesize"]
+    return needed(found, params["until"])
+
+
+def run_chain(params: Mapping[str, Any], view: Path, watch: Watch | None = None) -> list[float]:
+    """Run what is not in the store, link all into `view`, log the rows. Gives the objectives, if they were measured."""
+    root, start = Path(params["workspace"]), time.monotonic()
+    if root.resolve() == CHECKOUT or view.resolve() == CHECKOUT:
+        raise InputError("workspace: should be another folder than the repository, whose data/ belongs to dvc")
+    if params["corpus"] != OWN_CORPUS:
+        params = {**params, "corpus": str(Path(params["corpus"]).resolve())}
+    write_params(view / "params.yaml", dict(params))
+    entries: dict[Path, Entry] = {}
+
+    def make(call: Call, workspace: Workspace) -> Report:
+        print("==", call.stage, *call.names, file=sys.stderr)
+        return _stage(call, replace(workspace, watch=watch), root, params)
+
+    for call in chain(params):
+        entry = obtain(Path(params["store"]), call, params, entries, make)
+        if entry.origin != "made":
+            print("==", call.stage, *call.names, f"is in the {entry.origin}", file=sys.stderr)
+        entries[call.folder] = entry
+        link(entry, view / call.folder)
+    return _log(params, entries, root, time.monotonic() - start)
+
+
+def _stage(call: Call, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
+    """Call a stage and log it; its rows are logged with those of the whole chain."""
+    stage = importlib.import_module(f"pipelines.{call.stage}").run
+    start = time.monotonic()
+    with clip_parallel(params["machine"]):
+        report: Report = stage(workspace, *call.names)
+    seconds = time.monotonic() - start
+    title = "-".join([call.stage, *call.names])
+    record(root, call.stage, title, params, workspace.sections_read, seconds, replace(report, rows=()))
+    return report
+
+
+def _log(params: Mapping[str, Any], entries: Mapping[Path, Entry], root: Path, seconds: float) -> list[float]:
+    """One flat row a model: what the report says of it, if there is one, and its figures on val."""
+    val = {
+        folder.name: json.loads((entry.output / "metrics.json").read_text())
+        for folder, entry in entries.items()
+        if folder.parts[1] == "assess"
+    }
+    rows = {row.name: row for entry in entries.values() for row in entry.report.rows}
+    for model, figures in val.items():
+        row = rows.get(model, Row(model, {}))
+        rows[model] = replace(row, metrics={**row.metrics, **{f"val/{key}": value for key, value in figures.items()}})
+    objective = params["objective"]
+    wanted = {key: val[objective["model"]][key] for key in objective["figures"]} if objective["model"] in val else {}
+    report = Report(metrics=wanted, rows=list(rows.values()))
+    record(root, "experiment", params["study"], params, set(params), seconds, report)
+    return list(wanted.values())
+
+
+def job(config: Any) -> float | tuple[float, ...] | None:
+    """One job as Hydra calls it."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    view = Path(HydraConfig.get().runtime.output_dir)
+    found = run_chain(checked(OmegaConf.to_container(config, resolve=True)), view)
+    return found[0] if len(found) == 1 else tuple(found) or None
 
 
 def main() -> None:
-    """Compose, then run."""
-    params = compose(sys.argv[1:])
-    root = Path(params["workspace"])
-    write_params(root / "params.yaml", params)
-    run_chain(Workspace.open(root))
+    """Check what can be checked before anything runs, then hand over to Hydra; afterwards sum a study up."""
+    from pipelines.study import conclude, prepare
+
+    arguments = sys.argv[1:]
+    overrides = [each for each in arguments if not each.startswith("-")]
+    if not {"-m", "--multirun"} & set(arguments):
+        return hydra(arguments)
+    study = prepare(overrides)
+    if study is None:
+        return hydra(arguments)
+    with study.alone():
+        if study.left:
+            hydra([*arguments, *study.overrides()])
+        conclude(study)
+
+
+def hydra(arguments: list[str]) -> None:
+    """Hydra with these arguments. Its errors come as one line."""
+    from hydra import main as entry
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    warnings.filterwarnings("ignore", category=FutureWarning)  # the sweeper's words for distributions are Optuna 2's
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors are raised, not printed
+    sys.argv[1:] = arguments
+    try:
+        with redirect_stderr(_WithoutEcho(sys.stderr)):
+            entry(config_path=str(CONF), config_name="config", version_base="1.3")(job)()
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(" ".join(str(error).split())) from None
+
+
+class _WithoutEcho:
+    """stderr without the line that Hydra prints before it raises what went wrong in a job."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return 0 if text.startswith("Error executing job with overrides:") else self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def command() -> NoReturn:
+    """Run `main` of this module by its name, so that worker processes find `job`."""
+    shell(importlib.import_module("pipelines.experiment").main)
 
 
 if __name__ == "__main__":
-    shell(main)
+    command()

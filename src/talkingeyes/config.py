@@ -18,6 +18,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.learning.priors import PriorSettings
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings
+from talkingeyes.metrics.choosing import AssessSettings, Figure
 from talkingeyes.metrics.contrast import CriticSettings
 from talkingeyes.metrics.evaluation import EvaluateSettings
 from talkingeyes.models.baselines import BaselineSettings
@@ -32,8 +33,17 @@ class MachineSettings(Settings):
     """Where it runs: processes of clip-parallel work, and the device of learning."""
 
     jobs: int = Field(gt=0)
+    backend: Literal["processes", "ray"]
+    ray_address: str | None
     device: Literal["cpu", "cuda"]
     precision: Literal["float32", "bfloat16"]
+
+
+class ObjectiveSettings(Settings):
+    """What a job of a sweep returns: figures that the stage `assess` measures of one model."""
+
+    model: str
+    figures: list[Figure] = Field(min_length=1)
 
 
 ModelSettings = Annotated[TranslationSettings | BaselineSettings, Field(discriminator="kind")]
@@ -45,6 +55,11 @@ class Composition(Settings):
     # The corpus that every stage after `synthesize` reads, and where pipelines.experiment works.
     corpus: str
     workspace: str
+    # What that wants: where results are kept, which stages run, what a sweep looks at, how its rows are called.
+    store: str
+    until: str
+    objective: ObjectiveSettings
+    study: str
     machine: MachineSettings
     synthesize: SynthesizeSettings
     fit: FitSettings
@@ -53,6 +68,7 @@ class Composition(Settings):
     train: TrainSettings
     model: dict[str, ModelSettings]
     critic: CriticSettings
+    assess: AssessSettings
     sample: SampleSettings
     evaluate: EvaluateSettings
 
@@ -74,6 +90,11 @@ def compose(overrides: Sequence[str] = ()) -> dict[str, Any]:
         params = OmegaConf.to_container(composed, resolve=True)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(" ".join(str(error).split())) from None
+    return checked(params)
+
+
+def checked(params: Any) -> dict[str, Any]:
+    """A composition, every section validated. Raises InputError: the key, the bound and the value that came."""
     return validated("", Composition, params).model_dump(mode="json")
 
 

@@ -29,7 +29,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-__all__ = ["Report", "Row", "Workspace", "each", "main", "perform", "progress", "quiet", "shell"]
+__all__ = ["Report", "Row", "Workspace", "clip_parallel", "each", "main", "perform", "progress", "quiet", "shell"]
 
 Stage = Callable[..., Report]
 
@@ -41,11 +41,13 @@ class Workspace:
     """A folder that holds data/ and the resolved composition (params.yaml) that fills it.
 
     `sections_read` records what `settings` was asked for, so that a run is logged with the parameters it used.
+    `watch` is told the figures of every validation of a training, and may raise to end one that leads nowhere.
     """
 
     root: Path
     params: Mapping[str, Any]
     sections_read: set[str] = field(default_factory=set, compare=False, repr=False)
+    watch: Callable[[int, dict[str, float]], None] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def open(cls, root: Path) -> Workspace:
@@ -110,13 +112,47 @@ def sums(folder: Path) -> str:
 
 
 def each(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
-    """The one joblib call for clip-parallel work: results in order, a progress bar, memory that does not grow."""
-    import joblib
+    """The one joblib call for clip-parallel work: results in order, a progress bar, memory that does not grow.
 
+    `clip_parallel` says where it runs. Inside a worker of another joblib call (a job of a sweep) items go one after
+    another: the cores are taken already, and the threads that joblib would use there share torch's seed.
+    """
+    import joblib
+    from joblib.parallel import get_active_backend
+
+    backend = get_active_backend()[0]
     items = list(items)
     tasks = (joblib.delayed(function)(item) for item in items)
-    results = joblib.Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="4*n_jobs")(tasks)
+    results = joblib.Parallel(
+        n_jobs=1 if backend.nesting_level else jobs,
+        return_as="generator" if backend.supports_return_generator else "list",
+        pre_dispatch="4*n_jobs",
+    )(tasks)
     yield from progress(results, title, len(items))
+
+
+@contextmanager
+def clip_parallel(machine: Mapping[str, Any]) -> Iterator[None]:
+    """Where `each` runs: processes of this machine, or Ray (docs/scale.md), as the section `machine` says."""
+    if machine.get("backend", "processes") == "processes":
+        yield
+        return
+    import joblib
+    import ray
+    from ray.util.joblib import register_ray
+
+    if not ray.is_initialized():
+        address = machine["ray_address"]  # null: a cluster of its own, on this machine, without a dashboard
+        own = address is None
+        ray.init(
+            address=address,
+            num_cpus=int(machine["jobs"]) if own else None,
+            include_dashboard=False if own else None,
+            log_to_driver=False,
+        )
+    register_ray()
+    with joblib.parallel_config("ray"):
+        yield
 
 
 def progress(items: Iterable[A], title: str, total: int | None = None) -> Iterable[A]:
@@ -176,7 +212,8 @@ def perform(stage: str, run: Stage, workspace: Workspace, *names: str) -> Report
     """Run a stage and log it to MLflow: parameters of the sections that it read, metrics, files, duration."""
     workspace.sections_read.clear()
     start = time.monotonic()
-    report = run(workspace, *names)
+    with clip_parallel(workspace.params.get("machine", {})):
+        report = run(workspace, *names)
     seconds = time.monotonic() - start
     title = "-".join([stage, *names])
     record(workspace.root, stage, title, workspace.params, workspace.sections_read, seconds, report)

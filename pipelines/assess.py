@@ -1,0 +1,119 @@
+"""Stage `assess`: the figures on val that models and settings are chosen by (test and unseen are for `evaluate`).
+
+Run: python -m pipelines.assess talkingeyes
+Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
+Writes: data/assess/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
+beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
+motion's, in a corpus without truth), and their mean, `distance`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import Recordings, recordings
+from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
+from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.metrics.evaluation import CRITICS
+from talkingeyes.motion import Motion
+from talkingeyes.run import Report, Workspace, each, main
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where the things lie that a model is assessed with."""
+
+    corpus: Path
+    fit: Path
+    embed: Path
+    critic: Path
+    model: Path
+
+
+@dataclass(frozen=True)
+class Found:
+    """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true."""
+
+    corr: dict[str, float]
+    corr_fitted: dict[str, float]
+    drawn: Dynamics
+    truth: Dynamics
+
+
+def run(workspace: Workspace, name: str) -> Report:
+    """Clip-parallel; every clip's seeds are its own."""
+    settings = workspace.settings("assess", AssessSettings)
+    data = workspace.data
+    sources = Sources(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
+    clips = recordings(Corpus(sources.corpus), sources.fit, sources.embed, "val", take=0).clips
+    with workspace.output("assess", name) as folder:
+        found = list(each(partial(assess, sources, settings), clips, workspace.jobs, f"assess {name}"))
+        figures = {
+            **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
+            **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
+            **_named(distances([clip.drawn for clip in found], [clip.truth for clip in found])),
+        }
+        (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
+    return Report(metrics=figures, artifacts=[data("assess", name, "metrics.json")])
+
+
+def assess(sources: Sources, settings: AssessSettings, clip: Clip) -> Found:
+    """Draw samples for one sound and measure them."""
+    corpus, fitted = Corpus(sources.corpus), Recordings([clip], sources.fit, sources.embed)[0]
+    speech = np.array(fitted.speech)
+    seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
+    drawn = _generator(sources.model).generate(speech, seeds, clip.fps)
+    own = _one(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
+    truth = _one(corpus.truth(clip)) if corpus.has_truth else own
+    critics = _critics(sources.critic)
+    return Found(
+        {part: float(critics[part](speech, drawn.head, drawn.gaze).mean()) for part in CRITICS},
+        {part: float(critics[part](speech, own.head, own.gaze).mean()) for part in CRITICS},
+        dynamics(drawn),
+        dynamics(truth),
+    )
+
+
+@lru_cache(maxsize=1)
+def _generator(folder: Path) -> Generator:
+    """Loaded once a process."""
+    return load_generator(folder)
+
+
+@lru_cache(maxsize=1)
+def _critics(folder: Path) -> dict[str, Correlation]:
+    return {part: Correlation.load(folder, critic) for part, critic in CRITICS.items()}
+
+
+def _one(motion: Motion) -> Samples:
+    return Samples(motion.fps, motion.head[None], motion.gaze[None])
+
+
+def _name(figure: str, part: str) -> str:
+    """Corr. of the eyes in the head is the paper's, and has the plain name."""
+    return figure if part == "gaze" else f"{figure}_{part}"
+
+
+def _named(found: Distances) -> dict[str, float]:
+    return {
+        "distance": found.mean,
+        "eye_speed_distance": found.eye_speed,
+        "saccade_amplitude_distance": found.saccade_amplitude,
+    }
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values))
+
+
+if __name__ == "__main__":
+    main(run)

@@ -1,0 +1,257 @@
+"""A study of Optuna behind a sweep: where it is kept, whether it is still the same search, how much of it is left.
+
+Hydra's sweeper asks the trials and tells what came of them; this file looks after the study around it. A sweep that was
+killed goes on: trials that it left running count as failed, n_trials is of the whole study, and the sampler's seed
+counts on with the trials, because a sampler that starts again from its seed proposes the same trials again.
+
+Reads   conf/ as Hydra composes it, and the study's storage
+Writes  the study; at the end <workspace>/<study>/: trials.csv and, of two objectives, pareto.png
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from talkingeyes.config import CONF, compose
+from talkingeyes.errors import InputError
+from talkingeyes.record import record
+from talkingeyes.run import Report
+
+# What the study keeps of the search that it belongs to.
+SPACE = "search_space"
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search as conf/ and the command line give it: words of Hydra for what is searched, in which direction."""
+
+    params: dict[str, Any]  # the composition
+    name: str
+    storage: Any
+    directions: list[Literal["minimize", "maximize"]]
+    words: list[str]  # key=choice(...), key=interval(...)
+    trials: int
+    seed: int | None
+
+
+@dataclass(frozen=True)
+class Study:
+    """A search and the study that stands for it in the storage."""
+
+    search: Search
+    optuna: Any
+
+    @property
+    def finished(self) -> int:
+        """Trials that ended well or were pruned."""
+        return sum(trial.state.name in ("COMPLETE", "PRUNED") for trial in self.optuna.trials)
+
+    @property
+    def left(self) -> int:
+        """Trials still to make."""
+        return max(0, self.search.trials - self.finished)
+
+    def overrides(self) -> list[str]:
+        """What Hydra's sweeper is told, so that it goes on where the study stands."""
+        found = [f"hydra.sweeper.n_trials={self.left}"]
+        if self.search.seed is not None:
+            found.append(f"hydra.sweeper.sampler.seed={self.search.seed + len(self.optuna.trials)}")
+        return found
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed."""
+        from filelock import FileLock, Timeout
+        from optuna.trial import TrialState
+
+        path = Path(self.search.params["workspace"]) / f".{self.search.name}.lock"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with FileLock(path, timeout=0):
+                for trial in self.optuna.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+                    self.optuna.tell(trial.number, state=TrialState.FAIL)
+                yield
+        except Timeout:
+            raise InputError(f"study {self.search.name}: a sweep is at work on it; pipelines.sweep joins it") from None
+
+
+def storage(where: str) -> Any:
+    """A storage: the URL of a relational database, or the path of a journal file."""
+    import optuna
+    from optuna.storages import JournalStorage, RDBStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if "://" in where:
+        return RDBStorage(where)
+    Path(where).parent.mkdir(parents=True, exist_ok=True)
+    return JournalStorage(JournalFileBackend(where))
+
+
+def prepare(overrides: Sequence[str]) -> Study | None:
+    """Check a sweep before it starts; the study behind it, if it has one that outlives it.
+
+    Raises InputError: a bad override, a value outside its bounds, a study of another search.
+    """
+    search = read(overrides)
+    for words in _ends([*(search.words if search else []), *_swept(overrides)]):
+        compose([*_fixed(overrides), words])
+    return None if search is None else study_of(search)
+
+
+def read(overrides: Sequence[str]) -> Search | None:
+    """The search that the overrides ask for; None if there is no Optuna in it, or no storage."""
+    from hydra import compose as hydra_compose
+    from hydra import initialize_config_dir
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+
+    params = compose(_fixed(overrides))
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = hydra_compose("config", overrides=_fixed(overrides), return_hydra_config=True)
+    sweeper = config.hydra.sweeper
+    if "optuna" not in sweeper._target_ or sweeper.storage is None:
+        return None
+    kept = storage(sweeper.storage) if isinstance(sweeper.storage, str) else instantiate(sweeper.storage)
+    own = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
+    directions = sweeper.direction if OmegaConf.is_list(sweeper.direction) else [sweeper.direction]
+    return Search(
+        params=params,
+        name=str(sweeper.study_name or params["study"]),
+        storage=kept,
+        directions=["maximize" if "max" in str(each).lower() else "minimize" for each in directions],
+        words=[*own, *_swept(overrides)],
+        trials=int(sweeper.n_trials),
+        seed=sweeper.sampler.get("seed"),
+    )
+
+
+def study_of(search: Search) -> Study:
+    """The study in the storage, new or the same search as before. Raises InputError if it is another."""
+    import optuna
+
+    figures = search.params["objective"]["figures"]
+    if len(figures) != len(search.directions):
+        raise InputError(f"objective.figures: should be one for each direction {search.directions}, got {figures}")
+    found = optuna.create_study(
+        study_name=search.name, storage=search.storage, directions=[*search.directions], load_if_exists=True
+    )
+    asked: dict[str, Any] = {"space": space(search), "figures": figures, "directions": search.directions}
+    before = found.user_attrs.get(SPACE)
+    if before is None:
+        found.set_user_attr(SPACE, asked)
+    elif before != asked:
+        now, then = asked["space"], before["space"]
+        changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key))) or "the objective"
+        raise InputError(f"study {search.name}: began as another search, {changed} changed; a new one needs study=NAME")
+    return Study(search, found)
+
+
+def distributions(search: Search) -> dict[str, Any]:
+    """The search space in Optuna's words."""
+    from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        found, _ = create_params_from_overrides(search.words)
+    return dict(found)
+
+
+def space(search: Search) -> dict[str, Any]:
+    """The search space as plain values, to compare it with another."""
+    from optuna.distributions import distribution_to_json
+
+    return {key: json.loads(distribution_to_json(each)) for key, each in sorted(distributions(search).items())}
+
+
+def conclude(study: Study) -> None:
+    """Write down all trials, draw the front of two objectives, and log both as the run of the whole sweep."""
+    from optuna.trial import TrialState
+
+    search, trials = study.search, study.optuna.get_trials(deepcopy=False)
+    figures = search.params["objective"]["figures"]
+    complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
+    folder = Path(search.params["workspace"]) / search.name
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_trials(folder / "trials.csv", trials, figures)
+    artifacts = [folder / "trials.csv"]
+    best = study.optuna.best_trials if complete else []
+    if len(figures) == 2 and complete:
+        from talkingeyes.metrics.front import plot_front
+
+        artifacts.append(folder / "pareto.png")
+        plot_front([trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1])
+    states = {
+        state: sum(trial.state.name.lower() == state for trial in trials) for state in ("complete", "pruned", "fail")
+    }
+    metrics = {f"trials_{state}": float(count) for state, count in states.items()}
+    if len(figures) == 1 and best:
+        metrics[f"best_{figures[0]}"] = best[0].values[0]
+    record(
+        Path(search.params["workspace"]),
+        "sweep",
+        search.name,
+        search.params,
+        {"objective"},
+        0.0,
+        Report(metrics, artifacts),
+    )
+    print(f"study {search.name}: {states['complete']} trials complete, {states['pruned']} pruned; {folder}")
+    for trial in best:
+        values = ", ".join(f"{name} {value:.4g}" for name, value in zip(figures, trial.values, strict=True))
+        print(f"  {trial.number}: {values}: " + " ".join(f"{key}={value}" for key, value in trial.params.items()))
+
+
+def _write_trials(path: Path, trials: Sequence[Any], figures: Sequence[str]) -> None:
+    keys = sorted({key for trial in trials for key in trial.params})
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["trial", "state", *figures, *keys])
+        for trial in trials:
+            values = trial.values or [""] * len(figures)
+            writer.writerow(
+                [trial.number, trial.state.name.lower(), *values, *(trial.params.get(key, "") for key in keys)]
+            )
+
+
+def _parsed(overrides: Sequence[str]) -> list[Any]:
+    """Overrides as Hydra understands them. Raises InputError."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    try:
+        return list(OverridesParser.create().parse_overrides(list(overrides)))
+    except HydraException as error:
+        raise InputError(" ".join(str(error).split())) from None
+
+
+def _fixed(overrides: Sequence[str]) -> list[str]:
+    return [each.input_line for each in _parsed(overrides) if not each.is_sweep_override()]
+
+
+def _swept(overrides: Sequence[str]) -> list[str]:
+    return [each.input_line for each in _parsed(overrides) if each.is_sweep_override()]
+
+
+# So many values of one key are checked before a sweep starts: the first and the last of a longer list.
+CHECKED = 16
+
+
+def _ends(words: Sequence[str]) -> Iterator[str]:
+    """Overrides with single values to check a sweep by: every choice, both ends of an interval."""
+    for each in _parsed(words):
+        if each.is_interval_sweep():
+            value = each.value()
+            values = [str(value.start), str(value.end)]
+        else:
+            values = list(each.sweep_string_iterator())
+        if len(values) > CHECKED:
+            values = values[: CHECKED // 2] + values[-CHECKED // 2 :]
+        yield from (f"{each.get_key_element()}={value}" for value in values)

@@ -1,0 +1,82 @@
+"""What models and settings are chosen by, on val and in free running: Corr. and the distance of the eyes' dynamics.
+
+Distances are Wasserstein's between what was drawn and the truth, in standard deviations of the truth, so that speed
+and amplitude weigh the same: of the speed of eye-in-head between frames and of the amplitudes of saccades of gaze in
+space. A model without saccades is as far off as if all of its saccades were of no amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.kinematics import eye_speed_deg_s
+from talkingeyes.metrics.detectors.saccades import detect_saccades
+from talkingeyes.rotation import conjugate, gaze_in_space
+from talkingeyes.settings import Settings
+
+# What a sweep may be told to look at.
+Figure = Literal["corr", "corr_space", "corr_head", "distance", "eye_speed_distance", "saccade_amplitude_distance"]
+
+
+class AssessSettings(Settings):
+    """The section `assess`: samples for every val sound, and the seed that their seeds are made from."""
+
+    seed: int
+    samples: Annotated[int, Field(gt=1)]
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """How eyes move in some motions: speeds between frames, amplitudes of saccades."""
+
+    eye_speed_deg_s: Float[ndarray, " F"]
+    saccade_amplitude_deg: Float[ndarray, " N"]
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Of the distributions of eye speed and saccade amplitude to the truth's, in its standard deviations."""
+
+    eye_speed: float
+    saccade_amplitude: float
+
+    @property
+    def mean(self) -> float:
+        """What is chosen by."""
+        return (self.eye_speed + self.saccade_amplitude) / 2
+
+
+def dynamics(samples: Samples) -> Dynamics:
+    """Of all samples of a sound together."""
+    amplitudes = [
+        detect_saccades(conjugate(gaze_in_space(head, gaze)), samples.fps).amplitude_deg
+        for head, gaze in zip(samples.head, samples.gaze, strict=True)
+    ]
+    return Dynamics(eye_speed_deg_s(samples.gaze, samples.fps).ravel(), np.concatenate(amplitudes))
+
+
+def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances:
+    """Between all that was drawn and all of the truth."""
+    return Distances(
+        distance([each.eye_speed_deg_s for each in drawn], [each.eye_speed_deg_s for each in truth]),
+        distance([each.saccade_amplitude_deg for each in drawn], [each.saccade_amplitude_deg for each in truth]),
+    )
+
+
+def distance(drawn: Sequence[Float[ndarray, " N"]], truth: Sequence[Float[ndarray, " M"]]) -> float:
+    """Wasserstein's distance in standard deviations of the truth."""
+    from scipy.stats import wasserstein_distance
+
+    one, other = np.concatenate(drawn), np.concatenate(truth)
+    if not len(other):
+        return 0.0 if not len(one) else float(one.mean())
+    spread = max(float(other.std()), 1e-6)
+    return float(wasserstein_distance(one if len(one) else np.zeros(1), other)) / spread

@@ -1,0 +1,25 @@
+"""The picture of a search with two objectives: all trials, and the front of those that no other beats in both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def plot_front(
+    trials: Sequence[Sequence[float]], front: Sequence[Sequence[float]], names: Sequence[str], path: Path
+) -> None:
+    """Trials as grey dots, the front as a line through orange ones; the axes are the two objectives."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    axis.scatter(*zip(*trials, strict=True), color="#8a8a8a", label=f"{len(trials)} trials")
+    axis.plot(*zip(*sorted(map(tuple, front)), strict=True), "o-", color="#d95f02", label=f"front: {len(front)}")
+    axis.set_xlabel(f"{names[0]} on val")
+    axis.set_ylabel(f"{names[1]} on val")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(frameon=False)
+    figure.savefig(path, dpi=120, metadata={"Software": None})
