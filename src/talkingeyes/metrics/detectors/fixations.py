@@ -47,15 +47,20 @@ def detect_fixations(
     """Stretches of 100 ms or longer that hold neither a saccade (found here unless given) nor an invalid frame."""
     known = seen("gaze in space", gaze_in_space_rad, fps, valid)
     found = detect_saccades(gaze_in_space_rad, fps, known) if saccades is None else saccades
-    within = np.zeros(len(known) + 1, np.int64)
-    last = len(known) - 1
-    # The first frame after onset and the last before offset move; a saccade between two frames takes neither.
-    np.add.at(within, np.clip(np.ceil(found.onset_s * fps).astype(np.int64), 0, last), 1)
-    np.add.at(within, np.clip(np.floor(found.offset_s * fps).astype(np.int64) + 1, 0, len(known)), -1)
-    crossed = np.zeros(len(known), bool)
-    crossed[np.clip(np.ceil(found.offset_s * fps).astype(np.int64), 0, last)] = True
-    still = known & (np.cumsum(within[:-1]) <= 0)
-    return _described(gaze_in_space_rad, fps, runs(still, crossed))
+    frames = len(known)
+    # A saccade takes the frames from its onset to its offset; one that lies between two frames takes neither.
+    first = np.clip(np.ceil(found.onset_s * fps - 1e-6).astype(np.int64), 0, frames)
+    after = np.clip(np.floor(found.offset_s * fps + 1e-6).astype(np.int64) + 1, 0, frames)
+    moving = np.cumsum(np.bincount(first, minlength=frames + 1) - np.bincount(after, minlength=frames + 1))
+    starts = np.zeros(frames + 1, bool)
+    starts[after] = True
+    still = runs(known & (moving[:-1] <= 0), starts[:-1])
+    # Times are those of the saccades on either side, which are finer than frames; those of frames where there is none.
+    onset, offset = still.first / fps, still.last / fps
+    before, behind = np.isin(still.first, after), np.isin(still.last + 1, first)
+    onset[before] = found.offset_s[np.searchsorted(after, still.first[before], side="right") - 1]
+    offset[behind] = found.onset_s[np.searchsorted(first, still.last[behind] + 1)]
+    return _described(gaze_in_space_rad, still, onset, offset)
 
 
 def dispersion_threshold(
@@ -76,7 +81,8 @@ def dispersion_threshold(
         first.append(start)
         last.append(stop - 1)
         start = stop
-    return _described(gaze_in_space_rad, fps, Runs(np.array(first, np.int64), np.array(last, np.int64)))
+    found = Runs(np.array(first, np.int64), np.array(last, np.int64))
+    return _described(gaze_in_space_rad, found, found.first / fps, found.last / fps)
 
 
 def _grown(points: list[list[float]], start: int, extent: float) -> int:
@@ -92,17 +98,23 @@ def _grown(points: list[list[float]], start: int, extent: float) -> int:
     return len(points)
 
 
-def _described(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Fixations:
+def _described(
+    gaze_in_space_rad: Float[ndarray, "T 2"],
+    frames: Runs,
+    onset_s: Float[ndarray, " N"],
+    offset_s: Float[ndarray, " N"],
+) -> Fixations:
     """Fixations of runs of frames, those that are long enough."""
-    long = found.where((found.last - found.first) / fps >= LEAST_S - 1e-9)
-    counts = long.last - long.first + 1
-    centre = _means(gaze_in_space_rad, long.first, long.last)
-    frames = np.repeat(long.first - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts) + np.arange(counts.sum())
-    away = gaze_in_space_rad[frames] - np.repeat(centre, counts, axis=0)
-    away[:, 0] *= np.cos(np.repeat(centre[:, 1], counts))
-    owner = np.repeat(np.arange(len(long)), counts)
-    square = np.bincount(owner, (away**2).sum(axis=1), minlength=len(long)) / np.maximum(counts, 1)
-    return Fixations(long.first / fps, long.last / fps, centre, np.degrees(np.sqrt(square)))
+    long = offset_s - onset_s >= LEAST_S - 1e-9
+    kept = frames.where(long)
+    counts = kept.last - kept.first + 1
+    centre = _means(gaze_in_space_rad, kept.first, kept.last)
+    index = np.repeat(kept.first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    owner = np.repeat(np.arange(len(kept)), counts)
+    away = gaze_in_space_rad[index] - centre[owner]
+    away[:, 0] *= np.cos(centre[owner, 1])
+    square = np.bincount(owner, (away**2).sum(axis=1), minlength=len(kept)) / np.maximum(counts, 1)
+    return Fixations(onset_s[long], offset_s[long], centre, np.degrees(np.sqrt(square)))
 
 
 def _means(values: Float[ndarray, "T 2"], first: Int[ndarray, " N"], last: Int[ndarray, " N"]) -> Float[ndarray, "N 2"]:

@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from talkingeyes.metrics.detectors.signal import seen
 
-PEAK_DEG_S = 8.0
+PEAK_DEG_S = 5.0
 LEAST_DEG = 1.0
 EDGE = 0.25
 WINDOW_S = 0.08

@@ -48,25 +48,59 @@ def pair(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance
     return Pairs(left, right)
 
 
+@dataclass(frozen=True)
+class Tally:
+    """Counts and onset errors (found minus known), which add up over clips."""
+
+    found: int = 0
+    known: int = 0
+    paired: int = 0
+    errors_s: tuple[float, ...] = ()
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(
+            self.found + other.found,
+            self.known + other.known,
+            self.paired + other.paired,
+            self.errors_s + other.errors_s,
+        )
+
+    @property
+    def score(self) -> Score:
+        """The figures."""
+        nan = float("nan")
+        low, middle, high = np.percentile(self.errors_s, [25, 50, 75]) if self.errors_s else (nan, nan, nan)
+        return Score(
+            precision=self.paired / self.found if self.found else nan,
+            recall=self.paired / self.known if self.known else nan,
+            f1=2 * self.paired / (self.found + self.known) if self.found + self.known else nan,
+            onset_error_s=float(middle),
+            onset_iqr_s=float(high - low),
+            found=self.found,
+            known=self.known,
+        )
+
+
+def tally(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> Tally:
+    """Counts and errors of ascending onsets of one clip."""
+    pairs = pair(found_s, known_s, tolerance_s)
+    errors = found_s[pairs.found] - known_s[pairs.known]
+    return Tally(len(found_s), len(known_s), len(errors), tuple(errors.tolist()))
+
+
 def score(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> Score:
     """Precision, recall, F1 and onset errors of ascending onsets."""
-    pairs = pair(found_s, known_s, tolerance_s)
-    return scored(len(found_s), len(known_s), len(pairs.found), found_s[pairs.found] - known_s[pairs.known])
+    return tally(found_s, known_s, tolerance_s).score
 
 
-def scored(found: int, known: int, paired: int, error_s: Float[ndarray, " P"]) -> Score:
-    """The score of counts and onset errors, which may be pooled over clips."""
-    nan = float("nan")
-    low, middle, high = np.percentile(error_s, [25, 50, 75]) if len(error_s) else (nan, nan, nan)
-    return Score(
-        precision=paired / found if found else nan,
-        recall=paired / known if known else nan,
-        f1=2 * paired / (found + known) if found + known else nan,
-        onset_error_s=float(middle),
-        onset_iqr_s=float(high - low),
-        found=found,
-        known=known,
-    )
+def during(
+    onset_s: Float[ndarray, " N"], offset_s: Float[ndarray, " N"], fps: float, frames: int
+) -> Bool[ndarray, " T"]:
+    """Frames within events, both ends included."""
+    change = np.zeros(frames + 1, np.int64)
+    np.add.at(change, np.clip(np.round(onset_s * fps).astype(np.int64), 0, frames), 1)
+    np.add.at(change, np.clip(np.round(offset_s * fps).astype(np.int64) + 1, 0, frames), -1)
+    return np.asarray(np.cumsum(change[:-1]) > 0)
 
 
 def kappa(one: Bool[ndarray, " T"], other: Bool[ndarray, " T"]) -> float:

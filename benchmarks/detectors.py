@@ -1,0 +1,313 @@
+"""How well the detectors find known events, and how fast they are: the first tables of docs/detectors.md.
+
+The events are those of the synthetic corpus. Its takes are drawn again, which gives the same events and lets them be
+rendered at any frame rate; the motion that was fitted to what a camera saw of them comes as it is.
+
+Run     python benchmarks/detectors.py [CLIPS]     (make bench, after make repro)
+Reads   data/synthesize, data/fit, params.yaml
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes import rotation
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.metrics.detectors.blinks import detect_blinks
+from talkingeyes.metrics.detectors.fixations import detect_fixations, dispersion_threshold
+from talkingeyes.metrics.detectors.gaze_states import gaze_states
+from talkingeyes.metrics.detectors.head_moves import detect_head_moves
+from talkingeyes.metrics.detectors.saccades import detect_saccades
+from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
+from talkingeyes.motion import Motion
+from talkingeyes.physiology import blinks as blink_law
+from talkingeyes.physiology.render import Waves
+from talkingeyes.run import Workspace, quiet, shell
+from talkingeyes.world import plan
+from talkingeyes.world.take import Take, perform
+
+RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
+NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
+SACCADE_CLASSES_DEG = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 40.0)
+HEAD_CLASSES_DEG = (1.0, 2.0, 4.0, 30.0)
+SACCADE_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S = 0.06, 0.1, 0.12
+
+
+@dataclass(frozen=True)
+class Performed:
+    """A clip of the corpus, its take drawn again, and its fitted motion."""
+
+    clip: Clip
+    take: Take
+    fitted: Motion
+
+    def motion(self, fps: float) -> Motion:
+        """The true motion at any frame rate."""
+        return self.take.motion(fps, int(self.clip.seconds * fps))
+
+    def without_unrest(self, fps: float) -> Motion:
+        """The same, but the head does nothing besides its listed movements."""
+        still = Waves(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
+        continuous = replace(self.take.continuous, head_waves=still, head_speaking=still)
+        return replace(self.take, continuous=continuous).motion(fps, int(self.clip.seconds * fps))
+
+
+def load(workspace: Workspace, count: int) -> list[Performed]:
+    """The first clips of the corpus; a take drawn again has the events that the corpus holds."""
+    settings = workspace.settings("synthesize", plan.SynthesizeSettings)
+    sounds = {sound.id: sound for sound in plan.sounds(settings)}
+    corpus = Corpus(workspace.corpus)
+    made = []
+    for clip in corpus.clips[:count]:
+        path = sharded(workspace.data("fit", "motion"), clip.id, ".npz")
+        if not path.exists():
+            continue  # rejected by fit
+        sound = sounds[clip.sound]
+        random = plan.generator(settings.seed, "motion", sound.index, clip.take)
+        style = plan.speaker_of(settings, sound).style
+        take = perform(corpus.annotation(clip), style, clip.seconds, random, settings.blink_profile)
+        assert take.events == corpus.truth_events(clip), clip.id
+        made.append(Performed(clip, take, Motion.load(path)))
+    return made
+
+
+def gaze_of(motion: Motion) -> np.ndarray:
+    """Gaze in space of both eyes together."""
+    return rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
+
+
+def by_class(found_s: np.ndarray, known_s: np.ndarray, size: np.ndarray, edges: Sequence[float], tolerance_s: float):
+    """How many known events of each class of size are found, and how many there are: an array (2, classes)."""
+    hit = np.zeros(len(known_s), bool)
+    hit[pair(found_s, known_s, tolerance_s).known] = True
+    return np.stack([np.histogram(size[hit], edges)[0], np.histogram(size, edges)[0]])
+
+
+def row(name: str, total: Tally, classes: np.ndarray | None = None) -> str:
+    """A row of markdown: precision, recall, F1, onset error, and recall by class."""
+    s = total.score
+    shares = [] if classes is None else [f"{hit / n:.2f} ({n})" if n else "-" for hit, n in classes.T]
+    figures = [f"{s.precision:.3f}", f"{s.recall:.3f}", f"{s.f1:.3f}"]
+    figures += [f"{1000 * s.onset_error_s:+.0f}", f"{1000 * s.onset_iqr_s:.0f}", *shares]
+    return f"| {name} | {' | '.join(figures)} |"
+
+
+def head_of(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> None:
+    """Print the head of a table of rows."""
+    classes = [f"recall {low:g}-{high:g}{unit}" for low, high in pairwise(edges)]
+    names = [kind, "precision", "recall", "F1", "onset error ms", "its IQR", *classes]
+    print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
+
+
+def saccade_row(
+    name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], noise: bool
+) -> str:
+    """Saccades against the true ones, of which those under a degree count as known only if they are found.
+
+    What starts in a frame that does not count, or at the very ends of a clip, is left out on both sides.
+    """
+    total, classes = Tally(), np.zeros((2, len(SACCADE_CLASSES_DEG) - 1), int)
+    random = np.random.default_rng(0)
+    for each in performed:
+        motion = motion_of(each)
+        gaze = gaze_of(motion) + noise * np.radians(NOISE_DEG) * random.standard_normal((len(motion), 2))
+        found = detect_saccades(gaze, motion.fps, motion.valid)
+        events = each.take.events.saccades
+        onset = np.array([event.onset_s for event in events])
+        size = np.degrees([np.hypot(*np.subtract(event.end_rad, event.start_rad)) for event in events])
+        known = _counts(onset, motion)
+        pairs = pair(found.onset_s, onset, SACCADE_TOLERANCE_S)
+        hit = np.isin(np.arange(len(onset)), pairs.known)
+        alone = ~np.isin(np.arange(len(found)), pairs.found) & _counts(found.onset_s, motion)
+        paired = pairs.known[known[pairs.known]]
+        errors = (found.onset_s[pairs.found] - onset[pairs.known])[known[pairs.known]]
+        total += Tally(
+            found=len(paired) + int(alone.sum()),
+            known=int((known & (hit | (size >= 1.0))).sum()),
+            paired=len(paired),
+            errors_s=tuple(errors.tolist()),
+        )
+        counted = [np.histogram(size[known & which], SACCADE_CLASSES_DEG)[0] for which in (hit, np.ones_like(hit))]
+        classes += np.stack(counted)
+    return row(name, total, classes)
+
+
+def _counts(times_s: np.ndarray, motion: Motion) -> np.ndarray:
+    frame = np.clip(np.round(times_s * motion.fps).astype(int), 0, len(motion) - 1)
+    return motion.valid[frame] & (times_s >= 0.05) & (times_s < motion.seconds - 0.15)
+
+
+def print_saccades(performed: list[Performed]) -> None:
+    """Saccades by frame rate, with noise, and in fitted motion."""
+    head_of("saccades", SACCADE_CLASSES_DEG)
+    for fps in RATES:
+        print(saccade_row(f"truth, {fps:g} fps", performed, lambda each, fps=fps: each.motion(fps), noise=False))
+    for fps in (25.0, 120.0):
+        name = f"truth with {NOISE_DEG} deg of noise, {fps:g} fps"
+        print(saccade_row(name, performed, lambda each, fps=fps: each.motion(fps), noise=True))
+    print(saccade_row("fitted, 25 fps", performed, lambda each: each.fitted, noise=False))
+    print(saccade_row("fitted, 25 fps, away from blinks", performed, _fitted_between_blinks, noise=False))
+
+
+def _fitted_between_blinks(each: Performed) -> Motion:
+    """Fitted motion whose frames within a tenth of a second of a found blink do not count."""
+    found = detect_blinks(each.fitted.lid, each.fitted.fps, each.fitted.valid)
+    hidden = during(found.onset_s - 0.1, found.offset_s + 0.1, each.fitted.fps, len(each.fitted))
+    return replace(each.fitted, valid=each.fitted.valid & ~hidden)
+
+
+def print_blinks(performed: list[Performed]) -> None:
+    """Blinks by frame rate and in fitted motion, by depth."""
+    head_of("blinks", (0.4, 0.6, 0.9, 1.01), unit=" closed")
+    for name, motion_of in [*_truths((25.0, 60.0, 120.0, 500.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
+        total, classes = Tally(), np.zeros((2, 3), int)
+        for each in performed:
+            motion = motion_of(each)
+            found = detect_blinks(motion.lid, motion.fps, motion.valid)
+            # A blink that the end of the clip cuts cannot be found.
+            events = [event for event in each.take.events.blinks if blink_law.end_s(event) < motion.seconds]
+            onset, depth = np.array([(event.onset_s, event.depth) for event in events]).reshape(-1, 2).T
+            inside = found.onset_s < motion.seconds - 0.3
+            total += tally(found.onset_s[inside], onset, BLINK_TOLERANCE_S)
+            classes += by_class(found.onset_s, onset, depth, (0.4, 0.6, 0.9, 1.01), BLINK_TOLERANCE_S)
+        print(row(name, total, classes))
+
+
+def _truths(rates: Sequence[float]) -> Iterator[tuple[str, Callable[[Performed], Motion]]]:
+    for fps in rates:
+        yield f"truth, {fps:g} fps", partial(Performed.motion, fps=fps)
+
+
+def print_head_moves(performed: list[Performed]) -> None:
+    """Head movements by the middle of each: alone, in the unrest of a speaking head, and by chance."""
+    head_of("head movements (time: their middle)", HEAD_CLASSES_DEG)
+    for fps in (25.0, 120.0):
+        print(head_row(f"listed movements alone, {fps:g} fps", performed, partial(Performed.without_unrest, fps=fps)))
+    for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
+        print(head_row(name, performed, motion_of))
+    by_chance = partial(head_row, shift_s=3.0)
+    print(by_chance("chance: truth, 25 fps, found 3 s later", performed, partial(Performed.motion, fps=25.0)))
+
+
+def head_row(
+    name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], shift_s: float = 0.0
+) -> str:
+    """Found movements, moved on round the clip by `shift_s`, against the listed ones of a degree or more."""
+    total, classes = Tally(), np.zeros((2, len(HEAD_CLASSES_DEG) - 1), int)
+    for each in performed:
+        motion = motion_of(each)
+        found = detect_head_moves(motion.head, motion.fps, motion.valid)
+        events = [
+            (event.onset_s + event.duration_s / 2, np.degrees(np.linalg.norm(event.delta_rad)))
+            for event in each.take.events.head_moves
+            if event.onset_s > 0 and event.onset_s + event.duration_s < motion.seconds
+        ]
+        middle_s, size = np.array(sorted(events)).reshape(-1, 2).T
+        at_s = np.sort(((found.onset_s + found.offset_s) / 2 + shift_s) % motion.seconds)
+        total += tally(at_s, middle_s[size >= HEAD_CLASSES_DEG[0]], HEAD_TOLERANCE_S)
+        classes += by_class(at_s, middle_s, size, HEAD_CLASSES_DEG, HEAD_TOLERANCE_S)
+    return row(name, total, classes)
+
+
+def print_states(performed: list[Performed]) -> None:
+    """Gaze states frame by frame: agreement with the states that the take was made of."""
+    print("\n| gaze states | agreement | kappa | averted, found | averted, true | partner off by deg (median, 90 %) |")
+    print("|---|---|---|---|---|---|")
+    for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
+        for told in (True, False):
+            found, known, off_deg = [], [], []
+            for each in performed:
+                motion = motion_of(each)
+                gaze, time_s = gaze_of(motion), np.arange(len(motion)) / motion.fps
+                averted = np.zeros(len(motion), bool)
+                for look in each.take.looks:
+                    averted[(time_s >= look.start_s) & (time_s < look.end_s)] = look.averted
+                if averted.all():
+                    continue  # the partner is not seen once
+                partner = np.median(gaze[~averted], axis=0)
+                states = gaze_states(gaze, motion.fps, partner if told else None)
+                found.append(states.averted)
+                known.append(averted)
+                off_deg.append(np.degrees(np.hypot(*(states.partner_rad - partner))))
+            one, other = np.concatenate(found), np.concatenate(known)
+            where = "partner told" if told else "partner estimated"
+            off = "-" if told else f"{np.median(off_deg):.1f}, {np.percentile(off_deg, 90):.1f}"
+            print(
+                f"| {name}, {where} | {(one == other).mean():.3f} | {kappa(one, other):.2f} | {one.mean():.3f}"
+                f" | {other.mean():.3f} | {off} |"
+            )
+
+
+def print_fixations(performed: list[Performed]) -> None:
+    """Fixations between saccades and by I-DT against what lies between true saccades."""
+    print("\n| fixations | found | known | median length s | true | frames agree (kappa) |\n|---|---|---|---|---|---|")
+    for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
+        for way, detect in (("between saccades", detect_fixations), ("I-DT", dispersion_threshold)):
+            lengths, true_lengths, found_frames, true_frames = [], [], [], []
+            for each in performed:
+                motion = motion_of(each)
+                found = detect(gaze_of(motion), motion.fps, motion.valid)
+                events = each.take.events.saccades
+                start = np.array([0.0, *(e.onset_s + e.duration_s for e in events)])
+                stop = np.array([*(e.onset_s for e in events), motion.seconds])
+                start, stop = np.clip(start, 0.0, motion.seconds), np.clip(stop, 0.0, motion.seconds)
+                long = stop - start >= 0.1
+                true_lengths += (stop - start)[long].tolist()
+                lengths += found.duration_s.tolist()
+                found_frames.append(during(found.onset_s, found.offset_s, motion.fps, len(motion)))
+                index = np.arange(len(motion)) / motion.fps
+                inside = np.zeros(len(motion), bool)
+                for low, high in zip(start[long], stop[long], strict=True):
+                    inside |= (index >= low) & (index <= high)
+                true_frames.append(inside)
+            agreed = kappa(np.concatenate(found_frames), np.concatenate(true_frames))
+            print(
+                f"| {name}, {way} | {len(lengths)} | {len(true_lengths)} | {np.median(lengths):.2f}"
+                f" | {np.median(true_lengths):.2f} | {agreed:.2f} |"
+            )
+
+
+def print_speed(performed: list[Performed]) -> None:
+    """CPU time of all detectors together, gaze in space included, on one core."""
+    print("\n| fps | ms for 10 s | times real time |\n|---|---|---|")
+    for fps in (25.0, 120.0, 500.0):
+        motions = [each.motion(fps) for each in performed[:20]]
+        seconds = sum(motion.seconds for motion in motions)
+        start = time.process_time()
+        for motion in motions:
+            gaze = gaze_of(motion)
+            found = detect_saccades(gaze, fps, motion.valid)
+            detect_fixations(gaze, fps, motion.valid, found)
+            gaze_states(gaze, fps, valid=motion.valid)
+            detect_blinks(motion.lid, fps, motion.valid)
+            detect_head_moves(motion.head, fps, motion.valid)
+        spent_s = time.process_time() - start
+        print(f"| {fps:g} | {1e4 * spent_s / seconds:.1f} | {seconds / spent_s:.0f} |")
+
+
+def main() -> None:
+    """Print the tables."""
+    workspace = Workspace.open(Path())
+    performed = load(workspace, int(sys.argv[1]) if sys.argv[1:] else 100)
+    seconds = sum(each.clip.seconds for each in performed)
+    print(f"{len(performed)} clips, {seconds:.0f} s")
+    print_saccades(performed)
+    print_fixations(performed)
+    print_blinks(performed)
+    print_head_moves(performed)
+    print_states(performed)
+    print_speed(performed)
+
+
+if __name__ == "__main__":
+    quiet()
+    shell(main)

@@ -1,0 +1,204 @@
+"""The detectors against experts, and the benchmark's measures on real people: the last tables of docs/detectors.md.
+
+Experts are those of Andersson et al. (2017), who labelled 500 Hz eye tracking sample by sample. The measures are read
+from OpenFace tables, from that eye tracking and from fixations in conversation, as far as each of them allows.
+
+Run     python benchmarks/recordings_of_people.py [FOLDER]     (make bench, after make repro)
+Reads   FOLDER (../shared/data/real/gaze; without it there is nothing to do), data/synthesize and params.yaml
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from detectors import Performed, gaze_of, load
+
+from talkingeyes import rotation
+from talkingeyes.corpus.recordings_of_people import (
+    SACCADE,
+    ConversationFixations,
+    Labelled,
+    Recording,
+    read_andersson,
+    read_conversation,
+    read_openface,
+)
+from talkingeyes.metrics.benchmark.behaviour import Behaviour
+from talkingeyes.metrics.benchmark.registry import MEASURES
+from talkingeyes.metrics.detectors.fixations import detect_fixations
+from talkingeyes.metrics.detectors.saccades import detect_saccades
+from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, tally
+from talkingeyes.metrics.detectors.signal import runs
+from talkingeyes.motion import Motion
+from talkingeyes.run import Workspace, quiet, shell
+
+FOLDER = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
+CLIPS = 60  # of the synthetic truth beside the people
+EXPERT_TOLERANCE_S = 0.05
+STRIDES = (1, 4, 8, 20)  # of 500 Hz: 500, 125, 62.5 and 25
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A recording with the labels of one or two experts, cut to the same frames."""
+
+    recording: Recording
+    experts: Mapping[str, np.ndarray]  # frames in saccades
+
+
+def judged(folder: Path) -> list[Judged]:
+    """All labelled recordings; two experts labelled the films, one of them the pictures too."""
+    by_name: dict[str, dict[str, Labelled]] = {}
+    for path in sorted(folder.glob("andersson_*.mat")):
+        name, expert = path.stem.rsplit("_labelled_", 1)
+        by_name.setdefault(name, {})[expert] = read_andersson(path)
+    made = []
+    for labelled in by_name.values():
+        frames = min(len(each.labels) for each in labelled.values())
+        first = next(iter(labelled.values())).recording
+        arrays = (first.gaze_in_space_rad[:frames], first.head[:frames], first.valid[:frames])
+        made.append(
+            Judged(
+                Recording(first.fps, *arrays),
+                {expert: each.labels[:frames] == SACCADE for expert, each in labelled.items()},
+            )
+        )
+    return made
+
+
+def onsets_s(frames: np.ndarray, fps: float) -> np.ndarray:
+    """When stretches of frames start."""
+    return runs(frames).first / fps
+
+
+def print_experts(recordings: list[Judged]) -> None:
+    """The detectors against each expert, beside the experts against each other."""
+    print("\n| saccades | recordings | found | expert | precision | recall | F1 | onset error ms | kappa |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    both = [each for each in recordings if len(each.experts) == 2]
+    pairs = [(each.experts["RA"], each.experts["MN"], each.recording.fps) for each in both]
+    _print_agreement("expert RA against MN", pairs, frames=True)
+    for stride in STRIDES:
+        for against, judges in (("MN", both), ("RA", both), ("MN", recordings)):
+            rows = []
+            for each in judges:
+                sampled = each.recording.every(stride)
+                found = detect_saccades(sampled.gaze_in_space_rad, sampled.fps, sampled.valid)
+                frames = during(found.onset_s, found.offset_s, each.recording.fps, len(each.recording.valid))
+                rows.append((frames, each.experts[against], each.recording.fps))
+            kind = "films" if judges is both else "films and pictures"
+            _print_agreement(f"{500 / stride:g} Hz against {against}, {kind}", rows, frames=stride == 1)
+
+
+def _print_agreement(name: str, pairs: list[tuple[np.ndarray, np.ndarray, float]], frames: bool) -> None:
+    total = sum(
+        (tally(onsets_s(one, fps), onsets_s(other, fps), EXPERT_TOLERANCE_S) for one, other, fps in pairs), Tally()
+    )
+    found, known = (np.concatenate([each[side] for each in pairs]) for side in (0, 1))
+    agreed = f"{kappa(found, known):.2f}" if frames else "-"
+    s = total.score
+    print(
+        f"| {name} | {len(pairs)} | {s.found} | {s.known} | {s.precision:.2f} | {s.recall:.2f} | {s.f1:.2f}"
+        f" | {1000 * s.onset_error_s:+.0f} | {agreed} |"
+    )
+
+
+def behaviour_of(recording: Recording) -> Behaviour:
+    """What the benchmark sees of a recorded person: both eyes parallel, no lids, no speech."""
+    eye = rotation.eye_in_head(recording.head, recording.gaze_in_space_rad[:, None])
+    return Behaviour(recording.fps, recording.head, np.repeat(eye, 2, axis=1), None, recording.valid)
+
+
+def figures(behaviours: Sequence[Behaviour]) -> dict[str, str]:
+    """All figures of the benchmark that need gaze and head alone; in brackets where the sample is too small for it."""
+    made = {}
+    for measure in MEASURES:
+        if measure.figure is None or not set(measure.observer.needs) <= {"gaze", "head"}:
+            continue
+        sums = [measure.observer.observe(each) for each in behaviours]
+        totals = {key: np.sum([np.asarray(one[key], float) for one in sums], axis=0)[None] for key in sums[0]}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            value = float(measure.figure(totals)[0])
+        enough = float(totals[measure.of][0]) >= measure.least
+        made[f"{measure.title}, {measure.unit}".rstrip(", ")] = f"{value:.3g}" if enough else f"({value:.3g})"
+    return made
+
+
+def print_people(performed: list[Performed], recordings: list[Judged], folder: Path) -> None:
+    """The benchmark's own measures, real people beside the synthetic truth at about the same frame rate."""
+    openface = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
+    slow, fast = ([behaviour_of(x) for x in openface if (x.fps < 45) == low] for low in (True, False))
+    chin_rest = [behaviour_of(each.recording.every(20)) for each in recordings]
+    columns = {
+        "truth, 25 fps": [_behaviour(each.motion(25.0)) for each in performed],
+        "OpenFace, 30 fps (1 x 24 s)": slow,
+        "OpenFace, 58 fps (2 x 31 s)": fast,
+        "truth, 58 fps": [_behaviour(each.motion(58.0)) for each in performed],
+        "Andersson at 25 fps (7 recordings)": chin_rest,
+    }
+    made = {name: figures(each) for name, each in columns.items()}
+    print(f"\n| measure | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
+    for title in made["truth, 25 fps"]:
+        print(f"| {title} | {' | '.join(made[name][title] for name in columns)} |")
+
+
+def _behaviour(motion: Motion) -> Behaviour:
+    return Behaviour(motion.fps, motion.head, motion.gaze, None, motion.valid)
+
+
+def print_conversation(path: Path, performed: list[Performed]) -> None:
+    """Fixations of people in conversation by what they do, beside those of the synthetic speakers."""
+    print(
+        "\n| fixations | people | fixations | median length s | median step deg | steps < 5 deg | < 15 deg"
+        " | level / upright steps | spread of yaw deg | of pitch deg |\n|---|---|---|---|---|---|---|---|---|---|"
+    )
+    conversation = read_conversation(path)
+    for state in ("SPEAK", "LISTEN", "DIALOGUE"):
+        people = [conversation.of(person, state) for person in sorted(set(conversation.person))]
+        _print_fixations(f"{state.lower()}, 90 Hz", [each for each in people if len(each.onset_s)])
+    synthetic = []
+    for each in performed:
+        motion = each.motion(25.0)
+        found = detect_fixations(gaze_of(motion), motion.fps)
+        count = len(found)
+        synthetic.append(
+            ConversationFixations(
+                (each.clip.speaker,) * count, ("SPEAK",) * count, found.onset_s, found.duration_s, found.centre_rad
+            )
+        )
+    _print_fixations("synthetic truth, 25 fps", synthetic)
+
+
+def _print_fixations(name: str, people: list[ConversationFixations]) -> None:
+    steps = np.concatenate([each.steps_deg for each in people])
+    size = np.hypot(*steps.T)
+    level = (np.abs(steps[:, 0]) > np.abs(steps[:, 1])).mean()
+    length = np.concatenate([each.duration_s for each in people])
+    spread = np.median([each.spread_deg for each in people], axis=0)
+    print(
+        f"| {name} | {len(people)} | {len(length)} | {np.median(length):.2f} | {np.median(size):.1f}"
+        f" | {(size < 5).mean():.2f} | {(size < 15).mean():.2f} | {level / (1 - level):.1f}"
+        f" | {spread[0]:.1f} | {spread[1]:.1f} |"
+    )
+
+
+def main() -> None:
+    """Print the tables."""
+    folder = Path(sys.argv[1]) if sys.argv[1:] else FOLDER
+    if not folder.is_dir():
+        print("no recordings of people here: nothing to do")
+        return
+    recordings = judged(folder)
+    print_experts(recordings)
+    performed = load(Workspace.open(Path()), CLIPS)
+    print_people(performed, recordings, folder)
+    print_conversation(folder / "conversation_fixations.csv.gz", performed)
+
+
+if __name__ == "__main__":
+    quiet()
+    shell(main)

@@ -1,0 +1,156 @@
+"""Recordings of real people's gaze that others have published, read into this project's axes and units.
+
+`read_andersson`: 500 Hz eye tracking of people who look at pictures and films with the head on a chin rest, labelled
+sample by sample by experts (Andersson et al. 2017, ETdata .mat). `read_openface`: gaze and head pose frame by frame,
+from video of faces (OpenFace 2, Baltrusaitis et al. 2018, CSV). `read_conversation`: fixations on the screen in remote
+conversation, in stretches of speaking and listening (Dembinsky et al. 2024, CSV).
+
+None of them is part of the project; the readers take a path. Gaze is (yaw to the subject's left, pitch up) in space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+from pyarrow import csv
+from scipy.io import loadmat
+from scipy.ndimage import binary_dilation
+from scipy.spatial.transform import Rotation
+
+from talkingeyes.errors import InputError
+
+FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # Andersson's labels
+ROUND_BLINK_S = 0.05  # lids cover part of the pupil before and after the tracker loses it
+LEAST_CONFIDENCE = 0.8  # of OpenFace, in a frame that counts
+LONGEST_SHIFT_S = 0.2  # from one fixation to the next; what is longer hides something
+# The screen of the conversations: 2250 pixels on 63.735 cm, seen from 67.5 cm.
+CONVERSATION_CM_PER_PX, CONVERSATION_CM, CONVERSATION_RATE_HZ = 63.735 / 2250, 67.5, 90.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """T frames of a person: gaze in space, head rotation vectors, which frames the tracker saw."""
+
+    fps: float
+    gaze_in_space_rad: Float[ndarray, "T 2"]
+    head: Float[ndarray, "T 3"]
+    valid: Bool[ndarray, " T"]
+
+    def every(self, frames: int) -> Recording:
+        """Point-sampled: one frame in so many."""
+        arrays = (self.gaze_in_space_rad, self.head, self.valid)
+        return Recording(self.fps / frames, *(array[::frames] for array in arrays))
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """A recording whose every frame an expert has labelled."""
+
+    recording: Recording
+    labels: Int[ndarray, " T"]
+
+
+@dataclass(frozen=True)
+class ConversationFixations:
+    """N fixations on a screen, in order for each person; angles from straight ahead of the screen's origin."""
+
+    person: tuple[str, ...]
+    state: tuple[str, ...]  # SPEAK, LISTEN, DIALOGUE
+    onset_s: Float[ndarray, " N"]
+    duration_s: Float[ndarray, " N"]
+    centre_rad: Float[ndarray, "N 2"]
+
+    def of(self, person: str, state: str) -> ConversationFixations:
+        """Those of one person in one state."""
+        index = [i for i, each in enumerate(zip(self.person, self.state, strict=True)) if each == (person, state)]
+        arrays = (self.onset_s[index], self.duration_s[index], self.centre_rad[index])
+        return ConversationFixations((person,) * len(index), (state,) * len(index), *arrays)
+
+    @property
+    def steps_deg(self) -> Float[ndarray, "K 2"]:
+        """From each fixation to the next, where that follows at once."""
+        pause = self.onset_s[1:] - self.onset_s[:-1] - self.duration_s[:-1]
+        steps = np.degrees(np.diff(self.centre_rad, axis=0))
+        return np.asarray(steps[(pause >= 0) & (pause < LONGEST_SHIFT_S)])
+
+    @property
+    def spread_deg(self) -> Float[ndarray, " 2"]:
+        """Standard deviation of yaw and pitch, each fixation counted by its length."""
+        mean = np.average(self.centre_rad, axis=0, weights=self.duration_s)
+        return np.asarray(
+            np.degrees(np.sqrt(np.average((self.centre_rad - mean) ** 2, axis=0, weights=self.duration_s)))
+        )
+
+
+def read_andersson(path: Path) -> Labelled:
+    """Read one labelled .mat. Angles follow from the screen's size, resolution and distance in the file."""
+    try:
+        data = loadmat(path)["ETdata"][0, 0]
+        samples = np.asarray(data["pos"], np.float64)
+        size_m, pixels = (np.asarray(data[name], np.float64).ravel() for name in ("screenDim", "screenRes"))
+        distance_m, fps = (float(np.squeeze(data[name])) for name in ("viewDist", "sampFreq"))
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise InputError(f"{path}: not a recording of Andersson et al. ({error!r})") from None
+    at_px = samples[:, 3:5]
+    lost = (at_px == 0).all(axis=1) | ~np.isfinite(at_px).all(axis=1)
+    on_screen_m = (np.where(lost[:, None], pixels / 2, at_px) - pixels / 2) / pixels * size_m
+    # The viewer's right is right on the screen, and rows count downwards.
+    gaze = _angles_rad(-on_screen_m[:, 0], -on_screen_m[:, 1], distance_m)
+    labels = samples[:, 5].astype(np.int64)
+    unseen = binary_dilation(lost | (labels == BLINK), iterations=round(ROUND_BLINK_S * fps))
+    return Labelled(Recording(fps, gaze, np.zeros((len(gaze), 3)), ~unseen), labels)
+
+
+def read_openface(path: Path) -> Recording:
+    """Read an OpenFace table. Its camera looks along +z with y down; gaze angles are already those in space."""
+    table = _table(path)
+    time_s = _column(table, path, "timestamp")
+    head = Rotation.from_euler("XYZ", np.stack([_column(table, path, f"pose_R{axis}") for axis in "xyz"], axis=1))
+    yaw, down = (_column(table, path, f"gaze_angle_{axis}") for axis in "xy")
+    sure = (_column(table, path, "confidence") >= LEAST_CONFIDENCE) & (_column(table, path, "success") > 0)
+    return Recording(
+        fps=float((len(time_s) - 1) / (time_s[-1] - time_s[0])),
+        gaze_in_space_rad=np.stack([yaw, -down], axis=1),
+        head=head.as_rotvec() * [1.0, -1.0, -1.0],
+        valid=np.asarray(sure),
+    )
+
+
+def read_conversation(path: Path) -> ConversationFixations:
+    """Read the table of fixations in conversation."""
+    table = _table(path)
+    x_px, y_px = (_column(table, path, f"center_{axis}_px") for axis in "xy")
+    right_cm, down_cm = x_px * CONVERSATION_CM_PER_PX, y_px * CONVERSATION_CM_PER_PX
+    return ConversationFixations(
+        person=tuple(str(each) for each in table["participant"].to_pylist()),
+        state=tuple(str(each) for each in table["state"].to_pylist()),
+        onset_s=_column(table, path, "start_sample") / CONVERSATION_RATE_HZ,
+        duration_s=_column(table, path, "duration_ms") / 1000,
+        centre_rad=_angles_rad(-(right_cm - np.median(right_cm)), -(down_cm - np.median(down_cm)), CONVERSATION_CM),
+    )
+
+
+def _angles_rad(left: Float[ndarray, " T"], up: Float[ndarray, " T"], distance: float) -> Float[ndarray, "T 2"]:
+    """(yaw, pitch) of points on a plane before the viewer, whose left and up are positive."""
+    return np.stack([np.arctan2(left, distance), np.arctan2(up, np.hypot(left, distance))], axis=1)
+
+
+def _table(path: Path) -> pa.Table:
+    try:
+        return csv.read_csv(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"{path}: not a readable CSV table ({error})") from None
+
+
+def _column(table: pa.Table, path: Path, name: str) -> Float[ndarray, " T"]:
+    if name not in table.column_names:
+        raise InputError(f"{path}: should have a column {name}, got {', '.join(table.column_names[:6])}, ...")
+    try:
+        return np.asarray(table[name].to_numpy(), np.float64)
+    except ValueError:
+        raise InputError(f"{path}: column {name} should hold numbers") from None
