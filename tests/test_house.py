@@ -25,7 +25,7 @@ WITHOUT_SETTINGS = {"report"}
 NO_STAGE = {"corpus", "workspace", "machine", "model", "experiment", "params"}
 NO_STAGE |= {"store", "until", "objective", "study", "hydra", "sweep"}
 # The record of runs changes no result.
-NOT_A_DEPENDENCY = {"talkingeyes.record"}
+NOT_A_DEPENDENCY = {"talkingeyes.record", "talkingeyes.comparison"}
 
 
 @pytest.fixture(scope="module")

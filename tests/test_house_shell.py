@@ -1,16 +1,13 @@
-"""The shell around the stages: errors, exit status, whole outputs, the record of runs."""
+"""The shell around the stages: errors, exit status, whole outputs."""
 
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
-from pathlib import Path
 
 import pytest
 
 from talkingeyes import run
 from talkingeyes.errors import InputError
-from talkingeyes.record import Report, flatten
+from talkingeyes.record import Report
 from talkingeyes.run import Workspace, main, shell
 
 
@@ -89,33 +86,3 @@ def square(number):
 
 def test_each_keeps_order_whatever_the_number_of_jobs():
     assert list(run.each(square, range(20), 2, "square")) == list(run.each(square, range(20), 1, "square"))
-
-
-def test_flatten_joins_keys():
-    assert flatten({"a": {"b": 1, "c": {"d": [2]}}, "e": None}) == {"a.b": 1, "a.c.d": [2], "e": None}
-
-
-RECORD = """
-import sys
-from pathlib import Path
-from talkingeyes.record import Report, Row, record
-
-root = Path(sys.argv[1])
-plot = root / "plot.txt"
-report = Report({"error": 0.5}, [plot], [Row("mean", {"test/gaze/l2": 0.25}, [plot])])
-record(root, "evaluate", "evaluate-mean", {"fit": {"seed": 3}, "fitter": {"x": 1}}, {"fit"}, 1.5, report)
-"""
-
-
-def test_two_processes_record_into_a_new_store(tmp_path):
-    (tmp_path / "plot.txt").write_text("x")
-    both = [subprocess.Popen([sys.executable, "-c", RECORD, str(tmp_path)]) for _ in range(2)]
-    assert [process.wait(timeout=120) for process in both] == [0, 0]
-    with closing(sqlite3.connect(tmp_path / "mlflow.db")) as store:
-        query = "select e.name, count(*) from runs r join experiments e using (experiment_id) group by e.name"
-        assert dict(store.execute(query).fetchall()) == {"stages": 2, "experiments": 2}
-        metrics = set(store.execute("select key, value from metrics").fetchall())
-        assert metrics == {("error", 0.5), ("seconds", 1.5), ("test/gaze/l2", 0.25)}
-        rows = store.execute("select p.key, count(*) from params p group by p.key").fetchall()
-        assert dict(rows) == {"fit.seed": 4, "fitter.x": 2}  # a stage's run holds the sections that it read
-    assert len(list(Path(tmp_path, "mlartifacts").rglob("plot.txt"))) == 4

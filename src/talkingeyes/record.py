@@ -1,23 +1,35 @@
 """The record of what ran: MLflow in the workspace's mlflow.db, no server. `make ui` shows it.
 
-Experiment `stages` holds one run a call of a stage, experiment `experiments` one flat row a method. Nothing here
-changes a result, so no stage depends on this file in dvc.yaml.
+Experiment `stages` holds one run a call of a stage; experiment `experiments` one flat row a method and seed, with the
+parameters that the row depends on and with the whole composition as a file. Nothing here changes a result, so no stage
+depends on this file in dvc.yaml. MLFLOW_TRACKING_URI, if it is set, names a server that is told instead.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
+import os
 import subprocess
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from talkingeyes.comparison import TAG, saved_view
+
 # What one call of log_batch takes at most.
 METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 1000, 100, 6000
+# Sections that say where and how something runs, not what: no parameters of a row.
+NO_PARAMETERS = {"machine", "workspace", "store", "until", "objective", "study"}
+# Sections that only models depend on; truth, fitted and mismatched motion do not.
+OF_MODELS = {"pretrain", "train", "model", "assess", "sample"}
+CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
@@ -38,18 +50,45 @@ class Report:
     rows: Sequence[Row] = ()
 
 
+@dataclass(frozen=True)
+class _Run:
+    """What MLflow is told of one run."""
+
+    name: str
+    params: Mapping[str, Any]
+    metrics: Mapping[str, float]
+    tags: Mapping[str, str]
+    artifacts: Sequence[Path]
+
+
 def record(
-    root: Path, stage: str, name: str, params: Mapping[str, Any], used: set[str], seconds: float, report: Report
+    root: Path,
+    stage: str,
+    name: str,
+    params: Mapping[str, Any],
+    used: set[str],
+    seconds: float,
+    report: Report,
+    overrides: Sequence[str] = (),
 ) -> None:
-    """Log one call of a stage with the sections that it used, and its rows with the whole composition."""
-    client = _client(root)
+    """Log one call of a stage with the sections that it used, and its rows.
+
+    `overrides` is what the composition was asked for (key=value). A row that is there already is not repeated.
+    """
+    client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": _revision()}
     flat = flatten(params)
     of_stage = {key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in used)}
-    tags = {"stage": stage, "git_revision": _revision(root), **_seeds(flat)}
     metrics = {**report.metrics, "seconds": seconds}
-    _log(client, root, "stages", Row(name, metrics, report.artifacts), of_stage, tags)
-    for row in report.rows:
-        _log(client, root, "experiments", row, flat, {**tags, "method": row.name})
+    run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts)
+    with _alone(root):
+        _log(client, _experiment(client, root, "stages", {}), run)
+        if not report.rows:
+            return
+        experiment = _experiment(client, root, "experiments", {TAG: saved_view()})
+        for row in report.rows:
+            of_row = _run_of(row, params, tags, overrides)
+            if not client.search_runs([experiment], f"tags.key = '{of_row.tags['key']}'", max_results=1):
+                client.log_dict(_log(client, experiment, of_row), dict(params), "params.yaml")
 
 
 def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -61,10 +100,74 @@ def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def parameters(method: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    """What the row of a method depends on, flat: of models and priors its own alone, under keys without their names.
+
+    So the same parameter of two models stands in one column.
+    """
+    chosen = {key: value for key, value in params.items() if key not in NO_PARAMETERS | OF_MODELS}
+    if params.get("corpus") != "data/synthesize":
+        chosen.pop("synthesize", None)
+    models = params.get("model", {})
+    if method in models:
+        chosen |= {key: params[key] for key in ("train", "assess", "sample") if key in params}
+        chosen["model"] = models[method]
+        priors = {prior: params["pretrain"][prior] for prior in _priors(models[method])}
+        chosen["pretrain"] = next(iter(priors.values())) if len(priors) == 1 else priors
+    return flatten(chosen)
+
+
+def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides: Sequence[str]) -> str:
+    """A readable name: the method, its seed, and what was overridden, or else the experiment."""
+    if method not in params.get("model", {}):
+        return method
+    train, sample = (params.get(section, {}).get("seed", 0) for section in ("train", "sample"))
+    seed = f"seed {train}" if train == sample else f"seed {train}, sampled {sample}"
+    own = [f"model.{method}.", *(f"pretrain.{prior}." for prior in _priors(params["model"][method]))]
+    said = {"train.seed", "sample.seed", "sweep", "experiment", "hydra", *NO_PARAMETERS}
+    short = []
+    for key, _, value in (each.lstrip("+").partition("=") for each in overrides):
+        others = key.startswith(("model.", "pretrain.")) and not key.startswith(tuple(own))
+        if key not in said and key.split(".")[0].split("/")[0] not in said and not others:
+            short.append(f"{_without(key, own)}={value}")
+    fallback = [experiment] if experiment != "default" else []
+    return ", ".join([f"{method} {seed}", *(short or fallback)])
+
+
+def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
+    """What a run belongs to: the experiment of `dvc exp run`, a study, a delta of conf/experiment/, or `default`."""
+    given = dict(each.split("=", 1) for each in overrides if "=" in each)
+    study = params.get("study", "default") if {"sweep", "study"} & set(given) else None
+    return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
+
+
+def _run_of(row: Row, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
+    """A row as a run. Its key stands for all that is in it, so that the same row is known again."""
+    own = parameters(row.name, params)
+    content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
+    more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
+    if "train.seed" in own:
+        more["seed"] = str(own["train.seed"])
+    if overrides:
+        more["overrides"] = " ".join(overrides)
+    name = run_name(row.name, params, tags["experiment"], overrides)
+    return _Run(name, own, row.metrics, {**tags, **more}, row.artifacts)
+
+
+def _priors(model: Mapping[str, Any]) -> list[str]:
+    """The priors that a model needs: a name, a list of them, or none."""
+    prior = model.get("prior") or []
+    return [prior] if isinstance(prior, str) else list(prior)
+
+
+def _without(key: str, prefixes: Sequence[str]) -> str:
+    for prefix in prefixes:
+        key = key.removeprefix(prefix)
+    return key
+
+
 def _client(root: Path) -> Any:
     """A client of mlflow.db. The tables are made by one process before anything writes, and the file appears whole."""
-    from filelock import FileLock
-
     logging.getLogger("mlflow").setLevel(logging.WARNING)
     logging.getLogger("alembic").setLevel(logging.WARNING)
     with warnings.catch_warnings():
@@ -72,8 +175,10 @@ def _client(root: Path) -> Any:
         from mlflow.store.db import utils
         from mlflow.tracking import MlflowClient
 
+        if _server():
+            return MlflowClient(_server())
         path = root.resolve() / "mlflow.db"
-        with FileLock(f"{path}.lock"):
+        with _alone(root):
             if not path.exists():
                 partial = path.with_name("mlflow.db.partial")
                 partial.unlink(missing_ok=True)
@@ -84,32 +189,46 @@ def _client(root: Path) -> Any:
         return MlflowClient(f"sqlite:///{path}")
 
 
-def _log(
-    client: Any, root: Path, experiment: str, row: Row, params: Mapping[str, Any], tags: Mapping[str, str]
-) -> None:
+def _server() -> str | None:
+    return os.environ.get("MLFLOW_TRACKING_URI")
+
+
+def _alone(root: Path) -> AbstractContextManager[Any]:
+    """One process at a time writes to mlflow.db: SQLite gives up when it has waited for long. A server needs none."""
+    from filelock import FileLock
+
+    return nullcontext() if _server() else FileLock(f"{root.resolve() / 'mlflow.db'}.lock")
+
+
+def _log(client: Any, experiment: str, run: _Run) -> str:
+    """Write a run; its id."""
     from mlflow.entities import Metric, Param
 
     now = int(time.time() * 1000)
-    run = client.create_run(_experiment(client, root, experiment), run_name=row.name, tags=dict(tags)).info.run_id
-    for metrics in _batches([Metric(k, float(v), now, 0) for k, v in row.metrics.items()], METRICS_PER_BATCH):
-        client.log_batch(run, metrics=metrics)
-    for batch in _batches([Param(k, str(v)[:PARAM_LENGTH]) for k, v in params.items()], PARAMS_PER_BATCH):
-        client.log_batch(run, params=batch)
-    for path in row.artifacts:
-        client.log_artifact(run, str(path))
-    client.set_terminated(run)
+    run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
+    for metrics in _batches([Metric(k, float(v), now, 0) for k, v in run.metrics.items()], METRICS_PER_BATCH):
+        client.log_batch(run_id, metrics=metrics)
+    for batch in _batches([Param(k, str(v)[:PARAM_LENGTH]) for k, v in run.params.items()], PARAMS_PER_BATCH):
+        client.log_batch(run_id, params=batch)
+    for path in run.artifacts:
+        client.log_artifact(run_id, str(path))
+    client.set_terminated(run_id)
+    return run_id
 
 
-def _experiment(client: Any, root: Path, name: str) -> str:
-    """The id of an experiment; its files go to mlartifacts/ beside the database."""
+def _experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:
+    """The id of an experiment with these tags; its files go to mlartifacts/ beside the database."""
     from mlflow.exceptions import MlflowException
 
+    place = None if _server() else (root.resolve() / "mlartifacts").as_uri()
     found = client.get_experiment_by_name(name)
     if found is None:
-        try:
-            return str(client.create_experiment(name, artifact_location=(root.resolve() / "mlartifacts").as_uri()))
-        except MlflowException:  # another process was first
-            found = client.get_experiment_by_name(name)
+        with suppress(MlflowException):  # another process was first
+            client.create_experiment(name, artifact_location=place)
+        found = client.get_experiment_by_name(name)
+    for key, value in tags.items():
+        if found.tags.get(key) != value:
+            client.set_experiment_tag(found.experiment_id, key, value)
     return str(found.experiment_id)
 
 
@@ -119,14 +238,10 @@ def _batches(items: list[Any], size: int) -> Iterator[list[Any]]:
         yield batch
 
 
-def _seeds(flat: Mapping[str, Any]) -> dict[str, str]:
-    """The separate seeds of world, training and sampling, as tags to filter by."""
-    return {key: str(value) for key, value in flat.items() if key.endswith(".seed")}
-
-
-def _revision(root: Path) -> str:
+def _revision() -> str:
     """The git revision that the code stands at, `none` outside a repository."""
-    found = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--abbrev=40"], cwd=root, capture_output=True, text=True, check=False
-    )
+    if not (CHECKOUT / ".git").exists():
+        return "none"
+    described = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    found = subprocess.run(described, cwd=CHECKOUT, capture_output=True, text=True, check=False)
     return found.stdout.strip() or "none"

@@ -1,0 +1,137 @@
+"""The record of runs: names, parameters without noise, the saved view, and many processes that write at once."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from recorded import PARAMS, client_of
+
+from talkingeyes.comparison import TAG, TEST_METRICS, VAL_METRICS
+from talkingeyes.metrics.evaluation import CRITICS
+from talkingeyes.record import Report, Row, experiment_name, flatten, parameters, record, run_name
+
+
+@pytest.fixture
+def recorded_root(tmp_path, monkeypatch):
+    monkeypatch.delenv("DVC_EXP_NAME", raising=False)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return tmp_path
+
+
+def test_flatten_joins_keys():
+    assert flatten({"a": {"b": 1, "c": {"d": [2]}}, "e": None}) == {"a.b": 1, "a.c.d": [2], "e": None}
+
+
+def test_a_row_has_the_parameters_that_it_depends_on():
+    assert parameters("truth", PARAMS) == {"corpus": "data/synthesize", "synthesize.seed": 0, "fit.step_cost": 30.0}
+    own = parameters("vae", PARAMS)
+    assert {key: value for key, value in own.items() if key.startswith(("model", "pretrain"))} == {
+        "model.kind": "speech_to_motion",
+        "model.prior": None,
+        "model.width": 64,
+    }
+    assert own["train.seed"] == 1
+    assert own["sample.seed"] == 1
+    assert not any(key.startswith(("machine", "workspace", "store", "until", "objective", "study")) for key in own)
+    with_prior = parameters("talkingeyes", PARAMS)
+    assert with_prior["pretrain.codes"] == 256
+    assert with_prior["model.weights.head_kl"] == 1.0
+
+
+def test_the_synthetic_world_is_no_parameter_of_a_corpus_from_elsewhere():
+    assert "synthesize.seed" not in parameters("truth", {**PARAMS, "corpus": "elsewhere"})
+
+
+@pytest.mark.parametrize(
+    ("method", "overrides", "name"),
+    [
+        ("truth", ["train.seed=1"], "truth"),
+        ("vae", [], "vae seed 1"),
+        ("vae", ["train.seed=1", "sample.seed=1", "workspace=x", "hydra/launcher=basic"], "vae seed 1"),
+        ("vae", ["model.vae.width=64", "model.talkingeyes.weights.head_kl=1"], "vae seed 1, width=64"),
+        (
+            "talkingeyes",
+            ["+model.talkingeyes.weights.head_kl=1", "pretrain.gaze_patches.codes=256", "fit=adam"],
+            "talkingeyes seed 1, weights.head_kl=1, codes=256, fit=adam",
+        ),
+    ],
+)
+def test_runs_have_readable_names(method, overrides, name):
+    assert run_name(method, PARAMS, "default", overrides) == name
+
+
+def test_a_name_says_another_seed_of_sampling_and_an_experiment_without_overrides():
+    params = {**PARAMS, "sample": {"seed": 2}}
+    assert run_name("vae", params, "calm", []) == "vae seed 1, sampled 2, calm"
+
+
+def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
+    monkeypatch.delenv("DVC_EXP_NAME", raising=False)
+    assert experiment_name(PARAMS, []) == "default"
+    assert experiment_name(PARAMS, ["experiment=tiny"]) == "tiny"
+    assert experiment_name(PARAMS, ["experiment=tiny", "sweep=alive"]) == "alive"
+    monkeypatch.setenv("DVC_EXP_NAME", "calm")
+    assert experiment_name(PARAMS, ["experiment=tiny"]) == "calm"
+
+
+def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_root):
+    plot = tmp_path / "plot.png"
+    plot.write_bytes(b"png")
+    report = Report({"error": 0.5}, [plot], [Row("vae", {"test/gaze/l2": 0.25}, [plot]), Row("truth", {})])
+    for _ in range(2):
+        record(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
+    client = client_of(recorded_root)
+    stages, rows = (client.get_experiment_by_name(name) for name in ("stages", "experiments"))
+    runs = client.search_runs([stages.experiment_id])
+    assert [run.info.run_name for run in runs] == ["report", "report"]
+    assert runs[0].data.params == {"fit.step_cost": "30.0"}  # a stage's run holds the sections that it read
+    assert runs[0].data.metrics == {"error": 0.5, "seconds": 1.5}
+    vae, truth = sorted(client.search_runs([rows.experiment_id]), key=lambda run: run.info.run_name, reverse=True)
+    assert (vae.info.run_name, truth.info.run_name) == ("vae seed 1", "truth")
+    assert vae.info.status == "FINISHED"
+    assert vae.data.tags.items() >= {"experiment": "default", "seed": "1", "method": "vae"}.items()
+    assert "seed" not in truth.data.tags
+    assert vae.data.tags["revision"]
+    assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.yaml"}
+    view = json.loads(json.loads(rows.tags[TAG])["state"])
+    assert "metrics.`test/gaze/corr`" in view["selectedColumns"]
+
+
+def test_the_view_shows_figures_that_rows_have():
+    for metric in TEST_METRICS:
+        _, part, figure = metric.split("/")
+        assert part in CRITICS
+        assert figure in {"diversity_ratio", "corr", "l2", "speed_ratio", "still"}
+    assert all(metric.startswith("val/") for metric in VAL_METRICS)
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from recorded import PARAMS
+from talkingeyes.record import Report, Row, record
+
+root, process = Path(sys.argv[1]), int(sys.argv[2])
+for trial in range(5):
+    params = {**PARAMS, "train": {"seed": 10 * process + trial}}
+    rows = [Row(method, {"test/gaze/l2": process + trial / 10}) for method in ("vae", "talkingeyes")]
+    record(root, "experiment", f"trial {trial}", params, {"train"}, 0.1, Report(rows=rows), [f"train.seed={trial}"])
+"""
+
+
+def test_four_processes_that_record_into_a_new_store_lose_nothing(tmp_path, repository):
+    writers = [
+        subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), str(process)], cwd=repository / "tests")
+        for process in range(4)
+    ]
+    assert [writer.wait(timeout=200) for writer in writers] == [0] * 4
+    client = client_of(tmp_path)
+    assert len(client.search_runs([client.get_experiment_by_name("stages").experiment_id])) == 20
+    rows = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
+    found = {(run.data.tags["method"], run.data.params["train.seed"]) for run in rows}
+    assert found == {(m, str(10 * p + t)) for m in ("vae", "talkingeyes") for p in range(4) for t in range(5)}
+    assert len(rows) == 40
+    assert all(len(run.data.metrics) == 1 and run.info.status == "FINISHED" for run in rows)
