@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from pydantic import Field
 
@@ -40,12 +40,21 @@ def bootstrap(statistic: Statistic, count: int, settings: BootstrapSettings) -> 
     `statistic` takes indices of clips, some of them several times. The same seed and count draw the same clips whatever
     is measured, so that rows of a table are compared on the same draws.
     """
+    values = np.array([statistic(indices) for indices in resamples(count, settings)])
+    return Estimate(float(statistic(np.arange(count))), *interval(values, settings))
+
+
+def resamples(count: int, settings: BootstrapSettings) -> Int[ndarray, "D N"]:
+    """Indices of clips drawn with replacement, a row a draw."""
     random = np.random.default_rng([settings.seed, count])
-    drawn = random.integers(count, size=(settings.draws, count))
-    values = [statistic(indices) for indices in drawn]
+    return random.integers(count, size=(settings.draws, count))
+
+
+def interval(values: Float[ndarray, " D"], settings: BootstrapSettings) -> tuple[float, float]:
+    """The limits that the values of the draws lie between; draws without a value do not count."""
     tail = (1 - settings.level) / 2
     low, high = np.nanquantile(values, [tail, 1 - tail])
-    return Estimate(float(statistic(np.arange(count))), float(low), float(high))
+    return float(low), float(high)
 
 
 def mean_of(values: Float[ndarray, " N"]) -> Statistic:

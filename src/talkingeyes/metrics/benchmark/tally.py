@@ -1,0 +1,225 @@
+"""The benchmark over many clips: sums in groups, resamples of the groups, a row a measure.
+
+A clip here is a sound with all its motions (samples of a model, takes of the truth): the bootstrap draws sounds, never
+samples. Beyond GROUPS clips several share a group, so memory does not grow with the corpus; the interval is then over
+groups of clips, which is as wide.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.metrics.benchmark.behaviour import Behaviour
+from talkingeyes.metrics.benchmark.measure import LESS, MORE, Measure, Totals
+from talkingeyes.metrics.benchmark.registry import MEASURES, OBSERVERS
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, interval, resamples
+
+GROUPS = 1000
+# Random halvings of the reference that measures of comparison are read beside.
+HALVINGS = 20
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each sum stands in the flat vector of a clip; first, an observer, the motions that it could look at."""
+
+    slices: dict[str, slice]
+    size: int
+
+    @classmethod
+    def of(cls, sizes: Iterable[tuple[str, int]]) -> Layout:
+        """Sums of given lengths, one behind the other."""
+        slices, start = {}, 0
+        for name, size in sizes:
+            slices[name] = slice(start, start + size)
+            start += size
+        return cls(slices, start)
+
+    def totals(self, flat: Float[ndarray, "D K"]) -> Totals:
+        """Named views of flat totals."""
+        return {
+            name: flat[:, where.start] if where.stop - where.start == 1 else flat[:, where]
+            for name, where in self.slices.items()
+        }
+
+
+LAYOUT = Layout.of(
+    [(f"#{index}", 1) for index in range(len(OBSERVERS))]
+    + [item for observer in OBSERVERS for item in observer.sizes.items()]
+)
+_INDEX = {id(observer): index for index, observer in enumerate(OBSERVERS)}
+
+
+def observe(motions: Iterable[Behaviour]) -> Float[ndarray, " K"]:
+    """All sums over the motions of one sound."""
+    flat = np.zeros(LAYOUT.size)
+    for motion in motions:
+        for index, observer in enumerate(OBSERVERS):
+            if all(motion.has(field) for field in observer.needs):
+                flat[index] += 1
+                for name, value in observer.observe(motion).items():
+                    flat[LAYOUT.slices[name]] += value
+    return flat
+
+
+class Tally:
+    """Sums of clips at one frame rate, in groups; the n-th clip goes to group n modulo GROUPS."""
+
+    def __init__(self, fps: float) -> None:
+        self.fps, self.clips = fps, 0
+        self._groups = np.zeros((GROUPS, LAYOUT.size))
+
+    def add(self, flat: Float[ndarray, " K"]) -> None:
+        """Count one clip."""
+        self._groups[self.clips % GROUPS] += flat
+        self.clips += 1
+
+    @property
+    def groups(self) -> Float[ndarray, "G K"]:
+        """The groups in use."""
+        return self._groups[: min(self.clips, GROUPS)]
+
+    def totals(self, weights: Float[ndarray, "D G"] | None = None) -> Totals:
+        """Totals over all groups, or over each draw of them."""
+        groups = self.groups
+        return LAYOUT.totals(groups.sum(axis=0, keepdims=True) if weights is None else weights @ groups)
+
+
+def weights(count: int, settings: BootstrapSettings) -> Float[ndarray, "D G"]:
+    """How often each of `count` groups is drawn in each resample: those of `bootstrap`, counted."""
+    drawn = resamples(count, settings)
+    offset = drawn + count * np.arange(len(drawn))[:, None]
+    return np.bincount(offset.ravel(), minlength=drawn.size).reshape(drawn.shape).astype(float)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A measure of a set of motions, of the reference, and how far they are apart; None where there is no figure.
+
+    `difference` is value less reference over the same draws. For measures that compare with the reference,
+    `reference` is the comparison of its own halves. `reason` says in words what keeps a figure from being there.
+    """
+
+    measure: Measure
+    count: int
+    value: Estimate | None
+    reference: Estimate | None
+    difference: Estimate | None
+    reason: str = ""
+
+    @property
+    def apart(self) -> bool | None:
+        """Whether the motions are worse than the reference by more than the interval; None where not compared."""
+        if self.value is None or self.reference is None:
+            return None
+        direction = self.measure.direction
+        if self.difference is None:
+            return self.value.low > self.reference.high if direction == LESS else self.value.high < self.reference.low
+        if direction == LESS:
+            return self.difference.low > 0
+        return self.difference.high < 0 if direction == MORE else not self.difference.low <= 0 <= self.difference.high
+
+
+class Comparison:
+    """A tally against the reference's. `paired`: the n-th clip of both is the same sound, so both draw the same."""
+
+    def __init__(self, tally: Tally, reference: Tally, settings: BootstrapSettings, paired: bool) -> None:
+        self.tally, self.reference, self.settings, self.paired = tally, reference, settings, paired
+        self.same_rate = tally.fps == reference.fps
+
+    @cached_property
+    def _drawn(self) -> Totals:
+        return self.tally.totals(weights(len(self.tally.groups), self.settings))
+
+    @cached_property
+    def _reference_drawn(self) -> Totals:
+        settings = self.settings if self.paired else self.settings.model_copy(update={"seed": self.settings.seed + 1})
+        return self.reference.totals(weights(len(self.reference.groups), settings))
+
+    @cached_property
+    def _halves(self) -> tuple[Totals, Totals]:
+        count = len(self.reference.groups)
+        random = np.random.default_rng([self.settings.seed, count])
+        half = np.stack([random.permutation(count) < count // 2 for _ in range(HALVINGS)]).astype(float)
+        return self.reference.totals(half), self.reference.totals(1 - half)
+
+    @cached_property
+    def _all(self) -> tuple[Totals, Totals]:
+        return self.tally.totals(), self.reference.totals()
+
+    def rows(self, measures: Sequence[Measure] = MEASURES) -> Iterator[Row]:
+        """A row a measure."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)  # quantiles of nothing, where every draw is undefined
+            for measure in measures:
+                yield self._row(measure)
+
+    def _row(self, measure: Measure) -> Row:
+        ours, theirs = self._all
+        count = int(ours[measure.of][0])
+        reason = _lacking(measure, ours, "the motions") or (
+            _lacking(measure, theirs, "the reference") if measure.against else ""
+        )
+        if measure.against and not self.same_rate and measure.rate_bound:
+            reason = self._rates
+        if reason:
+            return Row(measure, count, None, None, None, reason)
+        return self._against(measure, count) if measure.against else self._figure(measure, count)
+
+    @property
+    def _rates(self) -> str:
+        return f"not compared: {self.tally.fps:g} frames a second, the reference {self.reference.fps:g}"
+
+    def _against(self, measure: Measure, count: int) -> Row:
+        assert measure.against is not None
+        ours, theirs = self._all
+        value = _estimate(measure.against(ours, theirs), measure.against(self._drawn, theirs), self.settings)
+        between = measure.against(*self._halves)
+        floor = None
+        if np.isfinite(between).any():
+            floor = Estimate(float(np.nanmean(between)), *interval(between, self.settings))
+        return Row(measure, count, value, floor, None, "" if value else "undefined")
+
+    def _figure(self, measure: Measure, count: int) -> Row:
+        assert measure.figure is not None
+        ours, theirs = self._all
+        drawn = measure.figure(self._drawn)
+        value = _estimate(measure.figure(ours), drawn, self.settings)
+        lacking = _lacking(measure, theirs, "the reference") or (
+            self._rates if measure.rate_bound and not self.same_rate else ""
+        )
+        if value is None or lacking:
+            return Row(measure, count, value, None, None, lacking or "undefined")
+        reference_drawn = measure.figure(self._reference_drawn)
+        own = measure.figure(theirs)
+        reference = _estimate(own, reference_drawn, self.settings)
+        difference = _estimate(measure.figure(ours) - own, drawn - reference_drawn, self.settings)
+        return Row(measure, count, value, reference, difference, "" if reference else "the reference has no figure")
+
+
+def _lacking(measure: Measure, totals: Totals, whose: str) -> str:
+    """Why there is no figure, in words; empty if there is one."""
+    if not totals[f"#{_INDEX[id(measure.observer)]}"][0]:
+        return f"needs {', '.join(measure.observer.needs)}, which {whose} lack" + (
+            "s" if whose == "the reference" else ""
+        )
+    count = int(totals[measure.of][0])
+    return (
+        ""
+        if count >= measure.least
+        else f"needs {measure.least} {measure.counted}, {whose} ha"
+        + (f"s {count}" if whose == "the reference" else f"ve {count}")
+    )
+
+
+def _estimate(value: Float[ndarray, " 1"], drawn: Float[ndarray, " D"], settings: BootstrapSettings) -> Estimate | None:
+    if not np.isfinite(value[0]) or not np.isfinite(drawn).any():
+        return None
+    return Estimate(float(value[0]), *interval(drawn, settings))
