@@ -1,7 +1,7 @@
 """A file of FLAME's layout with random numbers in it: pickled chumpy values and a sparse matrix, no FLAME data.
 
-chumpy is not needed: its class is named by a module made here, as in the real file. The skin is a rough egg around two
-proper eyeballs, so that what is geometric (rings of the iris, lid rims) has something to find.
+chumpy is not needed: its class is named by a module made here, as in the real file. The skin is the front of an egg
+with two openings before two proper eyeballs, so that what is geometric (rings of the iris, lids) has something to find.
 """
 
 import pickle
@@ -26,31 +26,51 @@ def eyeball(centre: np.ndarray) -> np.ndarray:
     return points + centre
 
 
+def eyeball_faces() -> np.ndarray:
+    """1,088 triangles, as many as FLAME's eyeballs have."""
+    ring = np.arange(32)
+    after = np.roll(ring, -1)
+    rows = [[ring + 32 * k, after + 32 * k, ring + 32 * k + 32] for k in range(16)]
+    rows += [[after + 32 * k, after + 32 * k + 32, ring + 32 * k + 32] for k in range(16)]
+    rows += [[np.full(32, 544), after, ring], [np.full(32, 545), ring + 512, after + 512]]
+    return np.concatenate([np.stack(row, axis=-1) for row in rows])
+
+
+def skin() -> tuple[np.ndarray, np.ndarray]:
+    """The front of an egg, with almond openings before the eyes; the list of triangles is filled up to 7,800."""
+    x, y = np.meshgrid(np.linspace(-0.07, 0.07, 63), np.linspace(0.11, 0.29, 62), indexing="ij")
+    z = -0.03 + 0.095 * np.sqrt(np.maximum(1 - (x / 0.075) ** 2 - ((y - 0.2) / 0.11) ** 2, 0.0))
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    corner = (np.arange(62)[:, None] * 62 + np.arange(61)).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + 62, corner + 1], -1), np.stack([corner + 1, corner + 62, corner + 63], -1)]
+    )
+    middle = points[faces].mean(axis=1)
+    inside = [(np.abs(middle[:, 0] - eye[0]) / 0.014) ** 2 + ((middle[:, 1] - eye[1]) / 0.006) ** 2 < 1 for eye in EYES]
+    faces = faces[~(inside[0] | inside[1])]
+    faces = np.concatenate([faces, faces[: 7800 - len(faces)]])
+    return np.concatenate([points, np.zeros((SKIN - len(points), 3))]), faces
+
+
 def arrays(seed: int = 0) -> dict[str, np.ndarray]:
     """The arrays of the layout, plain. The pupil's vertex stands where FLAME has it."""
     random = np.random.default_rng(seed)
-    out = random.normal(size=(SKIN, 3))
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    template = np.concatenate([out * [0.075, 0.11, 0.095] + [0, 0.2, -0.03], *map(eyeball, EYES)])
+    surface, triangles = skin()
+    template = np.concatenate([surface, *map(eyeball, EYES)])
+    faces = np.concatenate([triangles, eyeball_faces() + SKIN, eyeball_faces() + SKIN + BALL])
     for place, apex in ((4051, 3931 + 544), (4597, 4477 + 544)):
         template[[place, apex]] = template[[apex, place]]
+        faces = np.select([faces == place, faces == apex], [apex, place], faces)
     weights = random.random((5023, 5)) ** 4
     weights[3931:] = 0
     weights[3931:4477, 3] = weights[4477:, 4] = 1
     regressor = np.zeros((5, 5023))
-    for joint, rows in enumerate((slice(0, 40), slice(40, 90), slice(90, 140))):
+    for joint, rows in enumerate((slice(1922, 1940), slice(1930, 1955), slice(1925, 1945))):
         regressor[joint, rows] = random.dirichlet(np.ones(rows.stop - rows.start))
     before, behind = np.cos(np.radians([12 * 7.05, 13 * 7.05]))  # the two rings around the equator
     for joint, place in ((3, 3931), (4, 4477)):
         regressor[joint, place + 11 * 32 : place + 12 * 32] = -behind / (before - behind) / 32
         regressor[joint, place + 12 * 32 : place + 13 * 32] = before / (before - behind) / 32
-    faces = np.concatenate(
-        [
-            random.integers(0, SKIN, (7800, 3)),
-            random.integers(SKIN, 4477, (1088, 3)),
-            random.integers(4477, 5023, (1088, 3)),
-        ]
-    )
     return {
         "v_template": template,
         "shapedirs": random.normal(0, 0.002, (5023, 3, 400)).astype(np.float32),

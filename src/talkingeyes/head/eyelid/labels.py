@@ -1,0 +1,75 @@
+"""Labelled postures of an eye, as the Eyelid paper collected them, drawn on a head whose lids move as real ones do.
+
+Section 4.1 of the paper: nine gazes held as far as the eyes go, closed lids, and 24 postures of free speech, their
+curves drawn by hand. Here curves are those of a head's own lids (`anatomy`), gaze is read from the drawn iris contour
+as in the paper, and drawing is inexact. `posture_grid` is the same without inexactness, for building a head.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.head.eyelid.anatomy import JITTER_RAD, Person, iris_contour, lids
+from talkingeyes.head.eyelid.construction import POINTS, Labels
+from talkingeyes.head.eyelid.curves import fitted_circle
+from talkingeyes.head.eyelid.region import Region
+
+HELD_RAD = np.radians([[yaw, pitch] for pitch in (18.0, 0.0, -28.0) for yaw in (-30.0, 0.0, 30.0)])
+SHUT, FREE = 1, 24
+FREE_SPREAD_RAD, FREE_LIMITS_RAD = np.radians([9.0, 7.0]), np.radians([[-30.0, -25.0], [30.0, 18.0]])
+BLINKS, REST_SPREAD = 0.15, 0.06  # share of speech spent in blinks (26 a minute), spread of the lid's rest
+DRAWN_M = 0.0003  # how far a hand-drawn curve is off
+IRIS_POINTS = 16
+APART_RAD = np.radians(2.0)
+
+
+def paper_postures(region: Region, person: Person, random: np.random.Generator) -> Labels:
+    """The paper's training set: 9 held gazes, closed lids, 24 postures of speech."""
+    free, lid = _free(FREE, random)
+    angles = np.concatenate([HELD_RAD, np.zeros((SHUT, 2)), free])
+    closures = np.concatenate([np.zeros(len(HELD_RAD)), np.ones(SHUT), lid])
+    held, shut = np.arange(len(angles)) < 9, (np.arange(len(angles)) >= 9) & (np.arange(len(angles)) < 9 + SHUT)
+    return Labels(*_drawn(region, person, angles, closures, random), held=held, shut=shut)
+
+
+def held_out_postures(
+    region: Region, person: Person, seen_rad: Float[ndarray, "K 2"], count: int, random: np.random.Generator
+) -> Labels:
+    """Postures of speech whose gaze lies at least APART_RAD from every gaze that was seen in training."""
+    angles, lid = _free(20 * count, random)
+    away = np.linalg.norm(angles[:, None] - seen_rad, axis=-1).min(axis=1) >= APART_RAD
+    rows = np.flatnonzero(away)[:count]
+    none = np.zeros(len(rows), bool)
+    return Labels(*_drawn(region, person, angles[rows], lid[rows], random), held=none, shut=none)
+
+
+def posture_grid(region: Region, person: Person) -> Labels:
+    """Gazes in rows and columns at five closures, exact, with all points of the region: what drives a head."""
+    yaw, pitch, lid = np.meshgrid(
+        np.radians(np.linspace(-30, 30, 7)), np.radians(np.linspace(-25, 20, 10)), np.linspace(0, 1, 5), indexing="ij"
+    )
+    angles, closures = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), lid.ravel()
+    points = lids(region, angles, closures, person, np.zeros(len(angles)))
+    return Labels(angles, points, held=closures == 0.0, shut=closures == 1.0)
+
+
+def _free(count: int, random: np.random.Generator) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
+    angles = np.clip(random.normal(0.0, FREE_SPREAD_RAD, (count, 2)), *FREE_LIMITS_RAD)
+    rest = np.clip(random.normal(0.0, REST_SPREAD, count), -0.2, 0.3)
+    return angles, np.where(random.random(count) < BLINKS, random.uniform(0.3, 1.0, count), rest)
+
+
+def _drawn(
+    region: Region,
+    person: Person,
+    angles_rad: Float[ndarray, "N 2"],
+    lid: Float[ndarray, " N"],
+    random: np.random.Generator,
+) -> tuple[Float[ndarray, "N 2"], Float[ndarray, "N P 3"]]:
+    jitter = random.normal(0.0, JITTER_RAD, len(lid))
+    exact = lids(region, angles_rad, lid, person, jitter)[:, :POINTS]
+    curves = exact + random.normal(0.0, DRAWN_M / np.sqrt(3), exact.shape)
+    contours = iris_contour(angles_rad, region.eye, IRIS_POINTS, random, DRAWN_M / np.sqrt(3))
+    return np.stack([fitted_circle(contour).angles_rad for contour in contours]), curves

@@ -1,0 +1,153 @@
+"""Motion made for one head plays on another: expressions by least squares over corresponding points of the face.
+
+Both faces are laid over each other by a similarity from joints and shared landmarks; each vertex of the source's face
+corresponds to the nearest of the target's. The map M (source shapes x target shapes) minimises the difference of the
+displacements, sum |D_source - M D_target|^2, plus a small ridge, since shapes overlap. Gaze, lids, jaw and head are
+angles and closures, the same on any head: they are carried over as they are. What the target cannot show is reported in
+millimetres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+from talkingeyes.head.drive import motion_names
+from talkingeyes.head.model import HeadModel
+from talkingeyes.motion import Motion
+
+RIDGE = 1e-3  # of the mean square of the target's displacements: keeps weights small where shapes overlap
+FACE_RADIUS_M = 0.11  # of the face around the middle between the eyes, on a head with 63 mm between its pupils
+NEAR_M = 0.010  # farther points do not correspond
+PUPIL_DISTANCE_M = 0.063
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """target point = scale * source point + shift (heads look the same way, so nothing turns)."""
+
+    scale: float
+    shift: Float[ndarray, " 3"]
+
+    def __call__(self, points: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
+        return np.asarray(self.scale * points + self.shift)
+
+
+@dataclass(frozen=True)
+class ExpressionMap:
+    """Weights of the target's shapes for each of the source's, and what they miss of a shape at weight 1."""
+
+    source: str
+    target: str
+    source_names: tuple[str, ...]
+    target_names: tuple[str, ...]
+    weights: Float[ndarray, "S T"]
+    points: int
+    shown: Float[ndarray, "S C"]  # the displacements of the points that the source asks for, in the target's size
+    missed: Float[ndarray, "S C"]  # and those that the target does not give
+
+    @property
+    def error_mm(self) -> Float[ndarray, " S"]:
+        """Root mean square over the points, of each source shape at weight 1."""
+        return _rms_mm(self.missed)
+
+    @property
+    def asked_mm(self) -> Float[ndarray, " S"]:
+        """How far each source shape moves the points, for comparison."""
+        return _rms_mm(self.shown)
+
+    def motion_error_mm(self, motion: Motion) -> float:
+        """Root mean square over points and frames of a motion of the source."""
+        return float(np.sqrt((_rms_mm(self._weights_of(motion) @ self.missed) ** 2).mean()))
+
+    def motion(self, motion: Motion) -> Motion:
+        """The motion for the target. Raises InputError if it was not made for the source."""
+        mapped = self._weights_of(motion) @ self.weights
+        return replace(motion, expression=mapped, expression_names=self.target_names, head_model=self.target)
+
+    def _weights_of(self, motion: Motion) -> Float[ndarray, "T S"]:
+        strange = [name for name in motion.expression_names if name not in self.source_names]
+        if strange:
+            raise InputError(
+                f"motion: expression should be of the head {self.source}, got {strange[0]} of {motion.head_model}"
+            )
+        weights = np.zeros((len(motion), len(self.source_names)))
+        weights[:, [self.source_names.index(name) for name in motion.expression_names]] = motion.expression
+        return weights
+
+
+def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
+    """How the target shows the expressions of the source. Raises InputError if their faces do not correspond."""
+    lay = overlay(source, target)
+    here, there = corresponding(source, target, lay)
+    source_names, target_names = motion_names(source), motion_names(target)
+    asked = lay.scale * _displacements(source, source_names, here)
+    given = _displacements(target, target_names, there)
+    gram = given @ given.T
+    ridge = RIDGE * np.trace(gram) / max(len(gram), 1)
+    weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), given @ asked.T).T
+    return ExpressionMap(
+        source=source.name,
+        target=target.name,
+        source_names=source_names,
+        target_names=target_names,
+        weights=weights,
+        points=len(here),
+        shown=asked,
+        missed=asked - weights @ given,
+    )
+
+
+def overlay(source: HeadModel, target: HeadModel) -> Similarity:
+    """Scale by the distance of the eyes; shift by eyes and jaw, or by the landmarks that both heads have."""
+    scale = _eye_distance_m(target) / _eye_distance_m(source)
+    shared = [name for name in source.landmarks.names if name in target.landmarks.names]
+    if len(shared) < 3:
+        return Similarity(scale, (target.joints[2:] - scale * source.joints[2:]).mean(axis=0))
+    places = [
+        head.landmarks.of(head.template)[[head.landmarks.names.index(name) for name in shared]]
+        for head in (source, target)
+    ]
+    return Similarity(scale, (places[1] - scale * places[0]).mean(axis=0))
+
+
+def corresponding(
+    source: HeadModel, target: HeadModel, lay: Similarity
+) -> tuple[Int[ndarray, " K"], Int[ndarray, " K"]]:
+    """Vertices of the source's face, and for each the vertex of the target's skin that lies nearest to it."""
+    from scipy.spatial import cKDTree
+
+    scale = _eye_distance_m(source) / PUPIL_DISTANCE_M
+    middle = source.eye_centres.mean(axis=0)
+    skin, goal = (head.vertices_of("skin", "lips", "brow") for head in (source, target))
+    out = source.template[skin] - middle
+    face = skin[(np.linalg.norm(out, axis=1) < FACE_RADIUS_M * scale) & (out[:, 2] > -0.02 * scale)]
+    if not len(face) or not len(goal):
+        raise InputError(f"heads {source.name} and {target.name}: should both have a face, got {len(face)} points")
+    distance, nearest = cKDTree(target.template[goal]).query(lay(source.template[face]))
+    near = distance < NEAR_M * _eye_distance_m(target) / PUPIL_DISTANCE_M
+    if near.sum() < 30:
+        raise InputError(
+            f"heads {source.name} and {target.name}: at least 30 points of the face should lie on each other, "
+            f"got {near.sum()} of {len(face)}"
+        )
+    return face[near], goal[nearest[near]]
+
+
+def _displacements(model: HeadModel, names: tuple[str, ...], vertices: Int[ndarray, " K"]) -> Float[ndarray, "S C"]:
+    rows = [model.shape(name) for name in names]
+    return np.asarray(model.expression[rows][:, vertices].reshape(len(rows), -1))
+
+
+def _eye_distance_m(model: HeadModel) -> float:
+    return float(np.linalg.norm(model.eye_centres[0] - model.eye_centres[1]))
+
+
+def _rms_mm(displacements: Float[ndarray, "N C"]) -> Float[ndarray, " N"]:
+    """Of points with three coordinates each."""
+    points = displacements.reshape(len(displacements), -1, 3)
+    return np.asarray(1e3 * np.sqrt((points**2).sum(axis=-1).mean(axis=-1)))
