@@ -1,7 +1,8 @@
 """From a Motion to what a head model takes: weights of all its blend shapes, and rotations of its joints.
 
-Lids follow gaze and close by blend shapes where the head has ARKit's (`lid_weights`), the jaw opens by `jawOpen` where
-the head has it and by its joint elsewhere. Motion carries neither as expression.
+Lids follow gaze and close by the shapes of the Eyelid model where the head has them (`eyelid.drive`), else by ARKit's
+(`lid_weights`); the jaw opens by `jawOpen` where the head has it and by its joint elsewhere. Motion carries neither as
+expression.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.errors import InputError
+from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights, has_eyelids
 from talkingeyes.head.model import HeadModel
 from talkingeyes.motion import Motion
 from talkingeyes.rotation import angles_of_gaze
@@ -36,8 +38,8 @@ class Pose:
 
 
 def motion_names(model: HeadModel) -> tuple[str, ...]:
-    """The shapes that a Motion of this head carries: all but those of gaze, blink and jaw."""
-    return tuple(name for name in model.expression_names if name not in DRIVEN + DRIVEN_JAW)
+    """The shapes that a Motion of this head carries: all but those of gaze, lids and jaw."""
+    return tuple(name for name in model.expression_names if name not in DRIVEN + DRIVEN_JAW + LID_SHAPES)
 
 
 def pose_of(model: HeadModel, motion: Motion) -> Pose:
@@ -49,7 +51,9 @@ def pose_of(model: HeadModel, motion: Motion) -> Pose:
         )
     weights = np.zeros((len(motion), len(model.expression_names)))
     weights[:, [model.shape(name) for name in motion.expression_names]] = motion.expression
-    for name, column in {**lid_weights(motion.gaze, motion.lid), **jaw_weights(motion.jaw, model.jaw_open_rad)}.items():
+    built = has_eyelids(model)
+    lids = eyelid_weights(model, motion.gaze, motion.lid) if built else lid_weights(motion.gaze, motion.lid)
+    for name, column in {**lids, **jaw_weights(motion.jaw, model.jaw_open_rad)}.items():
         if name in model.expression_names:
             weights[:, model.shape(name)] += column
     joint = np.zeros_like(motion.jaw) if model.jaw_open_rad else motion.jaw
