@@ -2,8 +2,10 @@
 
 A window is told as steps of .16 s: mean angles (gaze in space, eye-in-head, head) and the logarithms of mean and peak
 speed of each. An autoencoder of angles alone spends its few numbers on posture and hardly sees trembling, smoothing or
-stillness; with speeds as targets beside angles it has to keep them. The means of the code are the features: of unit
-scale where the code is used, near 0 where it is not (Kingma & Welling 2014), so they need no scaling of their own.
+stillness; with speeds as targets beside angles it has to keep them. The features are the means of the code, of unit
+scale where it is used and near 0 where it is not (Kingma & Welling 2014), and two more: how badly angles and speeds
+come back, as logarithms in SDs of the train split. A code holds what varies in life; what never happens in life, such
+as trembling in every frame, it leaves out, and only the error shows it.
 """
 
 from __future__ import annotations
@@ -22,8 +24,8 @@ from talkingeyes.kinematics import eye_speed_deg_s, head_speed_deg_s, space_spee
 from talkingeyes.rotation import angles_of_gaze, gaze_in_space
 from talkingeyes.settings import Settings
 
-# Yaw and pitch of gaze in space and of eye-in-head, the head's rotation vector, mean and peak speed of the three.
-CHANNELS = 2 + 2 + 3 + 2 * 3
+# Yaw and pitch of gaze in space and of eye-in-head and the head's rotation vector; then speeds, mean and peak.
+ANGLES = 2 + 2 + 3
 SLOW_DEG_S = 1.0  # speeds below count as none: they are noise of trackers
 
 
@@ -32,7 +34,7 @@ class AutoencoderSettings(Settings):
 
     step_frames: Annotated[int, Field(gt=0)]
     width: Annotated[int, Field(gt=0)]
-    latent: Annotated[int, Field(gt=0, le=16)]  # a Gaussian of more needs more windows than corpora have
+    latent: Annotated[int, Field(gt=0, le=14)]  # a Gaussian of more needs more windows than corpora have
     kl_weight: Annotated[float, Field(gt=0)]  # of eq. 10 of Kingma & Welling, a described number
 
 
@@ -67,6 +69,8 @@ class MotionAutoencoder(nn.Module):
 
     mean: Tensor
     std: Tensor
+    error_mean: Tensor
+    error_std: Tensor
 
     def __init__(
         self, settings: AutoencoderSettings, steps: int, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]
@@ -75,6 +79,9 @@ class MotionAutoencoder(nn.Module):
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
+        self.register_buffer("error_mean", torch.zeros(2))
+        self.register_buffer("error_std", torch.ones(2))
+        self.feature_count = settings.latent + 2
         numbers, width, latent = steps * len(mean), settings.width, settings.latent
         self.encoder = nn.Sequential(
             nn.Linear(numbers, width), nn.GELU(), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 2 * latent)
@@ -87,10 +94,25 @@ class MotionAutoencoder(nn.Module):
         """Channels of mean 0 and deviation 1."""
         return (steps - self.mean) / self.std
 
+    def scale_errors(self, steps: Float[Tensor, "B N C"]) -> None:
+        """Take the statistics of reconstruction errors from these windows; once, when it is trained."""
+        errors = self._errors(steps, self._code_mean(steps))
+        self.error_mean.copy_(errors.mean(dim=0))
+        self.error_std.copy_(errors.std(dim=0))
+
     def features(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B D"]:
-        """The means of the code."""
+        """The means of the code and both errors."""
+        mean = self._code_mean(steps)
+        return torch.cat([mean, (self._errors(steps, mean) - self.error_mean) / self.error_std], dim=1)
+
+    def _code_mean(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B L"]:
         code: Tensor = self.encoder(self.standardised(steps).flatten(1))
         return code.chunk(2, dim=1)[0]
+
+    def _errors(self, steps: Float[Tensor, "B N C"], mean: Float[Tensor, "B L"]) -> Float[Tensor, "B 2"]:
+        """Logarithms of the mean squared errors of angles and of speeds."""
+        square = (self.decoder(mean).reshape(steps.shape) - self.standardised(steps)).square().mean(dim=1)
+        return torch.stack([square[:, :ANGLES].mean(dim=1), square[:, ANGLES:].mean(dim=1)], dim=1).log()
 
     def forward(self, steps: Float[Tensor, "B N C"], noise: Float[Tensor, "B D"]) -> Reconstruction:
         """`noise`: standard normal, 0 for the mean."""
