@@ -23,13 +23,12 @@ from talkingeyes import rotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.metrics.detectors.blinks import detect_blinks
-from talkingeyes.metrics.detectors.fixations import detect_fixations, dispersion_threshold
+from talkingeyes.metrics.detectors.fixations import LEAST_S, detect_fixations, dispersion_threshold
 from talkingeyes.metrics.detectors.gaze_states import gaze_states
 from talkingeyes.metrics.detectors.head_moves import detect_head_moves
 from talkingeyes.metrics.detectors.saccades import detect_saccades
 from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
-from talkingeyes.motion import Motion
-from talkingeyes.physiology import blinks as blink_law
+from talkingeyes.motion import Motion, Saccade
 from talkingeyes.physiology.render import Waves
 from talkingeyes.run import Workspace, quiet, shell
 from talkingeyes.world import plan
@@ -39,7 +38,7 @@ RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
 SACCADE_CLASSES_DEG = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 40.0)
 HEAD_CLASSES_DEG = (1.0, 2.0, 4.0, 30.0)
-SACCADE_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S = 0.06, 0.1, 0.12
+SACCADE_TOLERANCE_S, FIXATION_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S = 0.06, 0.06, 0.1, 0.12
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def saccade_row(
         found = detect_saccades(gaze, motion.fps, motion.valid)
         events = each.take.events.saccades
         onset = np.array([event.onset_s for event in events])
-        size = np.degrees([np.hypot(*np.subtract(event.end_rad, event.start_rad)) for event in events])
+        size = np.array([_amplitude_deg(event) for event in events])
         known = _counts(onset, motion)
         pairs = pair(found.onset_s, onset, SACCADE_TOLERANCE_S)
         hit = np.isin(np.arange(len(onset)), pairs.known)
@@ -139,6 +138,10 @@ def saccade_row(
         counted = [np.histogram(size[known & which], SACCADE_CLASSES_DEG)[0] for which in (hit, np.ones_like(hit))]
         classes += np.stack(counted)
     return row(name, total, classes)
+
+
+def _amplitude_deg(event: Saccade) -> float:
+    return float(np.degrees(np.hypot(*np.subtract(event.end_rad, event.start_rad))))
 
 
 def _counts(times_s: np.ndarray, motion: Motion) -> np.ndarray:
@@ -173,10 +176,11 @@ def print_blinks(performed: list[Performed]) -> None:
         for each in performed:
             motion = motion_of(each)
             found = detect_blinks(motion.lid, motion.fps, motion.valid)
-            # A blink that the end of the clip cuts cannot be found.
-            events = [event for event in each.take.events.blinks if blink_law.end_s(event) < motion.seconds]
+            # A blink that an end of the clip cuts is none of either side's.
+            latest_s = motion.seconds - 0.4
+            events = [event for event in each.take.events.blinks if 0.1 <= event.onset_s < latest_s]
             onset, depth = np.array([(event.onset_s, event.depth) for event in events]).reshape(-1, 2).T
-            inside = found.onset_s < motion.seconds - 0.3
+            inside = (found.onset_s >= 0.1) & (found.onset_s < latest_s)
             total += tally(found.onset_s[inside], onset, BLINK_TOLERANCE_S)
             classes += by_class(found.onset_s, onset, depth, (0.4, 0.6, 0.9, 1.01), BLINK_TOLERANCE_S)
         print(row(name, total, classes))
@@ -248,32 +252,25 @@ def print_states(performed: list[Performed]) -> None:
 
 
 def print_fixations(performed: list[Performed]) -> None:
-    """Fixations between saccades and by I-DT against what lies between true saccades."""
-    print("\n| fixations | found | known | median length s | true | frames agree (kappa) |\n|---|---|---|---|---|---|")
+    """Fixations, between saccades and by I-DT, against what lies between true saccades of a degree or more."""
+    head_of("fixations")
+    lengths = []
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
         for way, detect in (("between saccades", detect_fixations), ("I-DT", dispersion_threshold)):
-            lengths, true_lengths, found_frames, true_frames = [], [], [], []
+            total, found_s, known_s = Tally(), [], []
             for each in performed:
                 motion = motion_of(each)
                 found = detect(gaze_of(motion), motion.fps, motion.valid)
-                events = each.take.events.saccades
-                start = np.array([0.0, *(e.onset_s + e.duration_s for e in events)])
-                stop = np.array([*(e.onset_s for e in events), motion.seconds])
-                start, stop = np.clip(start, 0.0, motion.seconds), np.clip(stop, 0.0, motion.seconds)
-                long = stop - start >= 0.1
-                true_lengths += (stop - start)[long].tolist()
-                lengths += found.duration_s.tolist()
-                found_frames.append(during(found.onset_s, found.offset_s, motion.fps, len(motion)))
-                index = np.arange(len(motion)) / motion.fps
-                inside = np.zeros(len(motion), bool)
-                for low, high in zip(start[long], stop[long], strict=True):
-                    inside |= (index >= low) & (index <= high)
-                true_frames.append(inside)
-            agreed = kappa(np.concatenate(found_frames), np.concatenate(true_frames))
-            print(
-                f"| {name}, {way} | {len(lengths)} | {len(true_lengths)} | {np.median(lengths):.2f}"
-                f" | {np.median(true_lengths):.2f} | {agreed:.2f} |"
-            )
+                events = [event for event in each.take.events.saccades if _amplitude_deg(event) >= 1.0]
+                start = np.array([0.0, *(event.onset_s + event.duration_s for event in events)])
+                stop = np.array([*(event.onset_s for event in events), motion.seconds])
+                long = np.minimum(stop, motion.seconds) - start >= LEAST_S
+                total += tally(found.onset_s, start[long], FIXATION_TOLERANCE_S)
+                found_s.extend(found.duration_s)
+                known_s.extend((stop - start)[long])
+            print(row(f"{name}, {way}", total))
+            lengths.append(f"{name}, {way}: {np.median(found_s):.2f} s, true {np.median(known_s):.2f} s")
+    print("\nmedian lengths\n\n- " + "\n- ".join(lengths))
 
 
 def print_speed(performed: list[Performed]) -> None:

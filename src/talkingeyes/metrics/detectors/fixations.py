@@ -52,12 +52,12 @@ def detect_fixations(
     first = np.clip(np.ceil(found.onset_s * fps - 1e-6).astype(np.int64), 0, frames)
     after = np.clip(np.floor(found.offset_s * fps + 1e-6).astype(np.int64) + 1, 0, frames)
     moving = np.cumsum(np.bincount(first, minlength=frames + 1) - np.bincount(after, minlength=frames + 1))
-    starts = np.zeros(frames + 1, bool)
-    starts[after] = True
+    starts, ends = np.zeros(frames + 1, bool), np.zeros(frames + 1, bool)
+    starts[after], ends[first] = True, True
     still = runs(known & (moving[:-1] <= 0), starts[:-1])
     # Times are those of the saccades on either side, which are finer than frames; those of frames where there is none.
     onset, offset = still.first / fps, still.last / fps
-    before, behind = np.isin(still.first, after), np.isin(still.last + 1, first)
+    before, behind = starts[still.first], ends[still.last + 1]
     onset[before] = found.offset_s[np.searchsorted(after, still.first[before], side="right") - 1]
     offset[behind] = found.onset_s[np.searchsorted(first, still.last[behind] + 1)]
     return _described(gaze_in_space_rad, still, onset, offset)

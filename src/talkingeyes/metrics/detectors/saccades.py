@@ -2,7 +2,8 @@
 
 Below 60 fps a saccade is one or two steps between frames: displacement, I-VT on steps of 25 degrees a second (1 degree
 a frame at 25 fps) or more, neighbouring steps joined, amplitude their sum (Salvucci & Goldberg 2000; FACTS, section 9).
-From 60 to 200 fps I-VT at 30 degrees a second. From 200 fps Engbert & Kliegl (2003): velocities over five samples,
+From 60 to 200 fps I-VT at 30 degrees a second on steps, or over 25 ms where noise hides that. From 200 fps Engbert &
+Kliegl (2003): velocities over five samples,
 
     v_n = (x_{n+2} + x_{n+1} - x_{n-1} - x_{n-2}) / (6 dt),   sigma^2 = median(v^2) - median(v)^2,
 
@@ -74,14 +75,18 @@ class Saccades:
 
 @dataclass(frozen=True)
 class Rule:
-    """I-VT with two thresholds: a saccade goes beyond `core_deg_s` and lasts as long as it is beyond `edge_deg_s`."""
+    """I-VT with two thresholds: a saccade goes beyond `core_deg_s` and lasts as long as it is beyond `edge_deg_s`.
+
+    Velocity is that of single steps, or over `span_s` where the noise of steps hides the threshold.
+    """
 
     core_deg_s: float
     edge_deg_s: float
+    span_s: float
 
 
-DISPLACEMENT = Rule(DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S)
-VELOCITY = Rule(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S)
+DISPLACEMENT = Rule(DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S, span_s=0.0)
+VELOCITY = Rule(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S, span_s=0.025)
 
 
 def detect_saccades(
@@ -97,21 +102,40 @@ def detect_saccades(
 def velocity_threshold(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], rule: Rule
 ) -> Saccades:
-    """I-VT on steps between frames; a reversal starts another saccade."""
-    steps = flat_steps(gaze_in_space_rad[:-1], np.diff(gaze_in_space_rad, axis=0))
-    both = known[:-1] & known[1:]
-    steps = np.where(both[:, None], steps, 0.0)
-    speed = np.degrees(np.hypot(steps[:, 0], steps[:, 1])) * fps
-    noise = np.median(speed[both]) / MEDIAN_OF_RAYLEIGH if both.any() else 0.0
+    """I-VT on steps over the rule's span; a reversal starts another saccade."""
+    steps = _steps(gaze_in_space_rad, fps, known, 1)
+    if NOISE_SIGMAS * steps.noise_deg_s > rule.core_deg_s and round(rule.span_s * fps) > 1:
+        steps = _steps(gaze_in_space_rad, fps, known, round(rule.span_s * fps))
+    speed, noise = steps.speed_deg_s, steps.noise_deg_s
     core, edge = max(rule.core_deg_s, NOISE_SIGMAS * noise), max(rule.edge_deg_s, EDGE_SIGMAS * noise)
     reversal = np.zeros(len(speed), bool)
-    reversal[1:] = (steps[1:] * steps[:-1]).sum(axis=1) < 0
+    reversal[1:] = (steps.step_rad[1:] * steps.step_rad[:-1]).sum(axis=1) < 0
     found = runs(speed >= edge, reversal)
     if len(found):
         found = found.where(np.maximum.reduceat(speed, found.first) >= core)
-    found = found.where(found.last - found.first + 1 >= LEAST_S * fps)
-    found = _without_echoes(gaze_in_space_rad, fps, Runs(found.first, found.last + 1))
-    return _timed(gaze_in_space_rad, speed, fps, found, measured=fps >= VELOCITY_FROM_FPS)
+    found = Runs(found.first, found.last + steps.span)
+    found = found.where(found.last - found.first >= LEAST_S * fps)
+    found = _without_echoes(gaze_in_space_rad, fps, found)
+    return _timed(gaze_in_space_rad, fps, found, measured=fps >= VELOCITY_FROM_FPS)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """From each frame to the one `span` later (0 where one of them is not known), and how much of it is noise."""
+
+    span: int
+    step_rad: Float[ndarray, "S 2"]
+    speed_deg_s: Float[ndarray, " S"]
+    noise_deg_s: float  # robust standard deviation in one axis
+
+
+def _steps(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], span: int) -> Steps:
+    steps = flat_steps(gaze_in_space_rad[:-span], gaze_in_space_rad[span:] - gaze_in_space_rad[:-span])
+    whole = _stretches(known, span)
+    steps = np.where(whole[:, None], steps, 0.0)
+    speed = np.degrees(np.hypot(steps[:, 0], steps[:, 1])) * (fps / span)
+    noise = float(np.median(speed[whole])) / MEDIAN_OF_RAYLEIGH if whole.any() else 0.0
+    return Steps(span, steps, speed, noise)
 
 
 def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"]) -> Saccades:
@@ -127,7 +151,9 @@ def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: 
         - flat[stride : len(flat) - reach - stride]
         - flat[: len(flat) - 2 * reach]
     ) * (fps / (6 * stride))
-    velocity = np.degrees(np.where(_all_around(known, reach)[:, None], velocity, np.nan))
+    whole = np.zeros(len(flat), bool)
+    whole[middle] = _stretches(known, 2 * reach)
+    velocity = np.degrees(np.where(whole[:, None], velocity, np.nan))
     median = np.nanmedian(velocity, axis=0)
     sigma = np.sqrt(np.maximum(np.nanmedian(velocity**2, axis=0) - median**2, 0.0))
     radius = np.maximum(ENGBERT_KLIEGL_LAMBDA * sigma, ENGBERT_KLIEGL_LEAST_DEG_S)
@@ -159,9 +185,7 @@ def _without_echoes(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found:
     return found.where(~echo)
 
 
-def _timed(
-    gaze_in_space_rad: Float[ndarray, "T 2"], speed_deg_s: Float[ndarray, " S"], fps: float, found: Runs, measured: bool
-) -> Saccades:
+def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, measured: bool) -> Saccades:
     """Saccades from one frame to another, placed by the moments of their movement.
 
     When the movement is half done, on average, is known to a fraction of a frame, whereas when it starts between two
@@ -170,26 +194,30 @@ def _timed(
     """
     if not len(found):
         return _none()
-    stop = found.last
-    displacement = gaze_in_space_rad[stop] - gaze_in_space_rad[found.first]
-    amplitude = np.linalg.norm(flat_steps(gaze_in_space_rad[found.first], displacement), axis=1)
-    time_s = (np.arange(len(speed_deg_s)) + 0.5) / fps
-    powers = np.stack([speed_deg_s, speed_deg_s * time_s, speed_deg_s * time_s**2])
-    summed = np.concatenate([np.zeros((3, 1)), np.cumsum(powers, axis=1)], axis=1)
-    weight, first_moment, second_moment = summed[:, stop] - summed[:, found.first]
-    middle_s = first_moment / weight
+    start = gaze_in_space_rad[found.first]
+    displacement = gaze_in_space_rad[found.last] - start
+    whole = flat_steps(start, displacement)
+    amplitude = np.linalg.norm(whole, axis=1)
+    counts = found.last - found.first
+    owner = np.repeat(np.arange(len(found)), counts)
+    step = np.arange(counts.sum()) + np.repeat(found.first - np.cumsum(counts) + counts, counts)
+    each = flat_steps(gaze_in_space_rad[step], gaze_in_space_rad[step + 1] - gaze_in_space_rad[step])
+    # How far each step goes the way of the saccade; noise across it does not count, and along it cancels.
+    share = (each * whole[owner]).sum(axis=1) / (amplitude**2)[owner]
+    time_s = (step + 0.5) / fps
+    middle_s = np.bincount(owner, share * time_s) / np.bincount(owner, share)
     profile = law.progress_moments(amplitude)
     duration = law.duration_s(amplitude)
     if measured:
-        variance = second_moment / weight - middle_s**2 - 1.0 / (12.0 * fps**2)
+        variance = np.bincount(owner, share * (time_s - middle_s[owner]) ** 2) - 1.0 / (12.0 * fps**2)
         duration = np.maximum(np.sqrt(np.maximum(variance, 0.0)) / profile.deviation, 1.0 / fps)
     onset = middle_s - duration * profile.mean
     return Saccades(
         onset_s=onset,
         offset_s=onset + duration,
-        start_rad=gaze_in_space_rad[found.first],
+        start_rad=start,
         displacement_rad=displacement,
-        peak_speed_deg_s=_peaks(speed_deg_s, found.first, found.last - 1),
+        peak_speed_deg_s=np.maximum.reduceat(np.hypot(*each.T), np.cumsum(counts) - counts) * np.degrees(fps),
     )
 
 
@@ -216,12 +244,10 @@ def _peaks(
     return np.asarray(np.maximum(np.maximum.reduceat(speed_deg_s, edges)[::2], speed_deg_s[last]))
 
 
-def _all_around(known: Bool[ndarray, " T"], reach: int) -> Bool[ndarray, " T"]:
-    """Whether all frames within `reach` are known."""
+def _stretches(known: Bool[ndarray, " T"], reach: int) -> Bool[ndarray, " S"]:
+    """Whether frames n to n + reach are all known, for each n that has so many behind it."""
     unknown = np.concatenate([[0], np.cumsum(~known)])
-    index = np.arange(len(known))
-    low, high = np.maximum(index - reach, 0), np.minimum(index + reach + 1, len(known))
-    return np.asarray((unknown[high] == unknown[low]) & (index >= reach) & (index < len(known) - reach))
+    return np.asarray(unknown[reach + 1 :] == unknown[: -reach - 1])
 
 
 def _none() -> Saccades:
