@@ -11,6 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.errors import InputError
+from talkingeyes.head.drive import motion_names
 from talkingeyes.head.flame import PUPILS, load_flame, read_flame
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.skinning import pose_vertices
@@ -76,7 +77,7 @@ def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], 
     pose[:3] = 0  # the head turns about the neck; the root stays
     shape, expression, moved = random.normal(size=300), random.normal(size=100), random.normal(0, 0.1, 3)
     tensors = {
-        "expression": expression[None],
+        "expression": np.concatenate([expression, np.zeros(10)])[None],
         "head": pose[None, 3:6],
         "jaw": pose[None, 6:9],
         "gaze": pose[9:].reshape(1, 2, 3),
@@ -98,7 +99,7 @@ def test_pupils_irises_and_sides_are_flames(content: dict[str, np.ndarray], head
     for ring, centre in zip(head.irises, flame_file.EYES, strict=True):
         out = content["v_template"][ring] - centre
         np.testing.assert_allclose(np.hypot(out[:, 0], out[:, 1]), 0.0126 * np.sin(np.radians(28.2)), atol=1e-6)
-    assert len(head.expression_names) == 100
+    assert motion_names(head) == tuple(f"expression_{number:03d}" for number in range(100))
     assert len(head.identity_names) == 300
 
 

@@ -11,7 +11,7 @@ without chumpy and without running it (`pickles`). Joints follow the identity al
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.errors import InputError
+from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.head.eyelid.drive import lid_landmarks, with_eyelids
 from talkingeyes.head.model import PARENTS, PARTS, HeadModel, Landmarks
 from talkingeyes.head.pickles import as_array, read_pickle
 
@@ -66,7 +68,7 @@ class FlameFile:
 
 
 def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
-    """The head in a FLAME file. Raises InputError, in one line, if it is not one; nothing in it is executed."""
+    """The head in a FLAME file, lids by the Eyelid model. Raises InputError, in one line, if it is not one."""
     file = read_flame(path)
     joints = file.regressor @ file.template
     faces = file.faces.astype(np.int64)
@@ -75,7 +77,7 @@ def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
     for part in ("sclera", "iris", "pupil"):
         colours[np.unique(faces[parts == PARTS.index(part)])] = COLOURS[part]
     directions = np.moveaxis(file.directions, -1, 0)
-    return HeadModel(
+    head = HeadModel(
         name="flame",
         template=file.template - joints[1],
         faces=faces,
@@ -95,6 +97,8 @@ def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
         pupils=np.array(PUPILS),
         jaw_open_rad=0.0,
     )
+    found = head if embedding is not None else replace(head, landmarks=lid_landmarks(head))
+    return with_eyelids(found, Person())
 
 
 def read_flame(path: Path) -> FlameFile:

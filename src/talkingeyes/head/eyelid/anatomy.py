@@ -74,7 +74,7 @@ def surface_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"]) -> Flo
 
 
 def iris_contour(
-    angles_rad: Float[ndarray, "T 2"], eye: int, points: int, random: np.random.Generator, noise_m: float
+    angles_rad: Float[ndarray, "T 2"], points: int, random: np.random.Generator, noise_m: float
 ) -> Float[ndarray, "T K 3"]:
     """The circle of the iris, in head axes around the eye's centre, as somebody draws it."""
     around = np.linspace(0, 2 * np.pi, points, endpoint=False)

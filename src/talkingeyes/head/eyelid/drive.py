@@ -20,12 +20,13 @@ from talkingeyes.head.eyelid.anatomy import Person
 from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, construct, predictors
 from talkingeyes.head.eyelid.labels import posture_grid
 from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
-from talkingeyes.head.model import HeadModel
+from talkingeyes.head.model import HeadModel, Landmarks
 from talkingeyes.rotation import angles_of_gaze
 
 SIDES = ("left", "right")
 PREDICTORS = ("SinSum", "SinDifference", "CosAzimuth", "CosElevation")
 LID_SHAPES = tuple(f"lid{what}{side.title()}" for side in SIDES for what in (*PREDICTORS, "Blink"))
+EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")
 AHEAD = predictors(np.zeros(2))
 SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookUp", "eyeSquint", "eyeWide")
 RIDGE = 1e-3  # of the mean square of a sculpted shape: they overlap
@@ -34,6 +35,18 @@ RIDGE = 1e-3  # of the mean square of a sculpted shape: they overlap
 def has_eyelids(model: HeadModel) -> bool:
     """Whether a head has the shapes of the Eyelid model."""
     return LID_SHAPES[0] in model.expression_names
+
+
+def lid_landmarks(model: HeadModel) -> Landmarks:
+    """p1 to p6 of the eye aspect ratio of both eyes, found on a head that has no landmarks: places along its lids."""
+    third, two = (UPPER.stop - UPPER.start) // 3, 2 * (UPPER.stop - UPPER.start) // 3
+    places = (UPPER.stop - 1, two, third, UPPER.start, LOWER.start + third, LOWER.start + two)
+    curves = [region(model, eye).curves for eye in range(2)]
+    return Landmarks(
+        tuple(f"{side}_eye_{point}" for side in SIDES for point in EYE_POINTS),
+        np.concatenate([curve.corners[list(places)] for curve in curves]),
+        np.concatenate([curve.barycentric[list(places)] for curve in curves]),
+    )
 
 
 def with_eyelids(model: HeadModel, person: Person) -> HeadModel:

@@ -7,6 +7,8 @@ as in the paper, and drawing is inexact. `posture_grid` is the same without inex
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -24,25 +26,37 @@ DRAWN_M = 0.0003  # how far a hand-drawn curve is off
 IRIS_POINTS = 16
 APART_RAD = np.radians(2.0)
 
+Random = np.random.Generator
+Lids = Callable[[ndarray, ndarray, Random], ndarray]  # angles (N, 2) and closures (N,) to curves (N, P, 3) of a region
 
-def paper_postures(region: Region, person: Person, random: np.random.Generator) -> Labels:
+
+def anatomical(region: Region, person: Person) -> Lids:
+    """Lids that move as `anatomy` says, with the unrest of a lid on a still eye in each posture."""
+
+    def curves(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], random: Random) -> Float[ndarray, "N P 3"]:
+        jitter = random.normal(0.0, JITTER_RAD, len(lid))
+        return lids(region, angles_rad, lid, person, jitter)[:, :POINTS]
+
+    return curves
+
+
+def paper_postures(shown: Lids, random: Random) -> Labels:
     """The paper's training set: 9 held gazes, closed lids, 24 postures of speech."""
     free, lid = _free(FREE, random)
     angles = np.concatenate([HELD_RAD, np.zeros((SHUT, 2)), free])
     closures = np.concatenate([np.zeros(len(HELD_RAD)), np.ones(SHUT), lid])
-    held, shut = np.arange(len(angles)) < 9, (np.arange(len(angles)) >= 9) & (np.arange(len(angles)) < 9 + SHUT)
-    return Labels(*_drawn(region, person, angles, closures, random), held=held, shut=shut)
+    place = np.arange(len(angles))
+    held, shut = place < len(HELD_RAD), (place >= len(HELD_RAD)) & (place < len(HELD_RAD) + SHUT)
+    return Labels(*_drawn(shown, angles, closures, random), held=held, shut=shut)
 
 
-def held_out_postures(
-    region: Region, person: Person, seen_rad: Float[ndarray, "K 2"], count: int, random: np.random.Generator
-) -> Labels:
+def held_out_postures(shown: Lids, seen_rad: Float[ndarray, "K 2"], count: int, random: Random) -> Labels:
     """Postures of speech whose gaze lies at least APART_RAD from every gaze that was seen in training."""
     angles, lid = _free(20 * count, random)
     away = np.linalg.norm(angles[:, None] - seen_rad, axis=-1).min(axis=1) >= APART_RAD
     rows = np.flatnonzero(away)[:count]
     none = np.zeros(len(rows), bool)
-    return Labels(*_drawn(region, person, angles[rows], lid[rows], random), held=none, shut=none)
+    return Labels(*_drawn(shown, angles[rows], lid[rows], random), held=none, shut=none)
 
 
 def posture_grid(region: Region, person: Person) -> Labels:
@@ -55,21 +69,16 @@ def posture_grid(region: Region, person: Person) -> Labels:
     return Labels(angles, points, held=closures == 0.0, shut=closures == 1.0)
 
 
-def _free(count: int, random: np.random.Generator) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
+def _free(count: int, random: Random) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
     angles = np.clip(random.normal(0.0, FREE_SPREAD_RAD, (count, 2)), *FREE_LIMITS_RAD)
     rest = np.clip(random.normal(0.0, REST_SPREAD, count), -0.2, 0.3)
     return angles, np.where(random.random(count) < BLINKS, random.uniform(0.3, 1.0, count), rest)
 
 
 def _drawn(
-    region: Region,
-    person: Person,
-    angles_rad: Float[ndarray, "N 2"],
-    lid: Float[ndarray, " N"],
-    random: np.random.Generator,
+    shown: Lids, angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], random: Random
 ) -> tuple[Float[ndarray, "N 2"], Float[ndarray, "N P 3"]]:
-    jitter = random.normal(0.0, JITTER_RAD, len(lid))
-    exact = lids(region, angles_rad, lid, person, jitter)[:, :POINTS]
+    exact = shown(angles_rad, lid, random)
     curves = exact + random.normal(0.0, DRAWN_M / np.sqrt(3), exact.shape)
-    contours = iris_contour(angles_rad, region.eye, IRIS_POINTS, random, DRAWN_M / np.sqrt(3))
+    contours = iris_contour(angles_rad, IRIS_POINTS, random, DRAWN_M / np.sqrt(3))
     return np.stack([fitted_circle(contour).angles_rad for contour in contours]), curves

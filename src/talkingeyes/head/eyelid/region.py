@@ -15,12 +15,13 @@ from numpy import ndarray
 
 from talkingeyes.errors import InputError
 from talkingeyes.head.eyelid.construction import ANCHOR, LOWER, UPPER
-from talkingeyes.head.model import HeadModel, Landmarks
+from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
 REACH_M = 0.045  # skin farther from the eye than this is none of its lids
 ANCHOR_HEIGHT_M, CHEEK_DEPTH_M = 0.017, 0.015  # from the eye's centre to where the skin no longer follows a lid
 EYEBALL_M = 0.0125
-DIRECTIONS = 360
+DIRECTIONS = 180
+SKIN = [PARTS.index("skin"), PARTS.index("brow")]
 TEMPORAL = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # from head axes to those of the left and right region
 
 
@@ -54,7 +55,7 @@ def region(model: HeadModel, eye: int) -> Region:
     """The lids of one eye. Raises InputError if the mesh has no skin around it."""
     centre, axes = model.eye_centres[eye], TEMPORAL[eye]
     local = (model.template - centre) * axes
-    skin = model.faces[np.isin(model.parts, SKIN_PARTS)]
+    skin = model.faces[np.isin(model.parts, SKIN)]
     near = (np.linalg.norm(local[skin], axis=-1) < REACH_M).all(axis=1) & (local[skin][..., 2] > 0).all(axis=1)
     if near.sum() < DIRECTIONS // 4:
         raise InputError(f"head {model.name}: should have skin in front of both eyes, got {near.sum()} triangles")
@@ -67,13 +68,11 @@ def region(model: HeadModel, eye: int) -> Region:
     return Region(eye, centre, curves, vertices, points, along, upper, lower)
 
 
-SKIN_PARTS = (0, 2)  # skin and brow of model.PARTS
-
-
 def _contour(local: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Landmarks:
     """The inner edge of the skin in DIRECTIONS around the optical axis, counter-clockwise from +x."""
     edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    start, step = local[edges[:, 0], :2], local[edges[:, 1], :2] - local[edges[:, 0], :2]
+    origin, way = local[edges[:, 0]], local[edges[:, 1]] - local[edges[:, 0]]
+    start, step = origin[:, :2], way[:, :2]
     found = []
     for angle in np.linspace(0, 2 * np.pi, DIRECTIONS, endpoint=False):
         ray = np.array([np.cos(angle), np.sin(angle)])
@@ -83,8 +82,8 @@ def _contour(local: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Landma
             share = (start[:, 0] * ray[1] - start[:, 1] * ray[0]) / across
         radius[~((share >= 0) & (share <= 1) & (radius > 0))] = np.inf
         share = np.clip(np.nan_to_num(share), 0.0, 1.0)
-        met = local[edges[:, 0]] + share[:, None] * (local[edges[:, 1]] - local[edges[:, 0]])
-        radius[np.linalg.norm(met, axis=1) < EYEBALL_M] = np.inf  # the margin behind the rim, hidden in the eyeball
+        deep = np.linalg.norm(origin + share[:, None] * way, axis=1) < EYEBALL_M
+        radius[deep] = np.inf  # the margin behind the rim, hidden in the eyeball
         nearest = int(np.argmin(radius))
         if np.isfinite(radius[nearest]):
             found.append((*edges[nearest], share[nearest]))
