@@ -47,7 +47,7 @@ def pose_of(model: HeadModel, motion: Motion) -> Pose:
     strange = [name for name in motion.expression_names if name not in model.expression_names]
     if strange:
         raise InputError(
-            f"motion: expression should be of the head {model.name}, got {strange[0]} of {motion.head_model}; map it first"
+            f"motion: expression should be of the head {model.name}, got {strange[0]} ({motion.head_model})"
         )
     weights = np.zeros((len(motion), len(model.expression_names)))
     weights[:, [model.shape(name) for name in motion.expression_names]] = motion.expression
@@ -63,7 +63,7 @@ def pose_of(model: HeadModel, motion: Motion) -> Pose:
 def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> dict[str, Float[ndarray, " T"]]:
     """Weights of ARKit's lid shapes: what gaze alone gives, times what is left open, plus the blink.
 
-    Down: the upper lid by eyeLookDown, the lower by a negative eyeSquint; up: by eyeWide, and the lower lid by eyeLookUp.
+    Down: the upper lid by eyeLookDown, the lower by a negative eyeSquint; up: by eyeWide, the lower lid by eyeLookUp.
     """
     pitch_deg = np.degrees(angles_of_gaze(gaze)[..., 1])
     down, up = np.maximum(-pitch_deg, 0.0), np.maximum(pitch_deg, 0.0)

@@ -1,14 +1,16 @@
 """What a head is: one record for the open head (`anny`) and FLAME (`flame`), in head coordinates.
 
-The origin is the neck joint, about which `Motion.head` turns; +x to the subject's left, y up, +z out of the face, metres.
-A vertex is template + identity + expression + pose correctives (Loper et al. 2015, eq. 2), then linear blend skinning
-over five joints (`skinning`). Blend shapes are displacements at weight 1. Eyes in the order left, right.
+The origin is the neck joint, about which `Motion.head` turns; +x to the subject's left, y up, +z out of the face, in
+metres. A vertex is template + identity + expression + pose correctives (Loper et al. 2015, eq. 2), then linear blend
+skinning over five joints (`skinning`). Blend shapes are displacements at weight 1. Eyes in the order left, right.
 """
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +22,7 @@ JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
 PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")  # of a face of the mesh
 SCHEMA = "talkingeyes.head/1"
+POINTS = ("landmarks", "brows")
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,9 @@ class Landmarks:
         return np.asarray(np.einsum("...lkd,lk->...ld", vertices[..., self.corners, :], self.barycentric))
 
 
+NOWHERE = Landmarks((), np.zeros((0, 3), np.int32), np.zeros((0, 3)))
+
+
 @dataclass(frozen=True)
 class HeadModel:
     """A head that can be posed. `parts` are indices into PARTS; colours are linear albedo from 0 to 1.
@@ -42,7 +48,8 @@ class HeadModel:
     `ambient` is the share of the sky that a vertex of the template sees. `correctives` are FLAME's, by the entries of
     R - I of neck, jaw and eyes; none elsewhere. `jaw_open_rad` is the angle of the jaw at weight 1 of `jawOpen`, for
     heads that open their mouth by a blend shape, else 0. `pupils` are the apexes of the corneas, `irises` the vertices
-    of the circle where cornea and sclera meet.
+    of the circle where cornea and sclera meet. `brows` are the points of the skin under the vertices of the part brow,
+    where that is a strip of its own.
     """
 
     name: str
@@ -63,6 +70,7 @@ class HeadModel:
     irises: Int[ndarray, "2 K"]
     pupils: Int[ndarray, " 2"]
     jaw_open_rad: float
+    brows: Landmarks = NOWHERE
 
     def __post_init__(self) -> None:
         vertices, shapes, people = len(self.template), len(self.expression_names), len(self.identity_names)
@@ -109,10 +117,10 @@ def save_head(model: HeadModel, path: Path) -> None:
     for field in fields(HeadModel):
         value = getattr(model, field.name)
         if isinstance(value, Landmarks):
-            content |= {f"landmarks_{name}": np.asarray(getattr(value, name)) for name in LANDMARK_FIELDS}
+            content |= {f"{field.name}_{name}": np.asarray(getattr(value, name)) for name in LANDMARK_FIELDS}
         else:
-            content[field.name] = np.asarray(value)
-    partial = path.with_name(f".{path.name}.partial")
+            content[field.name] = np.array(value, np.str_) if isinstance(value, tuple) else np.asarray(value)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         with partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **content)
@@ -128,15 +136,17 @@ def load_head(path: Path) -> HeadModel:
             content = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: not a readable head ({error})") from None
-    names = [field.name for field in fields(HeadModel) if field.name != "landmarks"]
-    missing = [name for name in (*names, *(f"landmarks_{name}" for name in LANDMARK_FIELDS)) if name not in content]
+    names = [field.name for field in fields(HeadModel) if field.name not in POINTS]
+    needed = [*names, *(f"{points}_{name}" for points in POINTS for name in LANDMARK_FIELDS)]
+    missing = [name for name in needed if name not in content]
     if str(content.get("schema", "none")) != SCHEMA or missing:
         raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")
-    landmarks = Landmarks(
-        _texts(content["landmarks_names"]), content["landmarks_corners"], content["landmarks_barycentric"]
-    )
-    plain = {name: _plain(content[name]) for name in names}
-    return HeadModel(landmarks=landmarks, **plain)
+    arrays: dict[str, Any] = {name: _plain(content[name]) for name in names}
+    points = {
+        name: Landmarks(_texts(content[f"{name}_names"]), content[f"{name}_corners"], content[f"{name}_barycentric"])
+        for name in POINTS
+    }
+    return HeadModel(**points, **arrays)
 
 
 LANDMARK_FIELDS = tuple(field.name for field in fields(Landmarks))
@@ -146,7 +156,7 @@ def _texts(array: ndarray) -> tuple[str, ...]:
     return tuple(str(name) for name in array)
 
 
-def _plain(array: ndarray):  # type: ignore[no-untyped-def]
+def _plain(array: ndarray) -> Any:
     """What the record holds: arrays as they are, texts as tuples, single values as themselves."""
     if array.ndim == 0:
         return array.item()

@@ -50,7 +50,8 @@ def blended(
     rest: Float[Tensor, "*B V 3"], shapes: Float[Tensor, "K V 3"], amounts: Float[Tensor, "B K"]
 ) -> Float[Tensor, "B V 3"]:
     """`rest` plus the shapes by their amounts."""
-    return rest + (amounts @ shapes.flatten(1)).unflatten(1, shapes.shape[1:])
+    moved: Tensor = (amounts @ shapes.flatten(1)).unflatten(1, shapes.shape[1:])
+    return rest + moved
 
 
 def skinned(
@@ -68,7 +69,8 @@ def skinned(
     turn = torch.stack(turned, dim=1)
     shift = torch.stack(moved, dim=1) - (turn @ joints[..., None])[..., 0]
     blend = torch.einsum("vj,bjk->bvk", weights, torch.cat([turn.flatten(2), shift], dim=2))
-    return (blend[..., :9].unflatten(-1, (3, 3)) @ rest[..., None])[..., 0] + blend[..., 9:]
+    turned_vertices: Tensor = (blend[..., :9].unflatten(-1, (3, 3)) @ rest[..., None])[..., 0]
+    return turned_vertices + blend[..., 9:]
 
 
 def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]:
@@ -79,7 +81,9 @@ def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]
     none = torch.zeros_like(x)
     cross = torch.stack([none, -z, y, z, none, -x, -y, x, none], dim=-1).unflatten(-1, (3, 3))
     sine, versine = angle.sin() / angle, (1 - angle.cos()) / squared
-    return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross + versine * (cross @ cross)
+    matrices: Tensor = torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross
+    second: Tensor = versine * (cross @ cross)
+    return matrices + second
 
 
 def _tensor(array: Float[ndarray, "*N"], like: Tensor) -> Tensor:

