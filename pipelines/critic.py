@@ -1,8 +1,10 @@
-"""Stage `critic`: train the contrastive networks behind Corr., one for eye-in-head, gaze in space and head each.
+"""Stage `critic`: train the networks that measure: a contrastive one behind Corr. for eye-in-head, gaze in space and
+head each, and the encoder behind the Frechet distance.
 
 Reads   data/fit, data/embed (train split; test and unseen only to report on, after training)
-Writes  data/critic/<part>/ (weights, config, history) and data/critic/report.json: AUC on negatives of the same
-        speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker, and of a constant
+Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC on
+        negatives of the same speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker,
+        and of a constant
 Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.progress
 """
 
@@ -17,7 +19,7 @@ from typing import Any
 
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.metrics.contrast import CriticSettings, Hearing, learn
+from talkingeyes.metrics.contrast import CriticSettings, Hearing, divide, learn
 from talkingeyes.metrics.verdict import Verdict, judge
 from talkingeyes.models.critic import PARTS
 from talkingeyes.run import SUMS, Report, Workspace, each, main
@@ -36,9 +38,11 @@ def run(workspace: Workspace) -> Report:
             part: {group: asdict(verdict) for group, verdict in groups.items()} for part, groups in verdicts.items()
         }
         (folder / "report.json").write_text(json.dumps(report, indent=1))
+        explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
     for part in PARTS:
         workspace.data(f".critic-{part}.progress").unlink(missing_ok=True)
-    return Report(metrics=dict(_flat(verdicts)), artifacts=[workspace.data("critic", "report.json")])
+    metrics = {**dict(_flat(verdicts)), "encoder/explained": explained}
+    return Report(metrics=metrics, artifacts=[workspace.data("critic", "report.json")])
 
 
 def train_part(
@@ -71,6 +75,20 @@ def train_part(
         "test_and_unseen": recordings(corpus, fit, embed, "test", "unseen", take=0),
     }
     return {name: judge(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+
+
+def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
+    """Train and save the encoder; the share of variance that it keeps of the speakers kept out."""
+    from talkingeyes.learning.checkpoint import save
+    from talkingeyes.metrics.distribution.encoder import NAME, learn_encoder
+
+    known = recordings(Corpus(corpus_root), fit, embed, "train")
+    division = divide(known, settings)
+    train, kept_out = ([known[index] for index in indices] for indices in (division.train, division.kept_out))
+    learnt = learn_encoder(train, kept_out, settings.encoder, settings.seed)
+    (folder / NAME).mkdir()
+    save(folder / NAME, learnt.encoder.network.state_dict(), learnt.encoder.config, learnt.history)
+    return max(row["explained"] for row in learnt.history)
 
 
 def _flat(verdicts: dict[str, dict[str, Verdict]]) -> Iterable[tuple[str, float]]:

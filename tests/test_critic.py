@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from talkingeyes.config import compose
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
@@ -13,9 +14,11 @@ from talkingeyes.learning.loop import LoopSettings, train
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.contrast import Contrast, CriticSettings, Hearing, divide, new_critic
 from talkingeyes.metrics.correlation import Correlation, auc
+from talkingeyes.metrics.distribution.encoder import EncoderSettings
 from talkingeyes.models.critic import PARTS, Critic, CriticNetworkSettings, angles, similarity
 
 FPS = 25.0
+ENCODER = EncoderSettings.model_validate(compose()["critic"]["encoder"])  # not looked at here
 SETTINGS = CriticSettings(
     seed=0,
     channels=["loud"],
@@ -37,6 +40,7 @@ SETTINGS = CriticSettings(
         clip_norm=1.0,
         validate_every=20,
     ),
+    encoder=ENCODER,
     bootstrap=BootstrapSettings(draws=50, level=0.95, seed=0),
 )
 HEARING = Hearing(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.float32))

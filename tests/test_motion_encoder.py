@@ -12,7 +12,7 @@ from toy import recordings
 from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import save
 from talkingeyes.learning.loop import LoopSettings
-from talkingeyes.metrics.distribution.encoder import NAME, EncoderSettings, MotionEncoder, learn
+from talkingeyes.metrics.distribution.encoder import NAME, EncoderSettings, MotionEncoder, learn_encoder
 from talkingeyes.metrics.distribution.frechet import Moments, frechet, split_half
 from talkingeyes.models.motion_autoencoder import AutoencoderSettings, described
 from talkingeyes.rotation import eye_in_head, gaze_in_space
@@ -37,7 +37,7 @@ SETTINGS = EncoderSettings(
 @pytest.fixture(scope="module")
 def learnt():
     """The encoder of toy motion, and how its training went."""
-    return learn(recordings(40, 0), recordings(8, 1), SETTINGS, seed=0)
+    return learn_encoder(recordings(40, 0), recordings(8, 1), SETTINGS, seed=0)
 
 
 def test_steps_hold_angles_in_degrees_and_logarithms_of_speed() -> None:
@@ -61,7 +61,7 @@ def test_the_same_seed_gives_the_same_weights() -> None:
     few = SETTINGS.loop.model_copy(update={"steps": 3})
     weights = []
     for _ in range(2):
-        found = learn(recordings(6, 0), recordings(2, 1), SETTINGS.model_copy(update={"loop": few}), seed=0)
+        found = learn_encoder(recordings(6, 0), recordings(2, 1), SETTINGS.model_copy(update={"loop": few}), seed=0)
         weights.append(found.encoder.network.state_dict())
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
 
@@ -123,4 +123,4 @@ def test_frozen_smoothed_and_trembling_motion_is_farther_than_half_of_the_truth(
 
 def test_a_clip_shorter_than_a_window_is_refused() -> None:
     with pytest.raises(InputError, match="window_s: should fit into a train clip"):
-        learn(recordings(2, 0, frames=40), recordings(2, 1), SETTINGS, seed=0)
+        learn_encoder(recordings(2, 0, frames=40), recordings(2, 1), SETTINGS, seed=0)

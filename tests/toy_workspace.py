@@ -15,7 +15,7 @@ from talkingeyes.corpus.store import Corpus, sharded_for_writing
 from talkingeyes.motion import Motion
 from talkingeyes.run import Workspace
 
-FPS, FRAMES, CHANNELS = 25.0, 60, 5
+FPS, FRAMES, CHANNELS = 25.0, 75, 5
 NAMES = ["one", "two", "energy_dbfs", "f0_octaves", "voicing"]
 SPEAKERS = {"a": "train", "b": "train", "c": "train", "d": "train", "e": "test", "f": "unseen"}
 

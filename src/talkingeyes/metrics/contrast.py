@@ -27,6 +27,7 @@ from talkingeyes.learning.place import CPU, Place
 from talkingeyes.learning.progress import Progress
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.correlation import Correlation, auc
+from talkingeyes.metrics.distribution.encoder import EncoderSettings
 from talkingeyes.models.critic import MIRROR, PARTS, Critic, CriticNetworkSettings, angles, similarity
 from talkingeyes.settings import Settings
 
@@ -46,6 +47,7 @@ class CriticSettings(Settings):
     temperature: Annotated[float, Field(gt=0)]  # of InfoNCE at the start; it is learned
     network: CriticNetworkSettings
     loop: LoopSettings
+    encoder: EncoderSettings  # of the Frechet distance; it learns beside the critics, on the same speakers
     bootstrap: BootstrapSettings
 
 
@@ -171,7 +173,7 @@ def learn(
     task = Contrast(part, critic, recordings, division, fps, settings)
     history = train(task, settings.loop, f"critic of {part}", place=place, progress=progress)
     frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
-    config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json")}
+    config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json", exclude={"encoder"})}
     return Learnt(
         Correlation(part, critic, frames, hop), config, history, [recordings[index] for index in division.kept_out]
     )

@@ -100,7 +100,9 @@ def step_count(settings: EncoderSettings, fps: float) -> int:
     return round(settings.window_s * fps) // settings.network.step_frames
 
 
-def learn(train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int) -> Learnt:
+def learn_encoder(
+    train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int
+) -> Learnt:
     """Train the encoder."""
     task = Autoencoding(train, kept_out, settings, seed)
     history = fit(task, settings.loop, NAME)
