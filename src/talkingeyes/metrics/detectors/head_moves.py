@@ -1,7 +1,7 @@
 """Head movements: bursts of rotation between two moments of slower turning.
 
 The head of somebody who speaks never rests (Hadar et al. 1983), so a movement is not what lies between rests: it is a
-peak of angular speed of `PEAK_DEG_S` or more, out to where speed has fallen to a quarter of it or rises again, that
+peak of angular speed of `PEAK_DEG_S` or more, out to where speed has fallen to a tenth of it or rises again, that
 turns the head by `LEAST_DEG` or more. A nod is two movements, down and up. Speed is taken over 80 ms, whatever the
 frame rate, so that all rates find the same movements.
 """
@@ -18,7 +18,7 @@ from talkingeyes.metrics.detectors.signal import seen
 
 PEAK_DEG_S = 5.0
 LEAST_DEG = 1.0
-EDGE = 0.25
+EDGE = 0.1
 WINDOW_S = 0.08
 
 

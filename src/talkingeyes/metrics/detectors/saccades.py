@@ -177,12 +177,16 @@ def _without_echoes(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found:
 
     What is half as large or less within 60 ms of the end is a post-saccadic oscillation (experts label it apart).
     """
-    if len(found) < 2:
+    reach = ECHO_S * fps
+    if not (found.first[1:] - found.last[:-1] <= reach).any():
         return found
     size = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
-    echo = np.zeros(len(found), bool)
-    echo[1:] = ((found.first[1:] - found.last[:-1]) <= ECHO_S * fps) & (size[1:] <= ECHO_SHARE * size[:-1])
-    return found.where(~echo)
+    kept: list[int] = []
+    for index in range(len(found)):
+        echo = kept and found.first[index] - found.last[kept[-1]] <= reach
+        if not (echo and size[index] <= ECHO_SHARE * size[kept[-1]]):
+            kept.append(index)
+    return Runs(found.first[kept], found.last[kept])
 
 
 def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, measured: bool) -> Saccades:

@@ -53,8 +53,6 @@ def seen(
             f"{name}: should last {LEAST_SECONDS:g} s or more ({LEAST_SECONDS * fps:.0f} frames at {fps:g} fps), "
             f"got {len(values)} frames"
         )
-    if valid is not None and len(valid) != len(values):
-        raise InputError(f"{name}: valid should have {len(values)} frames, got {len(valid)}")
     finite = np.isfinite(values).all(axis=1)
     if finite.all():
         return finite if valid is None else valid
