@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from pyarrow import csv
 from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
@@ -94,7 +95,7 @@ def read_andersson(path: Path) -> Labelled:
         samples = np.asarray(data["pos"], np.float64)
         size_m, pixels = (np.asarray(data[name], np.float64).ravel() for name in ("screenDim", "screenRes"))
         distance_m, fps = (float(np.squeeze(data[name])) for name in ("viewDist", "sampFreq"))
-    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+    except (OSError, MatReadError, ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"{path}: not a recording of Andersson et al. ({error!r})") from None
     at_px = samples[:, 3:5]
     lost = (at_px == 0).all(axis=1) | ~np.isfinite(at_px).all(axis=1)
@@ -110,6 +111,8 @@ def read_openface(path: Path) -> Recording:
     """Read an OpenFace table. Its camera looks along +z with y down; gaze angles are already those in space."""
     table = _table(path)
     time_s = _column(table, path, "timestamp")
+    if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
+        raise InputError(f"{path}: should hold two or more frames of one face in order of time, got {len(time_s)}")
     head = Rotation.from_euler("XYZ", np.stack([_column(table, path, f"pose_R{axis}") for axis in "xyz"], axis=1))
     yaw, down = (_column(table, path, f"gaze_angle_{axis}") for axis in "xy")
     sure = (_column(table, path, "confidence") >= LEAST_CONFIDENCE) & (_column(table, path, "success") > 0)
