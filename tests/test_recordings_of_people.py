@@ -93,7 +93,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path):
     text.write_text("no matrix")
     other = tmp_path / "other.mat"
     savemat(other, {"something": 1})
-    table = write_csv(tmp_path / "table.csv", ["timestamp", "x"], [[0.0, 1.0]])
+    table = write_csv(tmp_path / "table.csv", ["timestamp", "x"], [[0.0, 1.0], [1.0, 1.0]])
     words = write_csv(tmp_path / "words.csv", OPENFACE, [["a", *range(7)], ["b", *range(7)]])
     once = write_csv(tmp_path / "once.csv", OPENFACE, [range(8)])
     twice = write_csv(tmp_path / "twice.csv", OPENFACE, [range(8), range(8)])
