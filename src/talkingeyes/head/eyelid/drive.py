@@ -64,7 +64,7 @@ def with_eyelids(model: HeadModel, person: Person) -> HeadModel:
             shapes.append(free)
     return replace(
         model,
-        expression=np.concatenate([model.expression, *shapes]),
+        expression=np.concatenate([model.expression, *shapes]).astype(model.expression.dtype),
         expression_names=(*model.expression_names, *LID_SHAPES),
     )
 
