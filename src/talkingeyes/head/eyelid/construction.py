@@ -107,7 +107,8 @@ def construct(labels: Labels) -> EyelidModel:
     if rank < 4:
         raise InputError(f"eyelid: gaze of the labels should vary in azimuth and elevation, got rank {rank} of 4")
     left = flat - (inputs - centre) @ weights
-    component = np.linalg.svd(left, full_matrices=False)[2][0]
+    component = left.T @ np.linalg.eigh(left @ left.T)[1][:, -1]
+    component /= np.linalg.norm(component)
     score = left @ component
     held, shut = score[labels.held].mean(), score[labels.shut].mean()
     shape = mean.shape

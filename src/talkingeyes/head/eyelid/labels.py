@@ -62,7 +62,7 @@ def held_out_postures(shown: Lids, seen_rad: Float[ndarray, "K 2"], count: int, 
 def posture_grid(region: Region, person: Person) -> Labels:
     """Gazes in rows and columns at five closures, exact, with all points of the region: what drives a head."""
     yaw, pitch, lid = np.meshgrid(
-        np.radians(np.linspace(-30, 30, 7)), np.radians(np.linspace(-25, 20, 10)), np.linspace(0, 1, 5), indexing="ij"
+        np.radians(np.linspace(-30, 30, 5)), np.radians(np.linspace(-25, 20, 10)), np.linspace(0, 1, 5), indexing="ij"
     )
     angles, closures = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), lid.ravel()
     points = lids(region, angles, closures, person, np.zeros(len(angles)))
