@@ -107,14 +107,20 @@ def _print_agreement(name: str, pairs: list[tuple[np.ndarray, np.ndarray, float]
     )
 
 
+# What a source does not hold, by the start of a measure's name: one direction of gaze stands for both eyes, a chin rest
+# holds the head, and nobody looks back out of a picture.
+NOT_FROM_VIDEO = ("eye/vergence", "eye/torsion", "eye/conjugacy")
+NOT_FROM_CHIN_REST = (*NOT_FROM_VIDEO, "head", "looking/")
+
+
 def behaviour_of(recording: Recording) -> Behaviour:
     """What the benchmark sees of a recorded person: both eyes parallel, no lids, no speech."""
     eye = rotation.eye_in_head(recording.head, recording.gaze_in_space_rad[:, None])
     return Behaviour(recording.fps, recording.head, np.repeat(eye, 2, axis=1), None, recording.valid)
 
 
-def figures(behaviours: Sequence[Behaviour]) -> dict[str, str]:
-    """All figures of the benchmark that need gaze and head alone; in brackets where the sample is too small for it."""
+def figures(behaviours: Sequence[Behaviour], left_out: tuple[str, ...]) -> dict[str, str]:
+    """Figures of the measures that need gaze and head alone, by name; in brackets where the sample is too small."""
     made = {}
     for measure in MEASURES:
         if measure.figure is None or not set(measure.observer.needs) <= {"gaze", "head"}:
@@ -124,26 +130,32 @@ def figures(behaviours: Sequence[Behaviour]) -> dict[str, str]:
         with np.errstate(invalid="ignore", divide="ignore"):
             value = float(measure.figure(totals)[0])
         enough = float(totals[measure.of][0]) >= measure.least
-        made[f"{measure.title}, {measure.unit}".rstrip(", ")] = f"{value:.3g}" if enough else f"({value:.3g})"
+        shown = f"{value:.3g}" if enough else f"({value:.3g})"
+        name = f"`{measure.name}` {measure.title}" + f", {measure.unit}" * bool(measure.unit)
+        made[name] = "-" if measure.name.startswith(left_out) or np.isnan(value) else shown
     return made
 
 
 def print_people(performed: list[Performed], recordings: list[Judged], folder: Path) -> None:
-    """The benchmark's own measures, real people beside the synthetic truth at about the same frame rate."""
+    """The benchmark's own measures, real people beside the synthetic speakers at about the same frame rate."""
     openface = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
     slow, fast = ([behaviour_of(x) for x in openface if (x.fps < 45) == low] for low in (True, False))
-    chin_rest = [behaviour_of(each.recording.every(20)) for each in recordings]
+    pictures = [behaviour_of(each.recording.every(20)) for each in recordings]
+    truth, fitted, truth_fast = (
+        [_behaviour(motion_of(each)) for each in performed]
+        for motion_of in (lambda x: x.motion(25.0), lambda x: x.fitted, lambda x: x.motion(58.0))
+    )
     columns = {
-        "truth, 25 fps": [_behaviour(each.motion(25.0)) for each in performed],
-        "OpenFace, 30 fps (1 x 24 s)": slow,
-        "OpenFace, 58 fps (2 x 31 s)": fast,
-        "truth, 58 fps": [_behaviour(each.motion(58.0)) for each in performed],
-        "Andersson at 25 fps (7 recordings)": chin_rest,
+        "synthetic truth, 25 fps": figures(truth, ()),
+        "fitted to it, 25 fps": figures(fitted, ()),
+        "pictures and films, 25 Hz": figures(pictures, NOT_FROM_CHIN_REST),
+        "OpenFace, 30 fps": figures(slow, NOT_FROM_VIDEO),
+        "synthetic truth, 58 fps": figures(truth_fast, ()),
+        "OpenFace, 58 fps": figures(fast, NOT_FROM_VIDEO),
     }
-    made = {name: figures(each) for name, each in columns.items()}
     print(f"\n| measure | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
-    for title in made["truth, 25 fps"]:
-        print(f"| {title} | {' | '.join(made[name][title] for name in columns)} |")
+    for name in columns["synthetic truth, 25 fps"]:
+        print(f"| {name} | {' | '.join(made[name] for made in columns.values())} |")
 
 
 def _behaviour(motion: Motion) -> Behaviour:
@@ -162,7 +174,7 @@ def print_conversation(path: Path, performed: list[Performed]) -> None:
         _print_fixations(f"{state.lower()}, 90 Hz", [each for each in people if len(each.onset_s)])
     synthetic = []
     for each in performed:
-        motion = each.motion(25.0)
+        motion = each.motion(90.0)
         found = detect_fixations(gaze_of(motion), motion.fps)
         count = len(found)
         synthetic.append(
@@ -170,7 +182,7 @@ def print_conversation(path: Path, performed: list[Performed]) -> None:
                 (each.clip.speaker,) * count, ("SPEAK",) * count, found.onset_s, found.duration_s, found.centre_rad
             )
         )
-    _print_fixations("synthetic truth, 25 fps", synthetic)
+    _print_fixations("synthetic truth, 90 fps", synthetic)
 
 
 def _print_fixations(name: str, people: list[ConversationFixations]) -> None:
