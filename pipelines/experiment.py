@@ -13,12 +13,11 @@ import json
 import os
 import sys
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
 
 from talkingeyes.config import CONF, checked, write_params
 from talkingeyes.errors import InputError
@@ -52,7 +51,9 @@ def chain(params: Mapping[str, Any]) -> list[Call]:
     return needed(found, params["until"])
 
 
-def run_chain(params: Mapping[str, Any], view: Path, watch: Watch | None = None) -> list[float]:
+def run_chain(
+    params: Mapping[str, Any], view: Path, overrides: Sequence[str] = (), watch: Watch | None = None
+) -> list[float]:
     """Run what is not in the store, link all into `view`, log the rows. Gives the objectives, if they were measured."""
     root, start = Path(params["workspace"]), time.monotonic()
     if root.resolve() == CHECKOUT or view.resolve() == CHECKOUT:
@@ -72,7 +73,7 @@ def run_chain(params: Mapping[str, Any], view: Path, watch: Watch | None = None)
             print("==", call.stage, *call.names, f"is in the {entry.origin}", file=sys.stderr)
         entries[call.folder] = entry
         link(entry, view / call.folder)
-    return _log(params, entries, root, time.monotonic() - start)
+    return _log(params, entries, root, overrides, time.monotonic() - start)
 
 
 def _stage(call: Call, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
@@ -87,7 +88,9 @@ def _stage(call: Call, workspace: Workspace, root: Path, params: Mapping[str, An
     return report
 
 
-def _log(params: Mapping[str, Any], entries: Mapping[Path, Entry], root: Path, seconds: float) -> list[float]:
+def _log(
+    params: Mapping[str, Any], entries: Mapping[Path, Entry], root: Path, overrides: Sequence[str], seconds: float
+) -> list[float]:
     """One flat row a model: what the report says of it, if there is one, and its figures on val."""
     val = {
         folder.name: json.loads((entry.output / "metrics.json").read_text())
@@ -101,7 +104,7 @@ def _log(params: Mapping[str, Any], entries: Mapping[Path, Entry], root: Path, s
     objective = params["objective"]
     wanted = {key: val[objective["model"]][key] for key in objective["figures"]} if objective["model"] in val else {}
     report = Report(metrics=wanted, rows=list(rows.values()))
-    record(root, "experiment", params["study"], params, set(params), seconds, report)
+    record(root, "experiment", params["study"], params, set(params), seconds, report, overrides)
     return list(wanted.values())
 
 
@@ -110,15 +113,17 @@ def job(config: Any) -> float | tuple[float, ...] | None:
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    view = Path(HydraConfig.get().runtime.output_dir)
-    found = run_chain(checked(OmegaConf.to_container(config, resolve=True)), view)
+    hydra_config = HydraConfig.get()
+    params = checked(OmegaConf.to_container(config, resolve=True))
+    found = run_chain(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
     return found[0] if len(found) == 1 else tuple(found) or None
 
 
 def main() -> None:
     """Check what can be checked before anything runs, then hand over to Hydra; afterwards sum a study up."""
-    from pipelines.study import conclude, prepare
+    from pipelines.study import conclude, prepare, quieted
 
+    quieted()
     arguments = sys.argv[1:]
     overrides = [each for each in arguments if not each.startswith("-")]
     if not {"-m", "--multirun"} & set(arguments):
@@ -138,7 +143,6 @@ def hydra(arguments: list[str]) -> None:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    warnings.filterwarnings("ignore", category=FutureWarning)  # the sweeper's words for distributions are Optuna 2's
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors are raised, not printed
     sys.argv[1:] = arguments
     try:
@@ -161,10 +165,5 @@ class _WithoutEcho:
         return getattr(self._stream, name)
 
 
-def command() -> NoReturn:
-    """Run `main` of this module by its name, so that worker processes find `job`."""
-    shell(importlib.import_module("pipelines.experiment").main)
-
-
 if __name__ == "__main__":
-    command()
+    shell(importlib.import_module("pipelines.experiment").main)  # by its name, so that worker processes find `job`

@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import json
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +28,11 @@ from talkingeyes.run import Report
 SPACE = "search_space"
 
 
+def quieted() -> None:
+    """The sweeper's words for distributions are Optuna 2's: they work, and would be warned of at every step."""
+    warnings.filterwarnings("ignore", category=FutureWarning, module="optuna|hydra_plugins")
+
+
 @dataclass(frozen=True)
 class Search:
     """A search as conf/ and the command line give it: words of Hydra for what is searched, in which direction."""
@@ -36,9 +41,11 @@ class Search:
     name: str
     storage: Any
     directions: list[Literal["minimize", "maximize"]]
+    fixed: list[str]  # overrides of the command line that are not searched
     words: list[str]  # key=choice(...), key=interval(...)
     trials: int
     seed: int | None
+    sampler: Callable[[int], Any]  # with the seed counted on by so many trials
 
 
 @dataclass(frozen=True)
@@ -66,20 +73,31 @@ class Study:
         return found
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed."""
+    def alone(self, join: bool = False) -> Iterator[None]:
+        """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed.
+
+        To `join` is to work beside whoever does. Raises InputError otherwise.
+        """
         from filelock import FileLock, Timeout
         from optuna.trial import TrialState
 
         path = Path(self.search.params["workspace"]) / f".{self.search.name}.lock"
         path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path)
         try:
-            with FileLock(path, timeout=0):
+            lock.acquire(timeout=0)
+        except Timeout:
+            if not join:
+                raise InputError(
+                    f"study {self.search.name}: a sweep is at work on it; pipelines.sweep joins it"
+                ) from None
+        try:
+            if lock.is_locked:
                 for trial in self.optuna.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
                     self.optuna.tell(trial.number, state=TrialState.FAIL)
-                yield
-        except Timeout:
-            raise InputError(f"study {self.search.name}: a sweep is at work on it; pipelines.sweep joins it") from None
+            yield
+        finally:
+            lock.release()
 
 
 def storage(where: str) -> Any:
@@ -122,14 +140,17 @@ def read(overrides: Sequence[str]) -> Search | None:
     kept = storage(sweeper.storage) if isinstance(sweeper.storage, str) else instantiate(sweeper.storage)
     own = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
     directions = sweeper.direction if OmegaConf.is_list(sweeper.direction) else [sweeper.direction]
+    seed = sweeper.sampler.get("seed")
     return Search(
         params=params,
         name=str(sweeper.study_name or params["study"]),
         storage=kept,
         directions=["maximize" if "max" in str(each).lower() else "minimize" for each in directions],
+        fixed=_fixed(overrides),
         words=[*own, *_swept(overrides)],
         trials=int(sweeper.n_trials),
-        seed=sweeper.sampler.get("seed"),
+        seed=seed,
+        sampler=lambda past: instantiate(sweeper.sampler, **({} if seed is None else {"seed": seed + past})),
     )
 
 

@@ -41,7 +41,7 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
     task = TranslationTask(settings, seed, *data, normaliser, codebook)
     progress = _progress(workspace, name, settings, seed, place)
-    history = train(task, settings.loop, f"train {name}", place=place, progress=progress)
+    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
     place.leave_unless_first()
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
