@@ -7,18 +7,15 @@ all.
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
 import re
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes import output
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.errors import InputError
 from talkingeyes.motion import Motion
@@ -53,12 +50,12 @@ def animate(
     Raises InputError (one line) for a sound, a model, a number or a folder that will not do.
     """
     _check(samples, seed, fps)
-    target = None if out is None else _target(Path(out), force)
+    target = None if out is None else output.target(Path(out), OWN_FILES, force)
     sound = read_speech(speech)
     performances = _perform(Path(model), sound, samples, seed, float(fps), blinks)
     if target is not None:
         try:
-            with _appearing(target) as folder:
+            with output.appearing(target) as folder:
                 _write(folder, performances, sound)
         except OSError as error:
             raise InputError(f"{out}: should be a folder that can be written, got: {error.strerror or error}") from None
@@ -84,24 +81,6 @@ def _perform(
     return Performer.load(model).perform(sound, samples, seed, fps, blinks)
 
 
-def _target(out: Path, force: bool) -> Path:
-    """The folder to write, checked before any work is done."""
-    try:
-        target = out.resolve()
-        nearest = next(path for path in (target, *target.parents) if path.exists())
-        found = sorted(path.name for path in nearest.iterdir()) if nearest == target else []
-    except (OSError, ValueError) as error:  # ValueError: a NUL character
-        raise InputError(f"{str(out)!r}: should be a new or empty folder, got: {error}") from None
-    strange = [name for name in found if not OWN_FILES.fullmatch(name)]
-    if strange:
-        raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
-    if found and not force:
-        raise InputError(f"{out}: holds earlier output; should be a new or empty folder, or be replaced by --force")
-    if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
-        raise InputError(f"{out}: should be a folder that can be written, got {nearest}, which cannot hold it")
-    return target
-
-
 def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"]) -> None:
     from PIL import Image
 
@@ -119,18 +98,3 @@ def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, 
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
     Image.fromarray(contact_sheet(motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")
-
-
-@contextlib.contextmanager
-def _appearing(target: Path) -> Iterator[Path]:
-    """A new folder beside the target that takes its place when the block ends well."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        partial.mkdir()
-        yield partial
-        if target.exists():
-            shutil.rmtree(target)
-        partial.rename(target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)

@@ -1,4 +1,7 @@
-"""The command line: `talkingeyes animate SPEECH -o DIR`. A mistake is one line on stderr and exit status 2."""
+"""The command line: `talkingeyes animate SPEECH -o DIR`, `talkingeyes evaluate MOTION_DIR --reference CORPUS`.
+
+A mistake is one line on stderr and exit status 2.
+"""
 
 from __future__ import annotations
 
@@ -43,6 +46,26 @@ def animate(
     motions = make(speech, out, samples=samples, seed=seed, fps=fps, blinks=blinks, model=model, force=force)
     count = "1 motion" if samples == 1 else f"{samples} motions"
     typer.echo(f"{out}: {count} of {motions[0].seconds:.2f} s at {fps:g} frames a second")
+
+
+@app.command()
+def evaluate(
+    motions: Annotated[Path, typer.Argument(metavar="MOTION_DIR", help="Motion files (.npz), named as clips.")],
+    reference: Annotated[Path, typer.Option(help="A corpus with true motion.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="A folder to write: new, or empty.")] = None,
+    sound: Annotated[Path | None, typer.Option(help="Sounds named as the motions, where they are no clips.")] = None,
+    truth: Annotated[Path | None, typer.Option(help="Motion in the place of the corpus's true motion.")] = None,
+    draws: Annotated[int, typer.Option(help="Resamples of the clips for the intervals.")] = 1000,
+    seed: Annotated[int, typer.Option(help="Of the resamples.")] = 0,
+    jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
+    force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
+) -> None:
+    """Measure motions against a corpus: saccades, looking, eyes and head, blinks, movement, with intervals."""
+    from talkingeyes.evaluation import describe
+    from talkingeyes.evaluation import evaluate as measure
+
+    found = measure(motions, reference, out, sound=sound, truth=truth, draws=draws, seed=seed, jobs=jobs, force=force)
+    typer.echo(describe(found))
 
 
 def main() -> None:

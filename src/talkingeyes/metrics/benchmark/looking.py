@@ -22,9 +22,9 @@ LENGTH_S = Bins(0.0, 8.0, 80)
 # A gap shorter than this does not end speech.
 LEAST_GAP_S = 0.25
 LEAST_EVENTS = 400
-# Windows of lags, in seconds, whose difference is the rise at onsets and the drop at offsets.
-ONSET_PEAK_S, ONSET_BASE_S = (-0.3, 0.7), (-2.0, -1.0)
-OFFSET_BASE_S, OFFSET_LOW_S = (-2.0, -1.0), (-0.1, 0.9)
+# Windows of lags in seconds: before, around and after onsets; before and after offsets.
+BEFORE_ONSET_S, AT_ONSET_S, AFTER_ONSET_S = (-2.0, -1.4), (-0.3, 0.7), (1.4, 2.0)
+BEFORE_OFFSET_S, AFTER_OFFSET_S, LAST_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0.0)
 
 
 def observe_states(behaviour: Behaviour) -> Sums:
@@ -104,14 +104,16 @@ def curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
     return divided(totals[f"{event}.averted"], totals[f"{event}.counted"])
 
 
+def _share(totals: Totals, event: str, window_s: tuple[float, float]) -> Float[ndarray, " D"]:
+    """Share averted over a window of lags."""
+    within = (window_s[0] - 1e-9 <= LAGS_S) & (window_s[1] + 1e-9 >= LAGS_S)
+    averted, counted = (totals[f"{event}.{name}"][:, within].sum(axis=1) for name in ("averted", "counted"))
+    return divided(averted, counted)
+
+
 def _change(totals: Totals, event: str, to: tuple[float, float], base: tuple[float, float]) -> Float[ndarray, " D"]:
     """Share averted in one window of lags less that in another."""
-    found = []
-    for low, high in (to, base):
-        within = (low - 1e-9 <= LAGS_S) & (high + 1e-9 >= LAGS_S)
-        sums = [totals[f"{event}.{name}"][:, within].sum(axis=1) for name in ("averted", "counted")]
-        found.append(divided(*sums))
-    return np.asarray(found[0] - found[1])
+    return np.asarray(_share(totals, event, to) - _share(totals, event, base))
 
 
 def _shape(totals: Totals, other: Totals, event: str) -> Float[ndarray, " D"]:
@@ -184,13 +186,31 @@ MEASURES = (
         trap="as above",
     ),
     _onset(
+        "onset/averted",
+        "averted at speech onsets",
+        "share",
+        "share averted from -0.3 to 0.7 s around onsets of speech after 0.25 s of silence",
+        figure=partial(_share, event="onset", window_s=AT_ONSET_S),
+        source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
+        trap="follows the time at the partner: read it beside the rise",
+    ),
+    _onset(
         "onset/rise",
         "averted at speech onsets, rise",
         "share",
-        "averted from -0.3 to 0.7 s less averted from -2 to -1 s, around onsets of speech after 0.25 s of silence",
-        figure=partial(_change, event="onset", to=ONSET_PEAK_S, base=ONSET_BASE_S),
+        "averted from -0.3 to 0.7 s less averted from -2 to -1.4 s, around onsets of speech after 0.25 s of silence",
+        figure=partial(_change, event="onset", to=AT_ONSET_S, base=BEFORE_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
         trap="clips that start with speech have no base: their lags before 0 do not count",
+    ),
+    _onset(
+        "onset/drop",
+        "averted after speech onsets, drop",
+        "share",
+        "averted from -0.3 to 0.7 s less averted from 1.4 to 2 s, around the same onsets",
+        figure=partial(_change, event="onset", to=AT_ONSET_S, base=AFTER_ONSET_S),
+        source="Andrist, Mutlu & Gleicher 2013",
+        trap="clips that end early do not count",
     ),
     _onset(
         "onset/shape",
@@ -206,13 +226,22 @@ MEASURES = (
         ),
     ),
     _offset(
-        "offset/drop",
-        "averted at speech offsets, drop",
+        "offset/averted",
+        "averted as speech ends",
         "share",
-        "averted from -2 to -1 s less averted from -0.1 to 0.9 s, around ends of speech",
-        figure=lambda totals: -_change(totals, "offset", OFFSET_LOW_S, OFFSET_BASE_S),
+        "share averted in the last 0.4 s before ends of speech that 0.25 s of silence follow",
+        figure=partial(_share, event="offset", window_s=LAST_S),
+        source="Kendon 1967 (people end looking)",
+        trap="follows the time at the partner",
+    ),
+    _offset(
+        "offset/rise",
+        "averted after speech, rise",
+        "share",
+        "averted from 0.4 to 1.2 s less averted from -1 to 0 s, around the same ends",
+        figure=partial(_change, event="offset", to=AFTER_OFFSET_S, base=BEFORE_OFFSET_S),
         source="Kendon 1967",
-        trap="where a pause follows, the next utterance's aversion begins",
+        trap="mixes pauses, in which the next aversion begins, with ends of turns, at which gaze returns",
     ),
     _offset(
         "offset/shape",

@@ -28,7 +28,7 @@ HALVINGS = 20
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each sum stands in the flat vector of a clip; first, an observer, the motions that it could look at."""
+    """Where each sum stands in the flat vector of a clip; first how many of its motions have each field."""
 
     slices: dict[str, slice]
     size: int
@@ -50,20 +50,21 @@ class Layout:
         }
 
 
+FIELDS = tuple(dict.fromkeys(field for observer in OBSERVERS for field in observer.needs))
 LAYOUT = Layout.of(
-    [(f"#{index}", 1) for index in range(len(OBSERVERS))]
+    [(f"motions with {field}", 1) for field in FIELDS]
     + [item for observer in OBSERVERS for item in observer.sizes.items()]
 )
-_INDEX = {id(observer): index for index, observer in enumerate(OBSERVERS)}
 
 
 def observe(motions: Iterable[Behaviour]) -> Float[ndarray, " K"]:
     """All sums over the motions of one sound."""
     flat = np.zeros(LAYOUT.size)
     for motion in motions:
-        for index, observer in enumerate(OBSERVERS):
-            if all(motion.has(field) for field in observer.needs):
-                flat[index] += 1
+        has = {field: motion.has(field) for field in FIELDS}
+        flat[: len(FIELDS)] += list(has.values())
+        for observer in OBSERVERS:
+            if all(has[field] for field in observer.needs):
                 for name, value in observer.observe(motion).items():
                     flat[LAYOUT.slices[name]] += value
     return flat
@@ -206,17 +207,11 @@ class Comparison:
 
 def _lacking(measure: Measure, totals: Totals, whose: str) -> str:
     """Why there is no figure, in words; empty if there is one."""
-    if not totals[f"#{_INDEX[id(measure.observer)]}"][0]:
-        return f"needs {', '.join(measure.observer.needs)}, which {whose} lack" + (
-            "s" if whose == "the reference" else ""
-        )
+    missing = [field for field in measure.observer.needs if not totals[f"motions with {field}"][0]]
+    if missing:
+        return f"needs {' and '.join(missing)}: {whose} without"
     count = int(totals[measure.of][0])
-    return (
-        ""
-        if count >= measure.least
-        else f"needs {measure.least} {measure.counted}, {whose} ha"
-        + (f"s {count}" if whose == "the reference" else f"ve {count}")
-    )
+    return "" if count >= measure.least else f"needs {measure.least} {measure.counted}: {whose} with {count}"
 
 
 def _estimate(value: Float[ndarray, " 1"], drawn: Float[ndarray, " D"], settings: BootstrapSettings) -> Estimate | None:

@@ -1,0 +1,76 @@
+"""Motion files of anybody: what they hold, and which clip of a corpus each is for.
+
+Read: npz without pickles with `fps` and at least one of head (T, 3), gaze (T, 2, 3) and lid (T, 2), or S samples of
+them (S, T, ...); `valid` (T) if some frames were not seen. So Motion files, what `sample` writes, and what others
+write by docs/conventions.md, are read alike, and only the arrays that are needed.
+
+A file is for the clip whose name it has: <clip>.npz, <clip>-s3.npz, <clip>_sample_03.npz, or <clip>/sample_03.npz.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy import ndarray
+
+from talkingeyes.errors import InputError
+
+FRAME_DIMENSIONS = {"head": 1, "gaze": 2, "lid": 1}
+SAMPLE = re.compile(r"(?:(?P<clip>.+?)[-_.])?s(?:ample)?[-_]?\d+")
+
+
+@dataclass(frozen=True)
+class MotionFields:
+    """One motion of a file: whichever fields it has."""
+
+    fps: float
+    fields: dict[str, ndarray]
+    valid: ndarray | None
+
+
+def motion_files(folder: Path) -> dict[str, list[Path]]:
+    """Clip names with their files, all sorted. Raises InputError if there is no file."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in sorted(folder.rglob("*.npz")):
+        if not any(part.startswith(".") for part in path.relative_to(folder).parts):
+            found[clip_of(path)].append(path)
+    if not found:
+        raise InputError(f"{folder}: should hold motion files (.npz), got none")
+    return dict(sorted(found.items()))
+
+
+def clip_of(path: Path) -> str:
+    """The name of the clip that a file is for."""
+    match = SAMPLE.fullmatch(path.stem)
+    if not match:
+        return path.stem
+    return match["clip"] or path.resolve().parent.name
+
+
+def read_motions(path: Path) -> Iterator[MotionFields]:
+    """The motions of a file: one, or S samples. Raises InputError if it is not such a file."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if "fps" not in file.files:
+                raise InputError(f"{path}: should hold fps, got {', '.join(file.files) or 'nothing'}")
+            fps = float(file["fps"])
+            fields = {name: file[name] for name in FRAME_DIMENSIONS if name in file.files}
+            valid = file["valid"] if "valid" in file.files else None
+    except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
+        raise InputError(f"{path}: not a readable motion npz ({error})") from None
+    stacked = {name: array.ndim == FRAME_DIMENSIONS[name] + 2 for name, array in fields.items()}
+    if not any(stacked.values()):
+        yield MotionFields(fps, fields, valid)
+        return
+    counts = {len(array) for array in fields.values()}
+    if not all(stacked.values()) or len(counts) > 1:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in fields.items())
+        raise InputError(f"{path}: all fields should have the same number of samples, got {shapes}")
+    for sample in range(counts.pop()):
+        yield MotionFields(fps, {name: array[sample] for name, array in fields.items()}, valid)

@@ -1,0 +1,275 @@
+"""Anybody's motion against a corpus: what `talkingeyes evaluate` and `talkingeyes.evaluation.evaluate` do.
+
+Reads motion files (corpus/motion_files.py) and a corpus with its true motion. Files that have the names of its clips
+are compared with the truth under the same sounds; files for other sounds with the truth of all test and unseen sounds,
+and what depends on speech needs the sounds themselves then. Writes, if a folder is given, benchmark.json,
+benchmark.csv and strip.png. Clips are read once and forgotten.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import output
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
+from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated
+from talkingeyes.metrics.benchmark.tally import Comparison, Row, Tally, observe
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.run import each
+
+OWN_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
+HELD_OUT = ("test", "unseen")
+SOUNDS = (".wav", ".flac", ".ogg", ".mp3", ".m4a")
+CLIPS_A_TASK = 32
+LEVEL = 0.95
+MOST_NOTES = 5
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A sound: files of motion for it, the takes of it in the reference corpus, a file of the sound itself."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    takes: tuple[Clip, ...] = ()
+    sound: Path | None = None
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The sums of one unit, of its motions and of its reference, None where there are none; what was refused."""
+
+    fps: float | None
+    sums: Float[ndarray, " K"] | None
+    reference: Float[ndarray, " K"] | None
+    reference_fps: float | None
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """The table, and what it is of."""
+
+    rows: list[Row]
+    fps: float
+    reference_fps: float
+    sounds: int
+    paired: bool
+    notes: list[str]
+
+
+def evaluate(
+    motions: Path | str,
+    reference: Path | str,
+    out: Path | str | None = None,
+    *,
+    sound: Path | str | None = None,
+    truth: Path | str | None = None,
+    draws: int = 1000,
+    seed: int = 0,
+    jobs: int = 1,
+    force: bool = False,
+) -> Benchmark:
+    """The benchmark of the motion files in a folder against a corpus.
+
+    `sound`: a folder of sounds that have the names of the motion files. `truth`: a folder of motion files of the
+    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus).
+    Raises InputError (one line) for folders, files or numbers that will not do.
+    """
+    if draws < 20 or jobs < 1 or seed < 0:
+        raise InputError(f"draws should be 20 or more, jobs 1, seed 0, got {draws}, {jobs}, {seed}")
+    target = None if out is None else output.target(Path(out), OWN_FILES, force)
+    corpus = Corpus(Path(reference))
+    true = corpus.root / "truth" if truth is None else Path(truth)
+    if not true.is_dir():
+        raise InputError(f"{true}: no true motion here; name a folder of reference motion with --truth")
+    for folder in (Path(motions), *([Path(sound)] if sound else [])):
+        if not folder.is_dir():
+            raise InputError(f"{folder}: should be a folder, got none")
+    found = _measured(Path(motions), corpus, true, Path(sound) if sound else None, draws, seed, jobs)
+    if target is not None:
+        with output.appearing(target) as folder:
+            _write(found, folder)
+    return found
+
+
+def _measured(
+    motions: Path, corpus: Corpus, true: Path, sound: Path | None, draws: int, seed: int, jobs: int
+) -> Benchmark:
+    matched, strangers, notes = units(motion_files(motions), corpus, sound)
+    paired = bool(matched)
+    if paired and strangers:
+        notes.append(
+            f"{len(strangers)} of {len(strangers) + len(matched)} names are no clip of {corpus.root}: left out"
+        )
+    work = matched or [*strangers, *_held_out(corpus)]
+    chunks = [work[start : start + CLIPS_A_TASK] for start in range(0, len(work), CLIPS_A_TASK)]
+    seen = each(partial(_observe_all, corpus.root, true), chunks, jobs, "evaluate")
+    ours, theirs = Tallies("the motions"), Tallies("the reference")
+    for one in (one for chunk in seen for one in chunk):
+        notes.extend(one.notes)
+        if paired and (one.sums is None or one.reference is None):
+            continue
+        ours.add(one.fps, one.sums)
+        theirs.add(one.reference_fps, one.reference)
+    settings = BootstrapSettings(draws=draws, level=LEVEL, seed=seed)
+    tally, other = ours.tally(notes), theirs.tally(notes)
+    rows = list(Comparison(tally, other, settings, paired).rows())
+    return Benchmark(rows, tally.fps, other.fps, tally.clips, paired, notes)
+
+
+class Tallies:
+    """The tally of motions that should all have one frame rate."""
+
+    def __init__(self, whose: str) -> None:
+        self.whose = whose
+        self._tally: Tally | None = None
+
+    def add(self, fps: float | None, sums: Float[ndarray, " K"] | None) -> None:
+        """Count one unit, if it has any motion."""
+        if fps is None or sums is None:
+            return
+        self._tally = self._tally or Tally(fps)
+        if self._tally.fps != fps:
+            raise InputError(f"{self.whose} should have one frame rate, got {self._tally.fps:g} and {fps:g}")
+        self._tally.add(sums)
+
+    def tally(self, notes: Sequence[str]) -> Tally:
+        """What was counted. Raises InputError if nothing was."""
+        if self._tally is None:
+            raise InputError(
+                f"{self.whose} should hold a usable motion, got none" + (f" ({notes[0]})" if notes else "")
+            )
+        return self._tally
+
+
+def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> tuple[list[Unit], list[Unit], list[str]]:
+    """Files that are for sounds of the corpus, with their takes; files that are not; what there is to say of them."""
+    takes: dict[str, list[Clip]] = {}
+    sound_of: dict[str, str] = {}
+    for clip in corpus.clips:
+        takes.setdefault(clip.sound, []).append(clip)
+        sound_of |= {clip.id: clip.sound, clip.sound: clip.sound}
+    of_sound: dict[str, list[Path]] = {}
+    strangers, silent = [], 0
+    for name, paths in files.items():
+        if name in sound_of:
+            of_sound.setdefault(sound_of[name], []).extend(paths)
+            continue
+        heard = (
+            None
+            if sound is None
+            else next((sound / (name + end) for end in SOUNDS if (sound / (name + end)).is_file()), None)
+        )
+        silent += sound is not None and heard is None
+        strangers.append(Unit(name, tuple(paths), sound=heard))
+    matched = [Unit(name, tuple(paths), tuple(takes[name])) for name, paths in sorted(of_sound.items())]
+    return matched, strangers, [f"{silent} names have no sound in {sound}"] if silent else []
+
+
+def _held_out(corpus: Corpus) -> list[Unit]:
+    """The reference of motions for other sounds."""
+    clips = corpus.select(*HELD_OUT) or corpus.clips
+    takes: dict[str, list[Clip]] = {}
+    for clip in clips:
+        takes.setdefault(clip.sound, []).append(clip)
+    return [Unit(name, takes=tuple(each)) for name, each in takes.items()]
+
+
+def _observe_all(corpus: Path, true: Path, chunk: Sequence[Unit]) -> list[Observed]:
+    return [_observe(Corpus(corpus), true, unit) for unit in chunk]
+
+
+def _observe(corpus: Corpus, true: Path, unit: Unit) -> Observed:
+    annotation = corpus.annotation(unit.takes[0]) if unit.takes else _heard(unit.sound)
+    notes: list[str] = []
+    reference = _reference(true, unit.takes, annotation, notes)
+    motions = list(_behaviours(unit.files, annotation, reference[0] if reference else None, notes))
+    rates = sorted({motion.fps for motion in motions})
+    if len(rates) > 1:
+        raise InputError(f"the motions should have one frame rate, got {rates[0]:g} and {rates[1]:g} for {unit.name}")
+    return Observed(
+        rates[0] if rates else None,
+        observe(motions) if motions else None,
+        observe(reference) if reference else None,
+        reference[0].fps if reference else None,
+        tuple(notes),
+    )
+
+
+def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None, notes: list[str]) -> list[Behaviour]:
+    """The true takes of a sound, each with another of them as its reference."""
+    found = [sharded(true, clip.id, ".npz") for clip in takes]
+    plain = list(_behaviours([path for path in found if path.is_file()], annotation, None, notes))
+    if takes and not plain:
+        notes.append(f"{takes[0].sound}: no reference motion in {true}")
+    return with_references(plain)
+
+
+def with_references(takes: Sequence[Behaviour]) -> list[Behaviour]:
+    """Each take with the next as its reference; a single one has none."""
+    if len(takes) < 2:
+        return list(takes)
+    return [replace(take, reference=takes[(index + 1) % len(takes)]) for index, take in enumerate(takes)]
+
+
+def _behaviours(
+    paths: Sequence[Path], annotation: Annotation | None, reference: Behaviour | None, notes: list[str]
+) -> Iterator[Behaviour]:
+    """All motions of the files; a file that will not do is noted."""
+    for path in paths:
+        try:
+            for motion in read_motions(path):
+                yield _behaviour(motion, annotation, reference)
+        except InputError as error:
+            text = str(error)
+            notes.append(text if str(path) in text else f"{path}: {text}")
+
+
+def _behaviour(motion: MotionFields, annotation: Annotation | None, reference: Behaviour | None) -> Behaviour:
+    return behaviour(motion.fps, motion.fields, motion.valid, annotation, reference)
+
+
+def _heard(sound: Path | None) -> Annotation | None:
+    if sound is None:
+        return None
+    from talkingeyes.audio.speaking import speaking
+    from talkingeyes.audio.waveform import read_speech
+
+    return speaking(read_speech(sound))
+
+
+def describe(found: Benchmark) -> str:
+    """The table for a terminal, with what was left out and why."""
+    whose = "the truth under the same sounds" if found.paired else "the truth under other sounds"
+    head = f"{found.sounds} sounds at {found.fps:g} frames a second, beside {whose}; ! is apart from it by the interval"
+    more = len(found.notes) - MOST_NOTES
+    notes = [*found.notes[:MOST_NOTES], *([f"and {more} more notes"] if more > 0 else [])]
+    return "\n".join([as_text(found.rows), "", head, *(f"note: {note}" for note in notes)])
+
+
+def _write(found: Benchmark, folder: Path) -> None:
+    from talkingeyes.metrics.benchmark.strip import plot_strips
+
+    facts = {
+        "fps": found.fps,
+        "reference_fps": found.reference_fps,
+        "sounds": found.sounds,
+        "same_sounds": found.paired,
+        "notes": found.notes,
+    }
+    (folder / "benchmark.json").write_text(as_json(found.rows, facts))
+    (folder / "benchmark.csv").write_text(comma_separated(found.rows))
+    plot_strips({"motions": found.rows}, {}, folder / "strip.png")
