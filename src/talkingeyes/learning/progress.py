@@ -27,6 +27,8 @@ from tqdm import tqdm
 import talkingeyes
 
 PACKAGE = Path(talkingeyes.__file__).parent
+# The code that a training runs on; other rooms may change while it is interrupted.
+ROOMS = ("corpus", "models", "learning", "metrics", "rotation.py", "kinematics.py", "motion.py", "settings.py")
 
 
 @dataclass
@@ -118,8 +120,8 @@ class Progress:
 
 
 def code_of(module: nn.Module) -> str:
-    """A digest of the package and of the files from elsewhere that parts of the module are written in."""
-    files = {Path(inspect.getfile(type(each))) for each in module.modules()} | set(PACKAGE.rglob("*.py"))
-    inner = Path(torch.__file__).parent
-    own = sorted(each for each in files if inner not in each.parents)
-    return hashlib.sha256(b"".join(hashlib.sha256(each.read_bytes()).digest() for each in own)).hexdigest()
+    """A digest of the rooms, and of the files from elsewhere that parts of the module are written in."""
+    rooms = {file for room in ROOMS for file in [PACKAGE / room, *(PACKAGE / room).rglob("*.py")] if file.is_file()}
+    parts = {Path(inspect.getfile(type(each))) for each in module.modules()}
+    own = sorted(file for file in rooms | parts if Path(torch.__file__).parent not in file.parents)
+    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in own)).hexdigest()

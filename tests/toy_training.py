@@ -1,0 +1,78 @@
+"""A workspace of toy recordings in which `pretrain`, `train` and `critic` run in seconds."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from test_learning import prior, translation
+from toy import CHANNELS, recordings
+from toy_workspace import _section
+
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.motion import Motion
+from talkingeyes.run import SUMS, Workspace, sums
+
+SPLITS = {"train": 9, "val": 1, "test": 2, "unseen": 2}
+# Called as the stage's command calls it, without a record in MLflow.
+RUN = "import sys; from pathlib import Path; from talkingeyes.run import Workspace; from pipelines import {stage}; "
+RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
+
+
+def toy_training(root: Path, dropout: float = 0.0, **changes: Any) -> Workspace:
+    """Codebook `codes`, models `mean` and `joint`, the critic; `changes` are of every loop."""
+    critic: Any = _section(Path(__file__).resolve().parents[1], "critic")
+    joint = translation("categorical", **changes).model_dump(mode="json") | {"prior": "codes", "watched_clips": 1}
+    baseline = {"kind": "mean", "parts": ["head", "gaze"], "prior": None, "neighbours": 1}
+    params = {
+        "corpus": "data/synthesize",
+        "machine": {"jobs": 1, "backend": "processes", "ray_address": None, "device": "cpu", "precision": "float32"},
+        "pretrain": {"codes": prior(4, **changes).model_dump(mode="json")},
+        "train": {"seed": 0},
+        "model": {"mean": baseline, "joint": joint},
+        "critic": critic
+        | {
+            "channels": ["0", "1"],
+            "window_s": 4.0,
+            "loop": critic["loop"] | changes,
+        },
+    }
+    root.mkdir(parents=True, exist_ok=True)
+    (root / "params.yaml").write_text(yaml.safe_dump(_with_dropout(params, dropout)))
+    _write_data(root / "data")
+    return Workspace.open(root)
+
+
+def _with_dropout(node: Any, dropout: float) -> Any:
+    if not isinstance(node, dict):
+        return node
+    return {key: dropout if key.endswith("dropout") else _with_dropout(value, dropout) for key, value in node.items()}
+
+
+def command(stage: str, *names: str) -> list[str]:
+    """A process that runs a stage in its working directory."""
+    return [sys.executable, "-c", RUN.format(stage=stage), *names]
+
+
+def _write_data(data: Path) -> None:
+    corpus, embed, fit = Corpus(data / "synthesize"), data / "embed", data / "fit"
+    corpus.root.mkdir(parents=True)
+    clips = []
+    for seed, (split, count) in enumerate(SPLITS.items()):
+        for index, each in enumerate(recordings(count, seed)):
+            clip = replace(each.clip, split=split, speaker=f"{split}-{index % 3}")
+            clips.append(clip)
+            np.save(sharded_for_writing(embed / "speech", clip.sound, ".npy"), each.speech)
+            Motion.of(25.0, each.head, each.gaze).save(sharded_for_writing(fit / "motion", clip.id, ".npz"))
+    corpus.write_index(clips)
+    names = [str(index) for index in range(CHANNELS)]
+    content = {"fps": 25.0, "channels": names, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
+    (embed / "embedding.json").write_text(json.dumps(content))
+    (fit / "blinks.json").write_text("{}")
+    for folder in (embed, fit):
+        (folder / SUMS).write_text(sums(folder))
