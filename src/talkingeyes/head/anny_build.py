@@ -27,6 +27,7 @@ SHUT_MOUTH = -0.12  # of jawOpen: the base mesh shows its teeth at rest
 WIDER_EYES = 0.5  # of eye-scale-incr: a fissure of 26 x 9 mm
 JAW_OPEN_RAD = 0.506  # of jawOpen 1: the chin goes 42 mm
 NECK_SHARE = {"neck01": 0.15, "neck02": 0.45, "neck03": 0.8}  # of the head's turn that these bones take; above: all
+EYE_SKY = 0.85  # the share of the sky that eyeballs see: they turn, so what lids cover is left to the lamps' shadows
 BELOW = ("breast", "clavicle", "shoulder", "spine", "upperarm")  # these take none
 FIELDS = ("corners", "barycentric")
 
@@ -73,6 +74,7 @@ def build() -> HeadModel:
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
     bare = starts[5], len(skin.faces) + 2 * (len(balls[0].faces) + len(pieces[3].faces))  # without the brows
     sky = paint.ambient(vertices[: bare[0]], faces[: bare[1]])
+    sky[starts[1] : starts[3]] = EYE_SKY
     return HeadModel(
         name=NAME,
         template=_single(vertices),

@@ -142,7 +142,7 @@ def load_head(path: Path) -> HeadModel:
     if str(content.get("schema", "none")) != SCHEMA or missing:
         raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")
     arrays: dict[str, Any] = {name: _plain(content[name]) for name in names}
-    points = {
+    points: dict[str, Any] = {
         name: Landmarks(_texts(content[f"{name}_names"]), content[f"{name}_corners"], content[f"{name}_barycentric"])
         for name in POINTS
     }

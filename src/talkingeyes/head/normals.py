@@ -24,4 +24,4 @@ def summed(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"], around
     first, second, third = (vertices[:, faces[:, corner]] for corner in range(3))
     of_faces = np.cross(second - first, third - first)
     normals = np.stack([around @ frame for frame in of_faces])
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))
+    return np.asarray(normals / np.sqrt(np.maximum(np.einsum("tvd,tvd->tv", normals, normals), 1e-24))[..., None])

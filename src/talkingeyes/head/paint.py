@@ -69,10 +69,12 @@ def skin_colours(
 
 
 def _hairline(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V"]) -> Float[ndarray, " V"]:
-    """Millimetres above the hairline: over the forehead, down the temples before the ears, round the nape."""
-    front = 104 - 0.006 * x**2
-    side = np.interp(z, [-60, -20, 8, 22, 40, 70], [-18, 0, 38, 60, 84, 104])
-    return np.asarray(y - np.where(z > 55, front, np.minimum(side, 104)) - np.where(_ear(x, y, z), 100, 0))
+    """Millimetres above the hairline: over the forehead, down before the ears, round the nape."""
+    around_deg = np.degrees(np.arctan2(np.abs(x), z))
+    height = np.interp(
+        around_deg, [0, 25, 38, 50, 62, 74, 84, 100, 130, 180], [106, 103, 94, 76, 58, 38, 30, 12, -12, -22]
+    )
+    return np.asarray(y - height - np.where(_ear(x, y, z), 200, 0))
 
 
 def _ear(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V"]) -> ndarray:
@@ -90,7 +92,7 @@ def brow(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], skin: Floa
     points = np.stack([sign * (x - slope * lean), y + lean], axis=-1).reshape(-1, 2) / 1000
     hits = from_front(points, vertices, faces)
     ends = np.minimum(1, np.minimum(along / 0.12 + 0.15, (1 - along) / 0.1))
-    depth = (1 - across**2)[:, None] ** 0.6 * ends * (0.86 + 0.08 * np.sin(40 * along + 3 * across[:, None]))
+    depth = 0.92 * ((1 - across**2)[:, None] ** 0.5 * ends)
     under = Landmarks((), faces[hits.face], hits.barycentric)
     colours = _mixed(under.of(skin), HAIR * 1.4, np.clip(depth, 0, 1).ravel())
     return Brow(under, _grid(BROW_ROWS, BROW_COLUMNS, sign), colours)

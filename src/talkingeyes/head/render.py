@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -17,9 +18,9 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 
 from talkingeyes.head.drive import pose_of
-from talkingeyes.head.model import HeadModel
+from talkingeyes.head.model import PARTS, HeadModel
 from talkingeyes.head.normals import incidence, summed
-from talkingeyes.head.shading import BACKGROUND, EYE, Surface, shade, to_pixels
+from talkingeyes.head.shading import BACKGROUND, EYE, MATT, MOIST, moist_highlights, to_pixels, vertex_light
 from talkingeyes.head.view import View
 from talkingeyes.motion import Motion
 
@@ -28,7 +29,8 @@ DEPTH_STEP_M = 0.004  # between neighbouring pixels, from which an edge is drawn
 LIGHT_STEP = 0.06  # ... and of light
 CORNERS = np.array([[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32)  # rotated grid
 SHADOW_RAYS = np.array([[-0.35, 0.75, 0.60], [0.10, 0.85, 0.52], [-0.15, 0.60, 0.78], [0.30, 0.65, 0.70]], np.float32)
-SHADOW = 0.6  # of the lamps' light, where all of SHADOW_RAYS are cut off
+SHADOW_RAYS /= np.linalg.norm(SHADOW_RAYS, axis=1, keepdims=True)
+SHADOW = 0.45  # of the lamps' light, where all of SHADOW_RAYS are cut off
 AWAY = 1e4
 
 
@@ -43,7 +45,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Painter:
-    """Draws one head; what stays the same from frame to frame is kept."""
+    """Draws one head from one view; what stays the same from frame to frame is kept."""
 
     model: HeadModel
     view: View
@@ -53,10 +55,26 @@ class Painter:
         return incidence(self.model.faces, len(self.model.template))
 
     @cached_property
-    def _grid(self) -> Float[ndarray, "H W 2"]:
+    def _brows(self) -> Int[ndarray, " N"]:
+        return self.model.vertices_of("brow")
+
+    @cached_property
+    def matt(self) -> Bool[ndarray, " V"]:
+        """Vertices of parts without light under the surface."""
+        matt = np.zeros(len(self.model.template), bool)
+        matt[self.model.vertices_of(*(part for part, is_matt in zip(PARTS, MATT, strict=True) if is_matt))] = True
+        return matt
+
+    @cached_property
+    def _pixels(self) -> Float[ndarray, "H W 2"]:
         camera = self.view.camera
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-        return np.stack([columns, rows], axis=-1).astype(np.float32) + 0.5
+        return np.stack([columns, rows], axis=-1).astype(np.float32) + np.float32(0.5)
+
+    @cached_property
+    def _rays(self) -> Float[ndarray, "H W 3"]:
+        height, width = self._pixels.shape[:2]
+        return self.view.rays(self._pixels.reshape(-1, 2)).astype(np.float32).reshape(height, width, 3)
 
     def draw(self, motion: Motion) -> Iterator[UInt8[ndarray, "H W 3"]]:
         """A picture a frame."""
@@ -65,28 +83,30 @@ class Painter:
         for start in range(0, len(motion), BLOCK_FRAMES):
             vertices = posed(self.model, pose_of(self.model, motion.cut(start, start + BLOCK_FRAMES)))
             normals = summed(vertices, self.model.faces, self._around)
-            if len(self.model.brows.corners):  # a strip of hair shows the form of the skin under it
-                normals[:, self.model.vertices_of("brow")] = self.model.brows.of(normals)
+            if len(self._brows):  # a strip of hair shows the form of the skin under it
+                normals[:, self._brows] = self.model.brows.of(normals)
             for frame, frame_normals in zip(vertices, normals, strict=True):
-                yield to_pixels(self.light(frame, frame_normals))
+                yield self.picture(frame, frame_normals.astype(np.float32))
 
-    def light(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> Float[ndarray, "H W 3"]:
-        """Linear light of one frame."""
+    def picture(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> UInt8[ndarray, "H W 3"]:
+        """One frame."""
         camera = self.view.camera
-        picture = np.empty((camera.height, camera.width, 3), np.float32)
-        picture[:] = BACKGROUND
+        picture = np.empty((camera.height, camera.width, 3), np.uint8)
+        picture[:] = to_pixels(BACKGROUND)
         box = self._box(vertices)
-        pixels = self._grid[box]
-        if not pixels.size:
+        rays = self._rays[box]
+        if not rays.size:
             return picture
-        caster = Caster.of(self.model, self.view, vertices, normals)
-        shape = pixels.shape[:2]
-        seen = caster.see(pixels.reshape(-1, 2))
+        caster = Caster.of(self, vertices, normals)
+        shape = rays.shape[:2]
+        seen = caster.see(rays.reshape(-1, 3))
         light = seen.light.reshape(*shape, 3)
         rough = changing(light, seen.parts.reshape(shape), seen.depth_m.reshape(shape))
-        finer = pixels[rough][:, None] + CORNERS
-        light[rough] = caster.see(finer.reshape(-1, 2)).light.reshape(-1, len(CORNERS), 3).mean(axis=1)
-        picture[box] = light
+        finer = (self._pixels[box][rough][:, None] + CORNERS).reshape(-1, 2)
+        light[rough] = (
+            caster.see(self.view.rays(finer).astype(np.float32)).light.reshape(-1, len(CORNERS), 3).mean(axis=1)
+        )
+        picture[box] = to_pixels(light)
         return picture
 
     def _box(self, vertices: Float[ndarray, "V 3"]) -> tuple[slice, slice]:
@@ -99,49 +119,52 @@ class Painter:
 
 @dataclass(frozen=True)
 class Caster:
-    """One frame's geometry, ready for rays."""
+    """One frame's geometry and light, ready for rays. `faces` are those turned to the camera."""
 
-    model: HeadModel
-    view: View
-    scene: object
-    attributes: Float[ndarray, "V 7"]  # normal, colour, ambient
+    scene: Any
+    origin: Float[ndarray, " 3"]
+    faces: Int[ndarray, "F 3"]
+    parts: Int[ndarray, " F"]
+    light: Float[ndarray, "V 6"]  # from the sky, from the lamps
+    normals: Float[ndarray, "V 3"]
 
     @classmethod
-    def of(
-        cls, model: HeadModel, view: View, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]
-    ) -> Caster:
+    def of(cls, painter: Painter, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> Caster:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
+        model, origin = painter.model, painter.view.origin.astype(np.float32)
+        away = vertices - origin
+        first, second, third = (vertices[model.faces[:, corner]] for corner in range(3))
+        turned = np.einsum("fd,fd->f", np.cross(second - first, third - first), away[model.faces[:, 0]]) < 0
+        faces = np.ascontiguousarray(model.faces[turned])
         scene = EmbreeScene()
-        TriangleMesh(scene, np.ascontiguousarray(vertices, np.float32), model.faces)
-        attributes = np.concatenate([normals, model.colours, model.ambient[:, None]], axis=1, dtype=np.float32)
-        return cls(model, view, scene, attributes)
+        TriangleMesh(scene, np.ascontiguousarray(vertices), faces)
+        looking = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
+        light = vertex_light(facing(normals, looking), looking, model.colours, model.ambient, painter.matt)
+        return cls(scene, origin, faces, model.parts[turned], np.hstack([light.sky, light.lamps]), normals)
 
-    def see(self, pixels: Float[ndarray, "N 2"]) -> Seen:
-        """What pixels show."""
-        rays = self.view.rays(pixels).astype(np.float32)
-        origin = self.view.origin.astype(np.float32)
-        met = self.scene.run(np.broadcast_to(origin, rays.shape).copy(), rays, output=True)  # type: ignore[attr-defined]
+    def see(self, rays: Float[ndarray, "N 3"]) -> Seen:
+        """What lies along rays from the camera."""
+        met = self.scene.run(np.tile(self.origin, (len(rays), 1)), rays, output=True)
         hit = np.flatnonzero(met["primID"] >= 0)
         light = np.empty((len(rays), 3), np.float32)
         light[:] = BACKGROUND
         parts = np.full(len(rays), -1)
         if len(hit):
-            faces, u, v = met["primID"][hit], met["u"][hit], met["v"][hit]
-            parts[hit] = self.model.parts[faces]
-            weights = np.stack([1 - u - v, u, v], axis=-1)
-            values = np.einsum("nkc,nk->nc", self.attributes[self.model.faces[faces]], weights)
-            looking = rays[hit]
-            surface = Surface(
-                normals=facing(values[:, :3], looking),
-                looking=looking,
-                colours=values[:, 3:6],
-                sky=values[:, 6],
-                lit=self._lit(origin + met["tfar"][hit, None] * looking, parts[hit]),
-                parts=parts[hit],
-            )
-            light[hit] = shade(surface)
+            prim, u, v = met["primID"][hit], met["u"][hit], met["v"][hit]
+            corners, weights = self.faces[prim], (1 - u - v, u, v)
+            parts[hit] = part = self.parts[prim]
+            shown = mixed(self.light, corners, weights)
+            moist = np.flatnonzero(MOIST[part])
+            lit = np.ones(len(hit), np.float32)
+            shine = np.zeros(len(hit), np.float32)
+            if len(moist):
+                looking = rays[hit[moist]]
+                normals = mixed(self.normals, corners[moist], tuple(weight[moist] for weight in weights))
+                lit[moist] = self._lit(self.origin + met["tfar"][hit[moist], None] * looking, part[moist])
+                shine[moist] = lit[moist] * moist_highlights(facing(normals, looking), looking, part[moist])
+            light[hit] = shown[:, :3] + lit[:, None] * shown[:, 3:] + shine[:, None]
         return Seen(light, parts, np.where(parts >= 0, met["tfar"], AWAY))
 
     def _lit(self, points: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]) -> Float[ndarray, " N"]:
@@ -149,18 +172,27 @@ class Caster:
         lit = np.ones(len(points), np.float32)
         eyes = np.flatnonzero(EYE[parts])
         if len(eyes):
-            rays = SHADOW_RAYS / np.linalg.norm(SHADOW_RAYS, axis=1, keepdims=True)
-            starts = np.repeat(points[eyes], len(rays), axis=0) + np.tile(0.0005 * rays, (len(eyes), 1))
-            cut = self.scene.run(starts, np.tile(rays, (len(eyes), 1)), query="OCCLUDED")  # type: ignore[attr-defined]
+            starts = np.repeat(points[eyes], len(SHADOW_RAYS), axis=0) + np.tile(0.0005 * SHADOW_RAYS, (len(eyes), 1))
+            cut = self.scene.run(starts, np.tile(SHADOW_RAYS, (len(eyes), 1)), query="OCCLUDED")
             lit[eyes] = 1 - SHADOW * (cut.reshape(len(eyes), -1) >= 0).mean(axis=1)
         return lit
+
+
+def mixed(
+    values: Float[ndarray, "V C"], corners: Int[ndarray, "N 3"], weights: tuple[Float[ndarray, " N"], ...]
+) -> Float[ndarray, "N C"]:
+    """Values of vertices at points of faces."""
+    total: ndarray = np.take(values, corners[:, 0], axis=0) * weights[0][:, None]
+    for corner in (1, 2):
+        total += np.take(values, corners[:, corner], axis=0) * weights[corner][:, None]
+    return total
 
 
 def facing(normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
     """Unit normals bent towards the viewer where interpolation turned them away; flipped, they draw black rims."""
     away = np.maximum(np.einsum("nd,nd->n", normals, looking), 0.0)
     bent = normals - away[:, None] * looking
-    return np.asarray(bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-6))
+    return np.asarray(bent / np.sqrt(np.maximum(np.einsum("nd,nd->n", bent, bent), 1e-12))[:, None])
 
 
 def changing(

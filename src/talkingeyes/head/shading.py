@@ -1,5 +1,6 @@
 """Light on a head: a sky, three lamps, warm light that wraps round skin, highlights where it is moist.
 
+Diffuse light is reckoned at vertices; highlights of eyes, lips, teeth at every pixel, from interpolated normals.
 Colours are linear; `to_pixels` turns them into sRGB. Lamps stand in the room, so a head that turns changes its shades.
 Wrapped diffuse light with a tint at its edge stands for light under the skin (Green, GPU Gems 2004, chapter 16).
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy import ndarray
 
 from talkingeyes.head.model import PARTS
@@ -22,6 +23,12 @@ class Lamp:
     towards: tuple[float, float, float]
     colour: tuple[float, float, float]
 
+    @property
+    def direction(self) -> Float[ndarray, " 3"]:
+        """Unit vector to the lamp."""
+        towards = np.array(self.towards, np.float32)
+        return np.asarray(towards / np.linalg.norm(towards))
+
 
 LAMPS = (
     Lamp((-0.45, 0.55, 0.75), (0.86, 0.82, 0.77)),
@@ -33,60 +40,75 @@ WRAP = 0.35  # how far beyond the terminator light still reaches on skin
 TINT = np.array([1.0, 0.55, 0.40], np.float32)  # of that light
 BACKGROUND = np.array([0.62, 0.67, 0.72], np.float32)
 
-# Strength and sharpness of the highlight of each part.
+SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14.0
+# Strength and sharpness of the highlights of moist parts.
 _GLOSS = {"lips": (0.16, 24), "sclera": (0.55, 160), "iris": (0.9, 220), "pupil": (0.9, 220), "teeth": (0.4, 60)}
-_GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24), "skin": (0.075, 14), "brow": (0.02, 8)}
-STRENGTH = np.array([_GLOSS[part][0] for part in PARTS], np.float32)
-SHARPNESS = np.array([_GLOSS[part][1] for part in PARTS], np.float32)
+_GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24)}
+STRENGTH, SHARPNESS = (np.array([_GLOSS.get(part, (0, 1))[at] for part in PARTS], np.float32) for at in range(2))
+MOIST = STRENGTH > 0
 EYE = np.isin(PARTS, ["sclera", "iris", "pupil"])
 MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth"])  # no light under the surface
 
 
 @dataclass(frozen=True)
-class Surface:
-    """What rays met. `looking` are the rays' unit directions, `sky` the share of the sky seen, `lit` of the lamps."""
+class Light:
+    """What vertices send to the camera, without the highlights of moist parts: from the sky, and from the lamps."""
 
-    normals: Float[ndarray, "N 3"]
-    looking: Float[ndarray, "N 3"]
-    colours: Float[ndarray, "N 3"]
-    sky: Float[ndarray, " N"]
-    lit: Float[ndarray, " N"]
-    parts: Int[ndarray, " N"]
+    sky: Float[ndarray, "V 3"]
+    lamps: Float[ndarray, "V 3"]
 
 
-def shade(surface: Surface) -> Float[ndarray, "N 3"]:
-    """Light that comes back along each ray."""
-    normals, parts = surface.normals, surface.parts
+def vertex_light(
+    normals: Float[ndarray, "V 3"],
+    looking: Float[ndarray, "V 3"],
+    colours: Float[ndarray, "V 3"],
+    ambient: Float[ndarray, " V"],
+    matt: Bool[ndarray, " V"],
+) -> Light:
+    """Diffuse light and the broad shine of skin. `looking`: unit directions from the camera; `matt`: no light inside."""
     upward = 0.5 + 0.5 * normals[:, 1:2]
-    light = (GROUND + upward * (SKY - GROUND)) * surface.sky[:, None]
-    shine = np.zeros(len(parts), np.float32)
-    soft = np.where(MATT[parts], 0.0, WRAP).astype(np.float32)
-    reach = surface.lit * (0.35 + 0.65 * surface.sky)
-    sharpness = SHARPNESS[parts]
+    sky = colours * (GROUND + upward * (SKY - GROUND)) * ambient[:, None]
+    soft = np.where(matt, 0.0, WRAP).astype(np.float32)
+    lamps = np.zeros_like(colours)
+    shine = np.zeros(len(normals), np.float32)
     for lamp in LAMPS:
-        towards = np.array(lamp.towards, np.float32)
-        towards /= np.linalg.norm(towards)
-        cosine = normals @ towards
+        cosine = normals @ lamp.direction
         direct = np.maximum(cosine, 0.0)
         wrapped = np.maximum((cosine + soft) / (1 + soft), 0.0)
-        around = direct[:, None] + (wrapped - direct)[:, None].clip(0) * TINT
-        light += (reach[:, None] * around) * np.array(lamp.colour, np.float32)
-        half = towards - surface.looking
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        facing = np.maximum(np.einsum("nd,nd->n", normals, half), 1e-6)
-        shine += np.exp(sharpness * np.log(facing)) * (cosine > 0) * lamp.colour[1]
-    edge = 1 - np.maximum(-np.einsum("nd,nd->n", normals, surface.looking), 0)
-    shine *= STRENGTH[parts] * (1 + 3 * edge**3) * surface.lit * surface.sky
-    return np.asarray(surface.colours * light + shine[:, None])
+        around = direct[:, None] + np.maximum(wrapped - direct, 0.0)[:, None] * TINT
+        lamps += around * np.array(lamp.colour, np.float32)
+        shine += highlight(normals, looking, lamp, SKIN_SHARPNESS) * (cosine > 0)
+    edge = 1 - np.maximum(-np.einsum("vd,vd->v", normals, looking), 0)
+    shine *= np.where(matt, 0.0, SKIN_STRENGTH) * (1 + 3 * edge**3) * ambient * colours[:, 0] / 0.6
+    return Light(sky, (colours * lamps + shine[:, None]) * (0.35 + 0.65 * ambient)[:, None])
 
 
-_LEVELS = 4096
-_SRGB = np.linspace(0, 1, _LEVELS)
-_SRGB = np.where(_SRGB <= 0.0031308, 12.92 * _SRGB, 1.055 * _SRGB ** (1 / 2.4) - 0.055)
+def highlight(
+    normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"], lamp: Lamp, sharpness: Float[ndarray, "*N"] | float
+) -> Float[ndarray, " N"]:
+    """The mirror image of a lamp, blurred (Blinn 1977)."""
+    half = lamp.direction - looking
+    half /= np.sqrt(np.einsum("nd,nd->n", half, half))[:, None]
+    cosine = np.maximum(np.einsum("nd,nd->n", normals, half), 1e-6)
+    return np.asarray(np.exp(sharpness * np.log(cosine)) * lamp.colour[1])
+
+
+def moist_highlights(
+    normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]
+) -> Float[ndarray, " N"]:
+    """Highlights of the parts with a sharp one, of the first two lamps."""
+    both = sum(highlight(normals, looking, lamp, SHARPNESS[parts]) for lamp in LAMPS[:2])
+    return np.asarray(STRENGTH[parts] * both)
+
+
+_LEVELS, _BRIGHTEST = 4096, 2.0
+_LIGHT = np.linspace(0, _BRIGHTEST, _LEVELS)
+_LIGHT = np.where(_LIGHT > 0.7, 1 - 0.09 / np.maximum(_LIGHT - 0.4, 0.3), _LIGHT)  # bright parts are softly limited
+_SRGB = np.where(_LIGHT <= 0.0031308, 12.92 * _LIGHT, 1.055 * np.maximum(_LIGHT, 1e-9) ** (1 / 2.4) - 0.055)
 _PIXELS = np.rint(255 * _SRGB).astype(np.uint8)
 
 
 def to_pixels(light: Float[ndarray, "*N 3"]) -> UInt8[ndarray, "*N 3"]:
-    """Linear light to sRGB bytes, bright parts softly limited."""
-    limited = np.where(light > 0.7, 1 - 0.09 / np.maximum(light - 0.4, 0.3), light)
-    return np.asarray(_PIXELS[(np.clip(limited, 0, 1) * (_LEVELS - 1)).astype(np.int32)])
+    """Linear light to sRGB bytes."""
+    level = np.minimum(light * ((_LEVELS - 1) / _BRIGHTEST), _LEVELS - 1)
+    return np.asarray(np.take(_PIXELS, level.astype(np.uint16)))
