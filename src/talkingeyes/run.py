@@ -142,17 +142,18 @@ def clip_parallel(machine: Mapping[str, Any]) -> Iterator[None]:
     from ray.util.joblib import register_ray
 
     if not ray.is_initialized():
-        address = machine["ray_address"]  # null: a cluster of its own, on this machine, without a dashboard
-        own = address is None
-        ray.init(
-            address=address,
-            num_cpus=int(machine["jobs"]) if own else None,
-            include_dashboard=False if own else None,
-            log_to_driver=False,
-        )
+        ray.init(**_cluster(machine))
     register_ray()
     with joblib.parallel_config("ray"):
         yield
+
+
+def _cluster(machine: Mapping[str, Any]) -> dict[str, Any]:
+    """What Ray is started with: a standing cluster, or one of its own that only this machine sees."""
+    if machine["ray_address"] is not None:
+        return {"address": machine["ray_address"], "log_to_driver": False}
+    size = {"num_cpus": int(machine["jobs"])}
+    return {**size, "include_dashboard": False, "log_to_driver": False, "_node_ip_address": "127.0.0.1"}
 
 
 def progress(items: Iterable[A], title: str, total: int | None = None) -> Iterable[A]:

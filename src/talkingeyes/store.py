@@ -34,6 +34,9 @@ KEY_LENGTH = 16
 # What a stage may know beside its sections: where the corpus is, and the machine, which changes no result.
 ALWAYS = ("corpus", "machine")
 
+# What of the machine changes rounding in what is learnt; `dvc repro` leaves it to the person.
+ROUNDING = ("device", "precision")
+
 Make = Callable[[Call, Workspace], Report]
 
 
@@ -129,6 +132,8 @@ def _made_from(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry]
         "reads": {folder.as_posix(): entry.key for folder, entry in sorted(read.items())},
         "code": code_version(call.code, checkout),
     }
+    if any("learning" in each for each in call.code):
+        found["rounding"] = {key: params["machine"].get(key) for key in ROUNDING}
     corpus = str(params["corpus"])
     if corpus != OWN_CORPUS and any(Path(each).is_relative_to(corpus) for each in call.data):
         index = Path(corpus, "clips.parquet")  # holds a hash a clip
