@@ -29,6 +29,7 @@ from talkingeyes.metrics.detectors.head_moves import detect_head_moves
 from talkingeyes.metrics.detectors.saccades import detect_saccades
 from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
 from talkingeyes.motion import Motion, Saccade
+from talkingeyes.physiology.blinks import end_s
 from talkingeyes.physiology.render import Waves
 from talkingeyes.run import Workspace, quiet, shell
 from talkingeyes.world import plan
@@ -37,6 +38,7 @@ from talkingeyes.world.take import Take, perform
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
 SACCADE_CLASSES_DEG = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 40.0)
+BLINK_CLASSES = (0.4, 0.6, 0.9, 1.01)
 HEAD_CLASSES_DEG = (1.0, 2.0, 4.0, 30.0)
 SACCADE_TOLERANCE_S, FIXATION_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S = 0.06, 0.06, 0.1, 0.12
 
@@ -159,6 +161,25 @@ def print_saccades(performed: list[Performed]) -> None:
         print(saccade_row(name, performed, lambda each, fps=fps: each.motion(fps), noise=True))
     print(saccade_row("fitted, 25 fps", performed, lambda each: each.fitted, noise=False))
     print(saccade_row("fitted, 25 fps, away from blinks", performed, _fitted_between_blinks, noise=False))
+    print_false(performed)
+
+
+def print_false(performed: list[Performed]) -> None:
+    """Where the saccades that are found in fitted motion and are not true ones lie."""
+    at_blinks = near = elsewhere = 0
+    for each in performed:
+        found = detect_saccades(gaze_of(each.fitted), each.fitted.fps, each.fitted.valid)
+        onset = np.array([event.onset_s for event in each.take.events.saccades])
+        paired = pair(found.onset_s, onset, SACCADE_TOLERANCE_S).found
+        for time_s in np.delete(found.onset_s, paired):
+            blink = any(b.onset_s - 0.1 < time_s < end_s(b) + 0.1 for b in each.take.events.blinks)
+            at_blinks += blink
+            near += not blink and np.abs(onset - time_s).min() < 0.2
+            elsewhere += not blink and np.abs(onset - time_s).min() >= 0.2
+    print(
+        f"\nfalse ones in fitted motion: {at_blinks} within 0.1 s of a blink, {near} of the others within 0.2 s of"
+        f" a true saccade, {elsewhere} elsewhere"
+    )
 
 
 def _fitted_between_blinks(each: Performed) -> Motion:
@@ -170,9 +191,10 @@ def _fitted_between_blinks(each: Performed) -> Motion:
 
 def print_blinks(performed: list[Performed]) -> None:
     """Blinks by frame rate and in fitted motion, by depth."""
-    head_of("blinks", (0.4, 0.6, 0.9, 1.01), unit=" closed")
+    head_of("blinks", BLINK_CLASSES, unit=" closed")
+    ends = []
     for name, motion_of in [*_truths((25.0, 60.0, 120.0, 500.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        total, classes = Tally(), np.zeros((2, 3), int)
+        total, classes = Tally(), np.zeros((2, len(BLINK_CLASSES) - 1), int)
         for each in performed:
             motion = motion_of(each)
             found = detect_blinks(motion.lid, motion.fps, motion.valid)
@@ -181,9 +203,13 @@ def print_blinks(performed: list[Performed]) -> None:
             events = [event for event in each.take.events.blinks if 0.1 <= event.onset_s < latest_s]
             onset, depth = np.array([(event.onset_s, event.depth) for event in events]).reshape(-1, 2).T
             inside = (found.onset_s >= 0.1) & (found.onset_s < latest_s)
+            pairs = pair(found.onset_s, onset, BLINK_TOLERANCE_S)
+            ends.extend(found.offset_s[pairs.found] - np.array([end_s(event) for event in events])[pairs.known])
             total += tally(found.onset_s[inside], onset, BLINK_TOLERANCE_S)
-            classes += by_class(found.onset_s, onset, depth, (0.4, 0.6, 0.9, 1.01), BLINK_TOLERANCE_S)
+            classes += by_class(found.onset_s, onset, depth, BLINK_CLASSES, BLINK_TOLERANCE_S)
         print(row(name, total, classes))
+    early_s = -1000 * np.percentile(ends, [75, 50, 25])
+    print(f"\nends are early by {early_s[1]:.0f} ms (quartiles {early_s[0]:.0f} to {early_s[2]:.0f})")
 
 
 def _truths(rates: Sequence[float]) -> Iterator[tuple[str, Callable[[Performed], Motion]]]:

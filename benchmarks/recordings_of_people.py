@@ -31,7 +31,7 @@ from talkingeyes.metrics.benchmark.behaviour import Behaviour
 from talkingeyes.metrics.benchmark.registry import MEASURES
 from talkingeyes.metrics.detectors.fixations import detect_fixations
 from talkingeyes.metrics.detectors.saccades import detect_saccades
-from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, tally
+from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
 from talkingeyes.metrics.detectors.signal import runs
 from talkingeyes.motion import Motion
 from talkingeyes.run import Workspace, quiet, shell
@@ -92,6 +92,19 @@ def print_experts(recordings: list[Judged]) -> None:
                 rows.append((frames, each.experts[against], each.recording.fps))
             kind = "films" if judges is both else "films and pictures"
             _print_agreement(f"{500 / stride:g} Hz against {against}, {kind}", rows, frames=stride == 1)
+
+
+def print_ends(recordings: list[Judged]) -> None:
+    """How much later than expert MN the detector ends the saccades that both have."""
+    late_ms: list[float] = []
+    for each in recordings:
+        fps = each.recording.fps
+        found = detect_saccades(each.recording.gaze_in_space_rad, fps, each.recording.valid)
+        labelled = runs(each.experts["MN"])
+        pairs = pair(found.onset_s, labelled.first / fps, EXPERT_TOLERANCE_S)
+        late_ms.extend(1000 * (found.offset_s[pairs.found] - labelled.last[pairs.known] / fps))
+    low, middle, high = np.percentile(late_ms, [25, 50, 75])
+    print(f"\nends at 500 Hz are late by {middle:.0f} ms (quartiles {low:.0f} to {high:.0f})")
 
 
 def _print_agreement(name: str, pairs: list[tuple[np.ndarray, np.ndarray, float]], frames: bool) -> None:
@@ -206,6 +219,7 @@ def main() -> None:
         return
     recordings = judged(folder)
     print_experts(recordings)
+    print_ends(recordings)
     performed = load(Workspace.open(Path()), CLIPS)
     print_people(performed, recordings, folder)
     print_conversation(folder / "conversation_fixations.csv.gz", performed)
