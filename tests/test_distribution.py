@@ -196,6 +196,9 @@ def test_balls_reach_beyond_their_own_clip() -> None:
     near = mmd.draw([np.full((1, 2), 240.0)], 1, 0)
     assert coverage.manifold(near, truth, 2).precise.mean() == 1
     assert coverage.manifold(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
+    copy = mmd.draw([np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0)  # only of the first clip
+    assert coverage.manifold(copy, truth, 2).covered.mean() == pytest.approx(2 / 12)
+    assert coverage.manifold(copy, truth, 2, paired=True).covered.mean() == pytest.approx(1 / 12)
 
 
 def test_spectrum_agrees_with_scipy() -> None:

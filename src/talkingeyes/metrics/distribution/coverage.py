@@ -52,13 +52,17 @@ class Manifold:
     covered: Float[ndarray, " M"]
 
 
-def manifold(samples: Drawn, reference: Drawn, neighbours: int) -> Manifold:
+def manifold(samples: Drawn, reference: Drawn, neighbours: int, paired: bool = False) -> Manifold:
     """Balls reach to the k-th neighbour among true windows of other clips: those of one clip are too much alike.
 
-    Truth compared with itself covers itself wholly; compare it with other takes, or one half with the other.
+    `paired`: clip i of both sets is the same sound; then a window meets only those of other sounds, so that being a
+    copy of the truth is no help. Truth compared with itself still covers itself: compare it with other takes.
     """
     among = cdist(reference.features, reference.features)
     among[reference.clip[:, None] == reference.clip] = np.inf
     radius = np.partition(among, neighbours - 1, axis=1)[:, neighbours - 1]
-    inside = cdist(samples.features, reference.features) <= radius
+    across = cdist(samples.features, reference.features)
+    if paired:
+        across[samples.clip[:, None] == reference.clip] = np.inf
+    inside = across <= radius
     return Manifold(inside.any(axis=1).astype(float), inside.any(axis=0).astype(float))
