@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Any)  # a list or a tensor
 
 
 def processes() -> int:
@@ -29,10 +29,11 @@ def rank() -> int:
     return dist.get_rank() if processes() > 1 else 0
 
 
-def own(rows: Sequence[T]) -> Sequence[T]:
+def own(rows: T) -> T:
     """This process's rows of a batch (whose size is a multiple of the number of processes)."""
     count = len(rows) // processes()
-    return rows[rank() * count : (rank() + 1) * count]
+    mine: T = rows[rank() * count : (rank() + 1) * count]
+    return mine
 
 
 @torch.no_grad()
@@ -73,12 +74,12 @@ class NoiseOfTheBatch(TorchDispatchMode):
 
 
 def _like(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> Tensor:
-    drawn: Tensor = own(func(_whole(rows), *args, **kwargs))  # type: ignore[assignment]
+    drawn: Tensor = own(func(_whole(rows), *args, **kwargs))
     return drawn
 
 
 def _sized(func: Any, size: Sequence[int], *args: Any, **kwargs: Any) -> Tensor:
-    drawn: Tensor = own(func([size[0] * processes(), *size[1:]], *args, **kwargs))  # type: ignore[assignment]
+    drawn: Tensor = own(func([size[0] * processes(), *size[1:]], *args, **kwargs))
     return drawn
 
 
@@ -88,11 +89,15 @@ def _in_place(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> Tensor:
 
 def _dropout(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> tuple[Tensor, Tensor]:
     factor, mask = (own(each) for each in func(_whole(rows).fill_(1), *args, **kwargs))
-    return rows * factor, mask  # type: ignore[operator, return-value]
+    return rows * factor, mask
 
 
 def _whole(rows: Tensor) -> Tensor:
-    return rows.new_empty((len(rows) * processes(), *rows.shape[1:]))
+    """Room for the whole batch, laid out in memory as the rows are: noise is drawn in the order of memory."""
+    size = (len(rows) * processes(), *rows.shape[1:])
+    strides = rows.stride()
+    outermost_first = sorted(range(rows.dim()), key=lambda axis: -strides[axis])
+    return torch.empty_permuted(size, outermost_first, dtype=rows.dtype, device=rows.device)
 
 
 NOISE: dict[Any, Callable[..., Any]] = {
