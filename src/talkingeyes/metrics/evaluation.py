@@ -41,6 +41,7 @@ class EvaluateSettings(Settings):
 
     seed: int  # of the choice of mismatched clips
     mismatched: Annotated[int, Field(gt=1)]  # samples of the row of mismatched motion
+    benchmarked: Annotated[int, Field(ge=2)]  # samples of a sound that the gaze benchmark looks at
     bootstrap: BootstrapSettings
 
 
@@ -50,6 +51,7 @@ class Case:
 
     `own` says that the samples are real motions of this very sound, the first of them the one to compare with (rows
     truth and fitted): then only the others count in L2. `fitted` and `truth` hold the takes of the sound.
+    `others`: embeddings of other sounds of the same speaker, under which Corr. says what it is without the right one.
     """
 
     speech: Float[ndarray, "T C"]
@@ -58,6 +60,7 @@ class Case:
     fitted: Samples
     truth: Samples | None
     valid: Bool[ndarray, " T"]  # frames of the first fitted take that were seen
+    others: Sequence[Float[ndarray, "_ C"]] = ()
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class Figures:
     l2: float
     corr: float
     corr_fitted: float
+    corr_shuffled: float
     speed: Float[ndarray, " SF"]
     speed_truth: Float[ndarray, " F"]
 
@@ -90,10 +94,22 @@ def measure(case: Case, critics: Mapping[str, Corr]) -> dict[str, Figures]:
             l2=discrepancy(compared, fitted[0], case.valid) if len(compared) else float("nan"),
             corr=float(corr.mean()),
             corr_fitted=float(corr_fitted.mean()),
+            corr_shuffled=_shuffled(case, critics[critic]),
             speed=speed_deg_s(part, first(case.samples) if case.own else case.samples).ravel().astype(np.float32),
             speed_truth=speed_deg_s(part, first(truth)).ravel().astype(np.float32),
         )
     return found
+
+
+def _shuffled(case: Case, critic: Corr) -> float:
+    """Mean Corr. of the samples under other sounds of the speaker, as far as both last; NaN if there are none."""
+    if not case.others:
+        return float("nan")
+    found = []
+    for other in case.others:
+        frames = min(len(other), len(case.speech))
+        found.append(critic(other[:frames], case.samples.head[:, :frames], case.samples.gaze[:, :frames]).mean())
+    return float(np.mean(found))
 
 
 def radians(part: str, samples: Samples) -> Float[ndarray, "S T C"]:
@@ -124,7 +140,8 @@ def summarise(part: str, clips: Sequence[Figures], settings: BootstrapSettings) 
     """The figures of a part over clips, with intervals; a figure that no clip allows is left out.
 
     `diversity_multi` is over the sounds with several takes alone, `diversity_ratio` to truth's own over the same sounds
-    (`diversity_ratio_fitted`: to the fitted motion's own); `corr_difference` is to the fitted motion's own.
+    (`diversity_ratio_fitted`: to the fitted motion's own); `corr_difference` is to the fitted motion's own,
+    `corr_advantage` to the same motion under other sounds of the speaker (`corr_shuffled`).
     """
     found = {**(_distances(clips) if part != "space" else {}), **_correlations(clips), **_dynamics(clips)}
     return {name: bootstrap(each.statistic, each.clips, settings) for name, each in found.items() if each.clips}
@@ -153,7 +170,13 @@ def _distances(clips: Sequence[Figures]) -> dict[str, _Measured]:
 
 def _correlations(clips: Sequence[Figures]) -> dict[str, _Measured]:
     corr = _column(clips, "corr")
-    return {"corr": _mean(corr), "corr_difference": _mean(corr - _column(clips, "corr_fitted"))}
+    shuffled = _column(clips, "corr_shuffled")
+    return {
+        "corr": _mean(corr),
+        "corr_difference": _mean(corr - _column(clips, "corr_fitted")),
+        "corr_shuffled": _mean(shuffled),
+        "corr_advantage": _mean(corr - shuffled),
+    }
 
 
 def _dynamics(clips: Sequence[Figures]) -> dict[str, _Measured]:
