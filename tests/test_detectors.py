@@ -107,6 +107,25 @@ def test_slow_movement_is_no_saccade():
     assert len(detect_saccades(np.zeros((250, 2)), 25.0)) == 0
 
 
+@pytest.mark.parametrize("fps", RATES)
+def test_whatever_moves_the_events_are_in_order_and_finite(fps):
+    random = np.random.default_rng(0)
+    time_s = np.arange(int(4 * fps)) / fps
+    noise = random.standard_normal((len(time_s), 2))
+    circle = np.stack([np.sin(2 * np.pi * time_s * fps / 4), np.cos(2 * np.pi * time_s * fps / 4)], axis=1)
+    for gaze in (0.2 * circle, 0.1 * noise, 0.02 * np.cumsum(noise, axis=0), 0.3 * np.sign(noise)):
+        found = detect_saccades(gaze, fps)
+        for values in (found.onset_s, found.offset_s, found.amplitude_deg, found.direction_rad, found.peak_speed_deg_s):
+            assert np.isfinite(values).all()
+        assert (np.diff(found.onset_s) > 0).all() and (found.duration_s > 0).all() and (found.amplitude_deg > 0).all()
+        fixations = detect_fixations(gaze, fps, saccades=found)
+        assert (np.diff(fixations.onset_s) > 0).all() and (fixations.duration_s >= 0.1 - 1e-9).all()
+        assert np.isfinite(fixations.centre_rad).all()
+        detect_head_moves(np.concatenate([gaze, gaze[:, :1]], axis=1), fps)
+        detect_blinks(gaze, fps)
+        assert len(gaze_states(gaze, fps).averted) == len(gaze)
+
+
 def test_an_oscillation_after_a_saccade_is_no_saccade():
     gaze = gaze_at(500.0, chain()[:1])
     start = int(500 * 0.3) + 25

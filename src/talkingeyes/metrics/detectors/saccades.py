@@ -30,6 +30,7 @@ DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S = 25.0, 5.0
 VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S = 30.0, 10.0
 NOISE_SIGMAS, EDGE_SIGMAS = 5.0, 3.0
 LEAST_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
+LEAST_SHARE_OF_STEP = 0.5  # of the threshold a step, that a saccade must lead to at least
 ECHO_S, ECHO_SHARE = 0.06, 0.5
 ENGBERT_KLIEGL_LAMBDA = 6.0
 ENGBERT_KLIEGL_LEAST_DEG_S = 15.0
@@ -114,7 +115,10 @@ def velocity_threshold(
     if len(found):
         found = found.where(np.maximum.reduceat(speed, found.first) >= core)
     found = Runs(found.first, found.last + steps.span)
-    found = found.where(found.last - found.first >= LEAST_S * fps)
+    amplitude = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
+    # What goes round and comes back goes nowhere, however fast it is.
+    goes = np.degrees(amplitude) >= LEAST_SHARE_OF_STEP * core * steps.span / fps
+    found = found.where(goes & (found.last - found.first >= LEAST_S * fps))
     found = _without_echoes(gaze_in_space_rad, fps, found)
     return _timed(gaze_in_space_rad, fps, found, measured=fps >= VELOCITY_FROM_FPS)
 
