@@ -114,7 +114,7 @@ def md5(path: Path) -> str:
         return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
     files = [each for each in sorted(path.rglob("*")) if each.is_file() and "__pycache__" not in each.parts]
     tree = [{"md5": md5(each), "relpath": each.relative_to(path).as_posix()} for each in files]
-    tree.sort(key=lambda each: each["relpath"].split("/"))
+    tree.sort(key=lambda each: each["relpath"])  # as text: sub.x before sub/x
     return hashlib.md5(json.dumps(tree, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
 
 
