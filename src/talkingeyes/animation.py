@@ -1,7 +1,7 @@
 """Speech file in, motions out: what `talkingeyes animate` and `talkingeyes.animate` do.
 
 Reads a sound file and a trained model. Writes, if a folder is given, sample_00.npz, .events.json and .mp4 of each
-sample, traces.png and sheet.png (the drawn head at several times, a row a sample); the folder appears whole or not at
+sample, traces.png and sheet.png (the head at several times, a row a sample); the folder appears whole or not at
 all.
 """
 
@@ -86,15 +86,19 @@ def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, 
 
     from talkingeyes.export.traces import plot_traces
     from talkingeyes.export.video import write_video
-    from talkingeyes.head.sketch import contact_sheet, draw
+    from talkingeyes.head.anny import open_head
+    from talkingeyes.head.render import Painter
+    from talkingeyes.head.sheet import contact_sheet
+    from talkingeyes.head.view import FRAMINGS
 
+    painter = Painter(open_head(), FRAMINGS["head"].view(PICTURE_PX, PICTURE_PX))
     for index, performance in enumerate(performances):
         motion, name = performance.motion, f"sample_{index:02d}"
         motion.save(folder / f"{name}.npz")
         performance.events.save(folder / f"{name}.events.json")
-        pictures = iter(progress(draw(motion, PICTURE_PX), f"{name}.mp4", len(motion)))
+        pictures = iter(progress(painter.draw(motion), f"{name}.mp4", len(motion)))
         write_video(folder / f"{name}.mp4", pictures, motion.fps, sound)
     motions = [performance.motion for performance in performances]
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
-    Image.fromarray(contact_sheet(motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")
+    Image.fromarray(contact_sheet(open_head(), motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")

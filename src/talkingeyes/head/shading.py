@@ -65,7 +65,7 @@ def vertex_light(
     ambient: Float[ndarray, " V"],
     matt: Bool[ndarray, " V"],
 ) -> Light:
-    """Diffuse light and the broad shine of skin. `looking`: unit directions from the camera; `matt`: no light inside."""
+    """Diffuse light, the broad shine of skin. `looking`: unit directions from the camera; `matt`: no light inside."""
     upward = 0.5 + 0.5 * normals[:, 1:2]
     sky = colours * (GROUND + upward * (SKY - GROUND)) * ambient[:, None]
     soft = np.where(matt, 0.0, WRAP).astype(np.float32)
@@ -96,9 +96,8 @@ def highlight(
 def moist_highlights(
     normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]
 ) -> Float[ndarray, " N"]:
-    """Highlights of the parts with a sharp one, of the first two lamps."""
-    both = sum(highlight(normals, looking, lamp, SHARPNESS[parts]) for lamp in LAMPS[:2])
-    return np.asarray(STRENGTH[parts] * both)
+    """Highlights of the parts with a sharp one, of the first lamp: a second one in an eye would hide its pupil."""
+    return np.asarray(STRENGTH[parts] * highlight(normals, looking, LAMPS[0], SHARPNESS[parts]))
 
 
 _LEVELS, _BRIGHTEST = 4096, 2.0

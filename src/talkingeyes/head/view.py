@@ -75,7 +75,7 @@ class Framing:
 FRAMINGS = {
     "head": Framing(0.285, (0.0, 0.030, 0.0)),
     "face": Framing(0.205, (0.0, 0.010, 0.06)),
-    "eyes": Framing(0.075, (0.0, 0.044, 0.09)),
+    "eyes": Framing(0.058, (0.0, 0.046, 0.09)),
     "left": Framing(0.285, (0.0, 0.030, 0.0), yaw_deg=45.0),
     "right": Framing(0.285, (0.0, 0.030, 0.0), yaw_deg=-45.0),
 }
