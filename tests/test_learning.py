@@ -151,7 +151,7 @@ def translation(kind: str, **changes: Any) -> TranslationSettings:
             "parts": ["head", "gaze"],
             "prior": None,
             "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
-            "head": VAE,
+            "head": {"kind": "vae", **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
             "reconstructed_head": 0.5,
             "weights": {"head_reconstruction": 1.0, "head_velocity": 1.0, "head_kl": 0.1}

@@ -12,14 +12,22 @@ from typing import Annotated, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from talkingeyes.audio.encoder_logmel import LogmelEncoder, LogmelSettings
-from talkingeyes.audio.encoder_moonshine import MoonshineEncoder, MoonshineSettings
-from talkingeyes.audio.encoder_transformers import TransformersEncoder, TransformersSettings
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.audio.waveform import block_levels_dbfs
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings, Role, Settings
+
+ENCODERS = Role(
+    "speech encoder",
+    {
+        "moonshine": "talkingeyes.audio.encoder_moonshine:MoonshineEncoder",
+        "wav2vec2": "talkingeyes.audio.encoder_transformers:TransformersEncoder",
+        "hubert": "talkingeyes.audio.encoder_transformers:TransformersEncoder",
+        "logmel": "talkingeyes.audio.encoder_logmel:LogmelEncoder",
+    },
+    ("__call__",),
+)
 
 PROSODY_CHANNELS = ("energy_dbfs", "f0_octaves", "voicing")
 F0_REFERENCE_HZ = 150.0
@@ -30,14 +38,17 @@ GREATEST_GAIN_DB = 60.0
 class EmbedSettings(Settings):
     """The section `embed`."""
 
-    encoder: Annotated[MoonshineSettings | TransformersSettings | LogmelSettings, Field(discriminator="kind")]
+    encoder: Annotated[SerializeAsAny[PartSettings], BeforeValidator(ENCODERS.read)]
     prosody: ProsodySettings
     level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
 
 
 @runtime_checkable
 class SpeechEncoder(Protocol):
-    """16 kHz sound and a frame rate in; float32 (T, C) out, T = len(sound) * fps // 16000, row t at time t / fps."""
+    """16 kHz sound and a frame rate in; float32 (T, C) out, T = len(sound) * fps // 16000, row t at time t / fps.
+
+    A family is made as `Class(settings)`.
+    """
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -67,15 +78,7 @@ class ProsodicEncoder:
 
 def make_encoder(settings: EmbedSettings) -> SpeechEncoder:
     """The encoder of a section. Raises InputError if its package or checkpoint is missing."""
-    family: SpeechEncoder
-    match settings.encoder:
-        case MoonshineSettings():
-            family = MoonshineEncoder(settings.encoder)
-        case TransformersSettings():
-            family = TransformersEncoder(settings.encoder)
-        case LogmelSettings():
-            family = LogmelEncoder(settings.encoder)
-    return ProsodicEncoder(family, settings)
+    return ProsodicEncoder(ENCODERS.make(settings.encoder), settings)
 
 
 def at_level(sound: Float[ndarray, " N"], level_dbfs: float) -> Float[ndarray, " N"]:

@@ -12,12 +12,12 @@ from pydantic import Field
 
 from talkingeyes.audio.prosody import framed
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings
 
 FLOOR = 1e-8  # power; -80 dB
 
 
-class LogmelSettings(Settings):
+class LogmelSettings(PartSettings):
     """The Hann window should be at least as long as a motion frame, else sound between frames is not seen."""
 
     kind: Literal["logmel"]
@@ -27,6 +27,8 @@ class LogmelSettings(Settings):
 
 class LogmelEncoder:
     """A window and a filter bank."""
+
+    configured_by = LogmelSettings
 
     def __init__(self, settings: LogmelSettings) -> None:
         size = round(settings.window_s * SAMPLE_RATE)

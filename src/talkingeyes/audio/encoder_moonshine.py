@@ -17,7 +17,7 @@ from pydantic import Field
 
 from talkingeyes.audio.windows import Stride, encode_in_windows
 from talkingeyes.errors import InputError
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings
 
 PACKAGE = "moonshine_voice"
 MODEL = Path("assets", "tiny-en", "encoder_model.ort")
@@ -26,7 +26,7 @@ SIZE = 288
 STRIDE = Stride.of_convolutions((127, 7, 3), (64, 3, 2))
 
 
-class MoonshineSettings(Settings):
+class MoonshineSettings(PartSettings):
     """Windows for long sound; corpus clips should fit into one."""
 
     kind: Literal["moonshine"]
@@ -36,6 +36,8 @@ class MoonshineSettings(Settings):
 
 class MoonshineEncoder:
     """One onnxruntime session on one thread."""
+
+    configured_by = MoonshineSettings
 
     def __init__(self, settings: MoonshineSettings) -> None:
         import onnxruntime

@@ -14,10 +14,10 @@ from pydantic import Field
 
 from talkingeyes.audio.windows import Stride, encode_in_windows
 from talkingeyes.errors import InputError
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings
 
 
-class TransformersSettings(Settings):
+class TransformersSettings(PartSettings):
     """A pretrained checkpoint and the transformer layer whose output is taken."""
 
     kind: Literal["wav2vec2", "hubert"]
@@ -29,6 +29,8 @@ class TransformersSettings(Settings):
 
 class TransformersEncoder:
     """A frozen model on the CPU."""
+
+    configured_by = TransformersSettings
 
     def __init__(self, settings: TransformersSettings) -> None:
         self._model = _load(settings)

@@ -13,7 +13,6 @@ from talkingeyes.corpus.windows import Normaliser, Recording
 from talkingeyes.learning.aliveness import Aliveness, aliveness
 from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
-from talkingeyes.models.gaze.vae import VAEGaze
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
 from talkingeyes.settings import Settings
@@ -95,6 +94,5 @@ class TranslationTask:
     def _normalise(self, train: Sequence[Recording]) -> None:
         head = statistics(np.concatenate([each.head for each in train]))
         self.module.head.normalise_by(torch.from_numpy(head.mean), head.scale)
-        if isinstance(self.module.gaze, VAEGaze):
-            gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
-            self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)
+        gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
+        self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

@@ -1,6 +1,6 @@
 """Speech to head and gaze: a head generator, then a gaze generator conditioned on it, trained jointly (section IV-D).
 
-`talkingeyes`, `talkingeyes_paper` and `vae` are this one model with different gaze generators (conf/model/).
+`talkingeyes`, `talkingeyes_paper` and `vae` are this one model with different generators (conf/model/).
 """
 
 from __future__ import annotations
@@ -14,17 +14,11 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.gaze.categorical import CategoricalGaze, CategoricalGazeSettings
-from talkingeyes.models.gaze.generator import Condition
-from talkingeyes.models.gaze.regressed import RegressedGaze, RegressedGazeSettings
-from talkingeyes.models.gaze.vae import VAEGaze, VAEGazeSettings
+from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.head.generator import HeadGenerator
-from talkingeyes.models.layers.conditional_vae import VAESettings
+from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, HeadPartSettings
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
 from talkingeyes.settings import Settings
-
-GazeSettings = Annotated[CategoricalGazeSettings | RegressedGazeSettings | VAEGazeSettings, Field(discriminator="kind")]
 
 
 class SpeechToMotionSettings(Settings):
@@ -36,8 +30,8 @@ class SpeechToMotionSettings(Settings):
     # The pretrained codebook that the gaze generator needs; null: none.
     prior: str | None
     speech: SpeechSettings
-    head: VAESettings
-    gaze: GazeSettings
+    head: HeadPartSettings
+    gaze: GazePartSettings
     # Share of the clips of a batch whose gaze is conditioned on the reconstructed head (the paper: 1), not the true.
     reconstructed_head: Annotated[float, Field(ge=0, le=1)]
     weights: dict[str, Annotated[float, Field(ge=0)]]
@@ -75,8 +69,8 @@ class SpeechToMotion(nn.Module):
         super().__init__()
         self.settings = settings
         self.speech = SpeechInput(settings.speech, channels)
-        self.head = HeadGenerator(settings.head, settings.speech.width)
-        self.gaze = _gaze_generator(settings.gaze, settings.speech.width, codebook)
+        self.head: HeadGenerator = HEAD_GENERATORS.make(settings.head, settings.speech.width)
+        self.gaze: GazeGenerator = GAZE_GENERATORS.make(settings.gaze, settings.speech.width, codebook)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
@@ -101,17 +95,3 @@ class SpeechToMotion(nn.Module):
         chosen = float(self.temperature) if temperature is None else temperature
         condition = Condition(speech, head, self.head.normal(head))
         return Generated(head, self.gaze.sample(condition, seeds, chosen))
-
-
-def _gaze_generator(
-    settings: CategoricalGazeSettings | RegressedGazeSettings | VAEGazeSettings,
-    speech: int,
-    codebook: GazeVQVAE | None,
-) -> CategoricalGaze | RegressedGaze | VAEGaze:
-    if isinstance(settings, VAEGazeSettings):
-        return VAEGaze(settings, speech)
-    if codebook is None:
-        raise ValueError(f"a {settings.kind} gaze generator needs a codebook")
-    if isinstance(settings, CategoricalGazeSettings):
-        return CategoricalGaze(settings, codebook, speech)
-    return RegressedGaze(settings, codebook, speech)

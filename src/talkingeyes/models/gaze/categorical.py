@@ -16,14 +16,15 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.errors import InputError
 from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings
 
 
-class CategoricalGazeSettings(Settings):
+class CategoricalGazeSettings(PartSettings):
     """The decoder over codes."""
 
     kind: Literal["categorical"]
@@ -47,8 +48,12 @@ class _History:
 class CategoricalGaze(nn.Module):
     """A distribution over codes and stay (the last index), given history and a condition of speech and head."""
 
-    def __init__(self, settings: CategoricalGazeSettings, codebook: GazeVQVAE, speech: int) -> None:
+    configured_by = CategoricalGazeSettings
+
+    def __init__(self, settings: CategoricalGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
+        if codebook is None:
+            raise InputError("model.prior: should name a codebook for categorical gaze, got null")
         self.settings, self.codebook = settings, codebook
         self.patch = codebook.settings.frames_per_code
         width = settings.transformer.width
@@ -60,6 +65,9 @@ class CategoricalGaze(nn.Module):
             settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
         )
         self.out = nn.Linear(width, self.stay + 1)
+
+    def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
+        """The codebook has statistics of its own."""
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Cross-entropy of the codes of true gaze, with true codes as history."""

@@ -1,16 +1,31 @@
 """What every gaze generator is: it predicts true gaze in training and samples gaze for speech and a head motion.
 
-A generator is one file here: `categorical`, `regressed` (the paper) or `vae` (the paper's baseline).
+A generator is one file here: `categorical`, `regressed` (the paper) or `vae` (the paper's baseline); docs/extend.md
+adds one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Any, Protocol
 
 import torch
 from jaxtyping import Float
+from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
+
+from talkingeyes.settings import PartSettings, Role
+
+GAZE_GENERATORS = Role(
+    "gaze generator",
+    {
+        "categorical": "talkingeyes.models.gaze.categorical:CategoricalGaze",
+        "regressed": "talkingeyes.models.gaze.regressed:RegressedGaze",
+        "vae": "talkingeyes.models.gaze.vae:VAEGaze",
+    },
+    ("normalise_by", "terms", "sample"),
+)
+GazePartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(GAZE_GENERATORS.read)]
 
 # Gaze draws must not repeat the numbers that the head drew from the same seed.
 SEED_OFFSET = 1_000_003
@@ -29,7 +44,16 @@ class Condition:
 
 
 class GazeGenerator(Protocol):
-    """The role."""
+    """The role: a torch module made as `Class(settings, speech, codebook)`, `speech` features a frame.
+
+    `codebook` is the frozen prior that conf/model/ names, or None.
+    """
+
+    configured_by: Any
+
+    def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
+        """Take the statistics of eye-in-head in the train split; one with a codebook needs none."""
+        ...
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Named terms of the loss for true gaze."""

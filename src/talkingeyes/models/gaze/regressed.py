@@ -14,6 +14,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.errors import InputError
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.categorical import draw
 from talkingeyes.models.gaze.generator import Condition, uniforms
@@ -21,10 +22,10 @@ from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.quantiser import Quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
-from talkingeyes.settings import Settings
+from talkingeyes.settings import PartSettings
 
 
-class RegressedGazeSettings(Settings):
+class RegressedGazeSettings(PartSettings):
     """The decoder of features."""
 
     kind: Literal["regressed"]
@@ -37,10 +38,14 @@ class RegressedGazeSettings(Settings):
 class RegressedGaze(nn.Module):
     """D_cross-modal: queries are embedded past gaze, keys and values the embedded speech and head."""
 
-    def __init__(self, settings: RegressedGazeSettings, codebook: GazeVQVAE, speech: int) -> None:
+    configured_by = RegressedGazeSettings
+
+    def __init__(self, settings: RegressedGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
+        if codebook is None:
+            raise InputError("model.prior: should name a codebook for regressed gaze, got null")
         if codebook.settings.frames_per_code != 1 or codebook.stay_tolerance_rad is not None:
-            raise ValueError("the paper's decoder takes one code a frame and no stay token")
+            raise InputError("model.prior: should have one code a frame and no stay token for regressed gaze")
         self.codebook = codebook
         width = settings.transformer.width
         self.embed = nn.Linear(len(codebook.mean), width)
@@ -49,6 +54,9 @@ class RegressedGaze(nn.Module):
             settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
         )
         self.out = nn.Linear(width, codebook.settings.quantiser.width)
+
+    def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
+        """The codebook has statistics of its own."""
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Losses of all frames, each predicted from true frames before it; beside them what copying the last gives."""

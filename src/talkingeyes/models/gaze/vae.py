@@ -10,10 +10,12 @@ from torch import Tensor, nn
 
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
+from talkingeyes.settings import PartSettings
 
 
-class VAEGazeSettings(VAESettings):
+class VAEGazeSettings(VAESettings, PartSettings):
     """Size of the VAE of gaze."""
 
     kind: Literal["vae"]
@@ -25,7 +27,9 @@ class VAEGaze(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, settings: VAEGazeSettings, speech: int) -> None:
+    configured_by = VAEGazeSettings
+
+    def __init__(self, settings: VAEGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(6))
         self.register_buffer("scale", torch.ones(()))

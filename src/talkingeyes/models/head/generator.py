@@ -1,60 +1,52 @@
-"""Speech to head motion by a conditional VAE (TalkingEyes eq. 8, 11 to 13)."""
+"""What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
+
+A generator is one file here: `vae` (the paper's); docs/extend.md adds one.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Any, Protocol
 
-import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from pydantic import BeforeValidator, SerializeAsAny
+from torch import Tensor
 
-from talkingeyes.models import losses
-from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
+from talkingeyes.settings import PartSettings, Role
+
+HEAD_GENERATORS = Role(
+    "head generator",
+    {"vae": "talkingeyes.models.head.vae:VAEHead"},
+    ("normalise_by", "normal", "predict", "sample"),
+)
+HeadPartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(HEAD_GENERATORS.read)]
 
 
 @dataclass(frozen=True)
 class HeadPrediction:
-    """The head motion through its own posterior (radians), and the terms of the loss."""
+    """The head motion as the generator reconstructs it (radians), and the terms of the loss."""
 
     head: Float[Tensor, "B T 3"]
     terms: dict[str, Tensor]
 
 
-class HeadGenerator(nn.Module):
-    """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
+class HeadGenerator(Protocol):
+    """The role: a torch module made as `Class(settings, speech)`, `speech` features a frame."""
 
-    mean: Tensor
-    scale: Tensor
-
-    def __init__(self, settings: VAESettings, speech: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(3))
-        self.register_buffer("scale", torch.ones(()))
-        self.vae = ConditionalVAE(settings, 3, speech)
+    configured_by: Any
 
     def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Set what a motion is centred on and divided by."""
-        self.mean.copy_(mean)
-        self.scale.fill_(scale)
+        """Take the statistics of the head in the train split."""
+        ...
 
     def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """In units of the standard deviation."""
-        return (head - self.mean) / self.scale
+        """Rotation vectors centred on the mean, in units of the scale: what the gaze generator sees of the head."""
+        ...
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """Reconstruct true motion under its speech (training)."""
-        true = self.normal(head)
-        posterior = self.vae.encode(true, speech)
-        predicted = self.vae.decode(posterior.draw(), speech)
-        terms = {
-            "head_reconstruction": losses.reconstruction(predicted, true),
-            "head_velocity": losses.velocity(predicted, true),
-            "head_kl": posterior.divergence(),
-        }
-        return HeadPrediction(predicted * self.scale + self.mean, terms)
+        """Named terms of the loss for true motion under its speech."""
+        ...
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
-        """Motions from codes drawn from N(0, I), a seed a row."""
-        shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
-        codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
-        return self.vae.decode(codes.to(speech), speech) * self.scale + self.mean
+        """Rotation vectors, a seed a row; a seed gives the same alone or with others."""
+        ...

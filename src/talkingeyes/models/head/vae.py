@@ -1,0 +1,62 @@
+"""Speech to head motion by a conditional VAE (TalkingEyes eq. 8, 11 to 13)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from talkingeyes.models import losses
+from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
+from talkingeyes.settings import PartSettings
+
+
+class VAEHeadSettings(VAESettings, PartSettings):
+    """Size of the VAE of the head."""
+
+    kind: Literal["vae"]
+
+
+class VAEHead(nn.Module):
+    """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
+
+    mean: Tensor
+    scale: Tensor
+
+    configured_by = VAEHeadSettings
+
+    def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(3))
+        self.register_buffer("scale", torch.ones(()))
+        self.vae = ConditionalVAE(settings, 3, speech)
+
+    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
+        """Set what a motion is centred on and divided by."""
+        self.mean.copy_(mean)
+        self.scale.fill_(scale)
+
+    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
+        """In units of the standard deviation."""
+        return (head - self.mean) / self.scale
+
+    def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
+        """Reconstruct true motion under its speech (training)."""
+        true = self.normal(head)
+        posterior = self.vae.encode(true, speech)
+        predicted = self.vae.decode(posterior.draw(), speech)
+        terms = {
+            "head_reconstruction": losses.reconstruction(predicted, true),
+            "head_velocity": losses.velocity(predicted, true),
+            "head_kl": posterior.divergence(),
+        }
+        return HeadPrediction(predicted * self.scale + self.mean, terms)
+
+    def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        """Motions from codes drawn from N(0, I), a seed a row."""
+        shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
+        codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
+        return self.vae.decode(codes.to(speech), speech) * self.scale + self.mean
