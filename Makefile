@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH := torch==2.13.0
 corpus ?=
+workspace ?= .
 
 # One thread a process (work is parallel over processes), and no telemetry of any dependency.
 export OMP_NUM_THREADS := 1
@@ -57,8 +58,10 @@ tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
 
-ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000
-	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
+ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: make ui workspace=build/tiny
+	@$(BIN)/python -m talkingeyes.comparison $(workspace) 127.0.0.1:5000
+	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
+		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
 
 clean:  ## Remove what runs left in build/ and the caches of tools; data/ and .venv stay
 	rm -rf build .mypy_cache .pytest_cache .ruff_cache .hypothesis

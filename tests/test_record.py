@@ -1,10 +1,8 @@
-"""The record of runs: names, parameters without noise, the saved view, and many processes that write at once."""
+"""The record of runs: names, parameters without noise, the saved view."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
 from recorded import PARAMS, client_of
@@ -106,32 +104,3 @@ def test_the_view_shows_figures_that_rows_have():
         assert part in CRITICS
         assert figure in {"diversity_ratio", "corr", "l2", "speed_ratio", "still"}
     assert all(metric.startswith("val/") for metric in VAL_METRICS)
-
-
-WRITER = """
-import sys
-from pathlib import Path
-from recorded import PARAMS
-from talkingeyes.record import Report, Row, record
-
-root, process = Path(sys.argv[1]), int(sys.argv[2])
-for trial in range(5):
-    params = {**PARAMS, "train": {"seed": 10 * process + trial}}
-    rows = [Row(method, {"test/gaze/l2": process + trial / 10}) for method in ("vae", "talkingeyes")]
-    record(root, "experiment", f"trial {trial}", params, {"train"}, 0.1, Report(rows=rows), [f"train.seed={trial}"])
-"""
-
-
-def test_four_processes_that_record_into_a_new_store_lose_nothing(tmp_path, repository):
-    writers = [
-        subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), str(process)], cwd=repository / "tests")
-        for process in range(4)
-    ]
-    assert [writer.wait(timeout=200) for writer in writers] == [0] * 4
-    client = client_of(tmp_path)
-    assert len(client.search_runs([client.get_experiment_by_name("stages").experiment_id])) == 20
-    rows = client.search_runs([client.get_experiment_by_name("experiments").experiment_id])
-    found = {(run.data.tags["method"], run.data.params["train.seed"]) for run in rows}
-    assert found == {(m, str(10 * p + t)) for m in ("vae", "talkingeyes") for p in range(4) for t in range(5)}
-    assert len(rows) == 40
-    assert all(len(run.data.metrics) == 1 and run.info.status == "FINISHED" for run in rows)

@@ -2,12 +2,21 @@
 
 By itself the page lists runs without one figure. MLflow keeps what a person saves under `Views` as a tag of the
 experiment; here the project writes such a tag of its own. It touches nothing that a person has saved.
+
+Run: python -m talkingeyes.comparison build/tiny 127.0.0.1:5000
+Reads mlflow.db in that folder; prints where a server at that address shows the comparison. `make ui` does both.
 """
 
 from __future__ import annotations
 
 import json
+import sqlite3
+import sys
+from contextlib import closing
+from pathlib import Path
 from typing import Any
+
+from talkingeyes.errors import InputError
 
 # The columns of the table, and the axes of the chart of results on test; a run that lacks one has no line there.
 TEST_METRICS = (
@@ -71,3 +80,34 @@ def _differences() -> dict[str, Any]:
 def _chart(name: str, kind: str) -> dict[str, Any]:
     place = {"metricSectionId": "comparison", "runsCountToCompare": 10}
     return {"uuid": name, "type": kind, "deleted": False, "isGenerated": False, **place}
+
+
+def experiment_id(root: Path) -> str:
+    """The id of the experiment that holds the rows. Raises InputError if there are none yet."""
+    path = root / "mlflow.db"
+    query = "select experiment_id from experiments where name = 'experiments'"
+    found = None
+    if path.exists():
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as store:
+            found = store.execute(query).fetchone()
+    if found is None:
+        raise InputError(f"{path}: should hold rows to compare, which `make repro` or `make tiny` log; got none")
+    return str(found[0])
+
+
+def main(arguments: list[str]) -> int:
+    """Print the addresses; the exit status."""
+    root, server = arguments
+    try:
+        experiment = experiment_id(Path(root))
+    except InputError as error:
+        print("error:", error, file=sys.stderr)
+        return 2
+    print(
+        f"One chart: http://{server}{page(experiment, 'CHART')}\nOne table: http://{server}{page(experiment, 'TABLE')}"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
