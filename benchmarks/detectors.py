@@ -38,6 +38,7 @@ from talkingeyes.world.take import Take, perform
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
 SACCADE_CLASSES_DEG = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 40.0)
+AVERSION_TOLERANCE_S = 0.3
 BLINK_CLASSES = (0.4, 0.6, 0.9, 1.01)
 HEAD_CLASSES_DEG = (1.0, 2.0, 4.0, 30.0)
 SACCADE_TOLERANCE_S, FIXATION_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S = 0.06, 0.06, 0.1, 0.12
@@ -249,32 +250,50 @@ def head_row(
 
 
 def print_states(performed: list[Performed]) -> None:
-    """Gaze states frame by frame: agreement with the states that the take was made of."""
-    print("\n| gaze states | agreement | kappa | averted, found | averted, true | partner off by deg (median, 90 %) |")
-    print("|---|---|---|---|---|---|")
+    """Gaze states: frames and starts of aversions against the states that the take was made of."""
+    names = [
+        "gaze states",
+        "frames agree",
+        "kappa",
+        "averted, found",
+        "averted, true",
+        "partner off by deg (median, 90 %)",
+    ]
+    names += ["starts: precision", "recall", "error ms", "its IQR"]
+    print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        for told in (True, False):
-            found, known, off_deg = [], [], []
-            for each in performed:
-                motion = motion_of(each)
-                gaze, time_s = gaze_of(motion), np.arange(len(motion)) / motion.fps
-                averted = np.zeros(len(motion), bool)
-                for look in each.take.looks:
-                    averted[(time_s >= look.start_s) & (time_s < look.end_s)] = look.averted
-                if averted.all():
-                    continue  # the partner is not seen once
-                partner = np.median(gaze[~averted], axis=0)
-                states = gaze_states(gaze, motion.fps, partner if told else None)
-                found.append(states.averted)
-                known.append(averted)
-                off_deg.append(np.degrees(np.hypot(*(states.partner_rad - partner))))
-            one, other = np.concatenate(found), np.concatenate(known)
-            where = "partner told" if told else "partner estimated"
-            off = "-" if told else f"{np.median(off_deg):.1f}, {np.percentile(off_deg, 90):.1f}"
-            print(
-                f"| {name}, {where} | {(one == other).mean():.3f} | {kappa(one, other):.2f} | {one.mean():.3f}"
-                f" | {other.mean():.3f} | {off} |"
-            )
+        print(states_row(f"{name}, partner told", performed, motion_of, told=True))
+        print(states_row(f"{name}, partner estimated", performed, motion_of, told=False))
+
+
+def states_row(name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], told: bool) -> str:
+    """A row of the table of gaze states; clips in which the partner is not seen once are left out."""
+    found, known, off_deg, starts = [], [], [], Tally()
+    for each in performed:
+        motion = motion_of(each)
+        gaze, time_s = gaze_of(motion), np.arange(len(motion)) / motion.fps
+        averted = np.zeros(len(motion), bool)
+        for look in each.take.looks:
+            averted[(time_s >= look.start_s) & (time_s < look.end_s)] = look.averted
+        if averted.all():
+            continue
+        partner = np.median(gaze[~averted], axis=0)
+        states = gaze_states(gaze, motion.fps, partner if told else None)
+        found.append(states.averted)
+        known.append(averted)
+        off_deg.append(np.degrees(np.hypot(*(states.partner_rad - partner))))
+        start_s = [(np.flatnonzero(np.diff(flags.astype(int)) == 1) + 1) / motion.fps for flags in (found[-1], averted)]
+        starts += tally(*start_s, AVERSION_TOLERANCE_S)
+    one, other, s = np.concatenate(found), np.concatenate(known), starts.score
+    figures = [f"{(one == other).mean():.3f}", f"{kappa(one, other):.2f}", f"{one.mean():.3f}", f"{other.mean():.3f}"]
+    figures += ["-" if told else f"{np.median(off_deg):.1f}, {np.percentile(off_deg, 90):.1f}"]
+    figures += [
+        f"{s.precision:.3f}",
+        f"{s.recall:.3f}",
+        f"{1000 * s.onset_error_s:+.0f}",
+        f"{1000 * s.onset_iqr_s:.0f}",
+    ]
+    return f"| {name} | {' | '.join(figures)} |"
 
 
 def print_fixations(performed: list[Performed]) -> None:
