@@ -72,9 +72,7 @@ class Role:
 
     def _wrong(self, what: str, came: Any) -> PydanticCustomError:
         # Braces would be taken for a template.
-        return PydanticCustomError(
-            "kind", "{what}, got {came} as {name}", {"what": what, "came": came, "name": self.name}
-        )
+        return PydanticCustomError("kind", "{what}, got {came}", {"what": what, "came": str(came)})
 
 
 def validated(section: str, kind: type[S], node: Any) -> S:
