@@ -19,6 +19,7 @@ from detectors import Performed, gaze_of, load
 
 from talkingeyes import rotation
 from talkingeyes.corpus.recordings_of_people import (
+    FIXATION,
     SACCADE,
     ConversationFixations,
     Labelled,
@@ -29,7 +30,7 @@ from talkingeyes.corpus.recordings_of_people import (
 )
 from talkingeyes.metrics.benchmark.behaviour import Behaviour
 from talkingeyes.metrics.benchmark.registry import MEASURES
-from talkingeyes.metrics.detectors.fixations import detect_fixations
+from talkingeyes.metrics.detectors.fixations import LEAST_S, detect_fixations
 from talkingeyes.metrics.detectors.saccades import detect_saccades
 from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
 from talkingeyes.metrics.detectors.signal import runs
@@ -48,6 +49,7 @@ class Judged:
 
     recording: Recording
     experts: Mapping[str, np.ndarray]  # frames in saccades
+    fixations: np.ndarray  # frames in fixations, by MN
 
 
 def judged(folder: Path) -> list[Judged]:
@@ -65,6 +67,7 @@ def judged(folder: Path) -> list[Judged]:
             Judged(
                 Recording(first.fps, *arrays),
                 {expert: each.labels[:frames] == SACCADE for expert, each in labelled.items()},
+                labelled["MN"].labels[:frames] == FIXATION,
             )
         )
     return made
@@ -92,6 +95,33 @@ def print_experts(recordings: list[Judged]) -> None:
                 rows.append((frames, each.experts[against], each.recording.fps))
             kind = "films" if judges is both else "films and pictures"
             _print_agreement(f"{500 / stride:g} Hz against {against}, {kind}", rows, frames=stride == 1)
+
+
+def print_fixations(recordings: list[Judged]) -> None:
+    """Fixations against expert MN on pictures; films have pursuit, which the detector does not know."""
+    names = ["fixations on pictures", "found", "expert", "precision", "recall", "F1", "onset error ms", "kappa"]
+    names += ["median s", "expert's"]
+    print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
+    for stride in STRIDES:
+        total, frames, lengths, known_lengths = Tally(), [], [], []
+        for each in recordings:
+            if len(each.experts) == 2:
+                continue  # a film
+            sampled, fps = each.recording.every(stride), each.recording.fps
+            found = detect_fixations(sampled.gaze_in_space_rad, sampled.fps, sampled.valid)
+            labelled = runs(each.fixations)
+            long = (labelled.last - labelled.first) / fps >= LEAST_S
+            total += tally(found.onset_s, labelled.first[long] / fps, EXPERT_TOLERANCE_S)
+            frames.append((during(found.onset_s, found.offset_s, fps, len(each.fixations)), each.fixations))
+            lengths.extend(found.duration_s)
+            known_lengths.extend((labelled.last - labelled.first)[long] / fps)
+        one, other = (np.concatenate([each[side] for each in frames]) for side in (0, 1))
+        s = total.score
+        print(
+            f"| {500 / stride:g} Hz | {s.found} | {s.known} | {s.precision:.2f} | {s.recall:.2f} | {s.f1:.2f}"
+            f" | {1000 * s.onset_error_s:+.0f} | {kappa(one, other):.2f} | {np.median(lengths):.2f}"
+            f" | {np.median(known_lengths):.2f} |"
+        )
 
 
 def print_ends(recordings: list[Judged]) -> None:
@@ -220,6 +250,7 @@ def main() -> None:
     recordings = judged(folder)
     print_experts(recordings)
     print_ends(recordings)
+    print_fixations(recordings)
     performed = load(Workspace.open(Path()), CLIPS)
     print_people(performed, recordings, folder)
     print_conversation(folder / "conversation_fixations.csv.gz", performed)
