@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy.optimize import minimize, minimize_scalar
 
@@ -34,7 +34,7 @@ from talkingeyes.rotation import direction_of_angles, matrices
 
 HALF_HEIGHT_M = 0.0105  # of E1, E2 and E3 together, an ellipse from corner to corner
 CLOSURES = np.linspace(-0.3, 1.0, 14)
-GAZES_RAD = np.radians([[yaw, pitch] for yaw in range(-35, 36, 7) for pitch in range(-28, 22, 7)])
+GAZES_RAD = np.radians([[yaw, pitch] for yaw in range(-30, 31, 10) for pitch in range(-25, 16, 10)])
 GAZE_LIMITS_RAD = np.radians([[-45.0, -35.0], [45.0, 30.0]])
 NEARLY_SHUT = 0.7  # closure from which gaze is left open
 LEAST_CONTRAST = 0.02  # of red bias between skin and eye: below it no eye is seen
@@ -82,6 +82,7 @@ class Patch:
     origin: Float[ndarray, " 3"]
     rays: Float[ndarray, "N 3"]
     px_per_m: float
+    turn: Float[ndarray, "3 3"]
     photograph: Photograph
 
 
@@ -173,7 +174,7 @@ def _contrast(patches: list[Patch], eye: Eye, angles_rad: Float[ndarray, " 2"], 
 def opening(patch: Patch, eye: Eye, angles_rad: Float[ndarray, " 2"], lid: float) -> Float[ndarray, " N"]:
     """The share of each pixel between the lids: E1 and E2."""
     curves = eye.lids.curves(angles_rad, np.array(lid))[UPPER.start : LOWER.stop] * TEMPORAL[eye.eye] + eye.centre
-    drawn = _project(patch.photograph, curves)
+    drawn = _project(patch.photograph, curves, patch.turn)
     x, y = patch.at_px.T
     upper, lower = (_height(drawn[curve], x) for curve in (UPPER, LOWER))
     return np.asarray(np.clip(np.minimum(lower - y, y - upper) + 0.5, 0.0, 1.0))
@@ -195,9 +196,10 @@ def _patch(photograph: Photograph, eye: Eye) -> Patch:
     middle, half = (inner + outer) / 2, (outer - inner) / 2
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
     ring = middle + np.cos(around) * half + np.sin(around) * np.array([0.0, HALF_HEIGHT_M, 0.0])
-    inside, at_px = _pixels_within(_project(photograph, ring + eye.centre), photograph.image.shape)
-    colours = photograph.image[inside]
     turn = matrices(photograph.head)
+    inside = _pixels_within(_project(photograph, ring + eye.centre, turn), photograph.image.shape)
+    colours = photograph.image[inside[:, 0], inside[:, 1]]
+    at_px = inside[:, ::-1] + 0.5
     origin = (photograph.view.origin - photograph.translation) @ turn - eye.centre
     depth = float(np.linalg.norm(origin))
     return Patch(
@@ -207,23 +209,26 @@ def _patch(photograph: Photograph, eye: Eye) -> Patch:
         origin=origin,
         rays=photograph.view.rays(at_px) @ turn,
         px_per_m=photograph.view.camera.focal_px / depth,
+        turn=turn,
         photograph=photograph,
     )
 
 
-def _pixels_within(
-    ring: Float[ndarray, "K 2"], shape: tuple[int, ...]
-) -> tuple[Bool[ndarray, "H W"], Float[ndarray, "N 2"]]:
-    """The mask and the centres of the pixels inside a convex ring."""
-    columns, rows = np.meshgrid(np.arange(shape[1]) + 0.5, np.arange(shape[0]) + 0.5)
+def _pixels_within(ring: Float[ndarray, "K 2"], shape: tuple[int, ...]) -> Int[ndarray, "N 2"]:
+    """Rows and columns of the pixels of a picture whose centres lie inside a convex ring."""
+    low = np.maximum(np.floor(ring.min(axis=0)).astype(int), 0)
+    high = np.minimum(np.ceil(ring.max(axis=0)).astype(int), [shape[1], shape[0]])
+    columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     step = np.roll(ring, -1, axis=0) - ring
-    sides = [dx * (rows - y) - dy * (columns - x) for (x, y), (dx, dy) in zip(ring, step, strict=True)]
-    inside = np.all(np.stack(sides) >= 0, axis=0) | np.all(np.stack(sides) <= 0, axis=0)
-    return inside, np.stack([columns[inside], rows[inside]], axis=-1)
+    side = step[:, 0] * (rows[..., None] + 0.5 - ring[:, 1]) - step[:, 1] * (columns[..., None] + 0.5 - ring[:, 0])
+    inside = (side >= 0).all(axis=-1) | (side <= 0).all(axis=-1)
+    return np.stack([rows[inside], columns[inside]], axis=-1)
 
 
-def _project(photograph: Photograph, points: Float[ndarray, "K 3"]) -> Float[ndarray, "K 2"]:
-    return photograph.view.project(points @ matrices(photograph.head).T + photograph.translation)
+def _project(
+    photograph: Photograph, points: Float[ndarray, "K 3"], turn: Float[ndarray, "3 3"]
+) -> Float[ndarray, "K 2"]:
+    return photograph.view.project(points @ turn.T + photograph.translation)
 
 
 def _height(curve_px: Float[ndarray, "U 2"], x: Float[ndarray, " N"]) -> Float[ndarray, " N"]:

@@ -1,0 +1,192 @@
+"""The Eyelid system's figures: variance that its stages explain, and errors and speed of capture from images.
+
+Elisei, Bailly & Casari (AVSP 2007). Variance: sections 4.1 and 5.2, on 34 labelled postures an eye as in the paper and
+on held-out gazes, for two kinds of lids that are not of the model's form: those of `eyelid.anatomy` (two people), and
+the open head's sculpted lids, driven by its own rule. Capture: section 6, on pictures of that head, whose lids move by
+that rule and jitter, with a model built from 34 drawn postures of it; true gaze and closure are known. Conditions are
+those that the paper's conclusion asks for. Errors are angles between true and found lines of sight, in degrees.
+
+Run     python benchmarks/eyelid.py [POSTURES]      (24 by default: about two minutes)
+Reads   the open head
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from talkingeyes.fitting.eyelid_capture import Captured, Eye, Photograph, capture
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import pose_of
+from talkingeyes.head.eyelid.anatomy import draw_person
+from talkingeyes.head.eyelid.construction import Explained, construct, explained
+from talkingeyes.head.eyelid.drive import LID_SHAPES
+from talkingeyes.head.eyelid.labels import Lids, Random, anatomical, held_out_postures, paper_postures
+from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
+from talkingeyes.head.model import HeadModel
+from talkingeyes.head.render import Painter
+from talkingeyes.head.skinning import posed
+from talkingeyes.head.view import Framing, View
+from talkingeyes.kinematics import angle_deg
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import direction_of_angles, gaze_of_angles
+from talkingeyes.run import quiet
+
+PAPER = {"left": (0.66, 0.73), "right": (0.61, 0.799)}
+LID_JITTER = 0.03
+HELD_OUT = 200
+YAWS_DEG = (0.0, 30.0, -30.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Postures of both eyes and their pictures: one list of frames a view."""
+
+    angles_rad: Float[ndarray, "N 2"]
+    lid: Float[ndarray, " N"]
+    views: list[View]
+    frames: list[list[UInt8[ndarray, "H W 3"]]]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What is wrong with what capture is given."""
+
+    noise: float = 0.0
+    turn_deg: float = 0.0
+    shift_m: float = 0.0
+    views: int = 3
+
+
+def sculpted_head() -> HeadModel:
+    """The open head without the Eyelid model's shapes: its lids follow the rule for ARKit's shapes."""
+    head = open_head()
+    kept = len(head.expression_names) - len(LID_SHAPES)
+    return replace(head, expression=head.expression[:kept], expression_names=head.expression_names[:kept])
+
+
+def motion_of(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, "N 2"]) -> Motion:
+    """Both eyes in the same postures, the head still."""
+    gaze = gaze_of_angles(np.repeat(angles_rad[:, None], 2, axis=1))
+    return Motion.of(fps=25.0, head=np.zeros((len(gaze), 3)), gaze=gaze, lid=lid)
+
+
+def sculpted(head: HeadModel, around: Region) -> Lids:
+    """The lids of the head as curves of a region."""
+
+    def curves(angles_rad: ndarray, lid: ndarray, random: Random) -> ndarray:
+        jittered = lid + random.normal(0.0, LID_JITTER, len(lid))
+        vertices = posed(head, pose_of(head, motion_of(angles_rad, np.repeat(jittered[:, None], 2, axis=1))))
+        points = around.curves.of(vertices.astype(np.float64)) - around.centre
+        return np.asarray(points * TEMPORAL[around.eye])
+
+    return curves
+
+
+def print_variance(head: HeadModel) -> list[Eye]:
+    """The table of variance explained; gives the models of the sculpted lids."""
+    print("variance of the coordinates explained, %        34 postures             200 held-out gazes")
+    print(f"{'lids':<22}{'eye':<7}{'stage one':>12}{'both':>8}{'stage one':>18}{'both':>8}{'both, open':>12}")
+    eyes = []
+    for kind in ("anatomy, first person", "anatomy, second", "sculpted, by rule"):
+        for eye, side in enumerate(PAPER):
+            random = np.random.default_rng([len(kind), eye])
+            around = region(head, eye)
+            lids = anatomical(around, draw_person(random)) if "anatomy" in kind else sculpted(head, around)
+            labels = paper_postures(lids, random)
+            model = construct(labels)
+            others = held_out_postures(lids, labels.angles_rad, HELD_OUT, random)
+            is_open = model.lid(others.angles_rad, others.curves) < 0.25
+            trained, held_out = explained(model, labels), explained(model, others)
+            print(
+                f"{kind:<22}{side:<7}{_percent(trained)}{'':10}{_percent(held_out)}"
+                f"{100 * explained(model, others.at(is_open)).both_stages:12.1f}"
+            )
+            if kind.startswith("sculpted"):
+                eyes.append(Eye(eye, around.centre, model))
+    for side, shares in PAPER.items():
+        print(f"{'the paper':<22}{side:<7}{_percent(Explained(*shares))}")
+    return eyes
+
+
+def photographed(head: HeadModel, count: int, lids: tuple[float, float], size_px: int, seed: int) -> Scene:
+    """Postures with closures from a range, from three views, as pictures of `size_px`."""
+    random = np.random.default_rng(seed)
+    angles = np.clip(random.normal(0.0, np.radians([9.0, 7.0]), (count, 2)), *np.radians([[-28, -22], [28, 16]]))
+    lid = random.uniform(*lids, count)
+    motion = motion_of(angles, lid[:, None] + random.normal(0.0, LID_JITTER, (count, 2)))
+    views = [Framing(0.285, (0.0, 0.030, 0.0), yaw_deg=yaw).view(size_px, size_px) for yaw in YAWS_DEG]
+    return Scene(angles, lid, views, [list(Painter(head, view).draw(motion)) for view in views])
+
+
+def print_capture(name: str, scene: Scene, eyes: list[Eye], wrong: Disturbance) -> None:
+    """A row: errors of gaze and closure over both eyes, how many were flagged, the time."""
+    random = np.random.default_rng(0)
+    errors, lids, seconds = [], [], 0.0
+    for frame, (angles, lid) in enumerate(zip(scene.angles_rad, scene.lid, strict=True)):
+        photographs = [_disturbed(scene, view, frame, wrong, random) for view in range(wrong.views)]
+        start = time.process_time()
+        found: list[Captured] = [capture(photographs, eye) for eye in eyes]
+        seconds += time.process_time() - start
+        for one in found:
+            if not one.nearly_shut:
+                errors.append(angle_deg(direction_of_angles(one.angles_rad), direction_of_angles(angles)))
+                lids.append(abs(one.lid - lid))
+    flagged = 1 - len(errors) / (2 * len(scene.lid))
+    milliseconds = 1000 * seconds / len(scene.lid)
+    if errors:
+        median, worst = np.median(errors), np.percentile(errors, 95)
+        print(f"{name:<40}{median:8.2f}{worst:8.2f}{np.mean(lids):10.3f}{100 * flagged:10.0f}{milliseconds:10.0f}")
+    else:
+        print(f"{name:<40}{'-':>8}{'-':>8}{'-':>10}{100 * flagged:10.0f}{milliseconds:10.0f}")
+
+
+def main() -> None:
+    """Print both tables."""
+    count = int(sys.argv[1]) if sys.argv[1:] else 24
+    head = sculpted_head()
+    eyes = print_variance(head)
+    print(f"\ncapture of {count} postures, both eyes     gaze error, degrees   closure  flagged   ms a frame")
+    print(f"{'condition':<40}{'median':>8}{'95 %':>8}{'error':>10}{'%':>10}{'(CPU)':>10}")
+    open_eyes = photographed(head, count, (0.0, 0.1), 256, 1)
+    print_capture("open, three views of 256 px", open_eyes, eyes, Disturbance())
+    print_capture("open, one view", open_eyes, eyes, Disturbance(views=1))
+    for low, high in ((0.4, 0.6), (0.6, 0.8), (0.9, 1.0)):
+        scene = photographed(head, count, (low, high), 256, 2)
+        print_capture(f"closure {low} to {high}", scene, eyes, Disturbance())
+    for noise in (0.02, 0.05):
+        print_capture(f"open, noise of {100 * noise:.0f} % a channel", open_eyes, eyes, Disturbance(noise=noise))
+    for size_px in (128, 512):
+        scene = photographed(head, count, (0.0, 0.1), size_px, 1)
+        print_capture(f"open, {size_px} px", scene, eyes, Disturbance())
+    for turn_deg, shift_m in ((1.0, 0.0), (2.0, 0.0), (0.0, 0.001)):
+        wrong = Disturbance(turn_deg=turn_deg, shift_m=shift_m)
+        name = f"open, head {turn_deg:.0f} degrees, {1000 * shift_m:.0f} mm off"
+        print_capture(name, open_eyes, eyes, wrong)
+    print(f"{'the paper, three views of 720 x 576':<40}{'no figure':>16}{'':>20}{800:10d}  (with a GPU of 2007)")
+
+
+def _disturbed(scene: Scene, view: int, frame: int, wrong: Disturbance, random: Random) -> Photograph:
+    image = scene.frames[view][frame] / 255.0
+    noisy = np.clip(image + random.normal(0.0, wrong.noise, image.shape), 0.0, 1.0) if wrong.noise else image
+    turn, shift = (_direction(random) * size for size in (np.radians(wrong.turn_deg), wrong.shift_m))
+    return Photograph(noisy, scene.views[view], turn, shift)
+
+
+def _direction(random: Random) -> Float[ndarray, " 3"]:
+    free = random.normal(size=3)
+    return np.asarray(free / np.linalg.norm(free))
+
+
+def _percent(shares: Explained) -> str:
+    return f"{100 * shares.stage_one:12.1f}{100 * shares.both_stages:8.1f}"
+
+
+if __name__ == "__main__":
+    quiet()
+    main()

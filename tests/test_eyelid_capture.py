@@ -1,0 +1,110 @@
+"""Analysis by synthesis: energies, and gaze and closure out of pictures of the open head with known truth."""
+
+import numpy as np
+import pytest
+
+from talkingeyes.errors import InputError
+from talkingeyes.fitting.eyelid_capture import Captured, Eye, Photograph, blink_energy, capture, gaze_energy, red_bias
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import pose_of
+from talkingeyes.head.eyelid.construction import Labels, construct
+from talkingeyes.head.eyelid.region import TEMPORAL, region
+from talkingeyes.head.render import Painter
+from talkingeyes.head.skinning import posed
+from talkingeyes.head.view import Framing, View
+from talkingeyes.kinematics import angle_deg
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import direction_of_angles, gaze_of_angles
+
+VIEWS = [Framing(0.285, (0.0, 0.03, 0.0), yaw_deg=yaw).view(256, 256) for yaw in (0.0, 30.0)]
+HEAD_RAD, MOVED_M = np.array([0.05, -0.12, 0.04]), np.array([0.004, -0.003, 0.006])
+
+
+def motion(angles_rad: np.ndarray, lid: np.ndarray, head: np.ndarray, translation: np.ndarray) -> Motion:
+    count = len(lid)
+    gaze = gaze_of_angles(np.repeat(angles_rad[:, None], 2, axis=1))
+    poses = {"translation": np.tile(translation, (count, 1)), "lid": np.repeat(lid[:, None], 2, axis=1)}
+    return Motion.of(25.0, np.tile(head, (count, 1)), gaze, **poses)
+
+
+@pytest.fixture(scope="module")
+def eyes() -> list[Eye]:
+    """The Eyelid models of the head's own lids."""
+    head = open_head()
+    yaw, pitch, lid = np.meshgrid([-0.4, 0.0, 0.4], [-0.4, -0.2, 0.0, 0.25], [0.0, 0.5, 1.0])
+    angles, closures = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), lid.ravel()
+    vertices = posed(head, pose_of(head, motion(angles, closures, np.zeros(3), np.zeros(3)))).astype(np.float64)
+    found = []
+    for eye in range(2):
+        around = region(head, eye)
+        curves = (around.curves.of(vertices) - around.centre) * TEMPORAL[eye]
+        found.append(Eye(eye, around.centre, construct(Labels(angles, curves, closures == 0, closures == 1))))
+    return found
+
+
+def photographs(angles_deg: tuple[float, float], lid: float, views: list[View]) -> list[Photograph]:
+    """Pictures of a turned and moved head whose pose is known."""
+    shown = motion(np.radians([angles_deg]), np.array([lid]), HEAD_RAD, MOVED_M)
+    images = [next(iter(Painter(open_head(), view).draw(shown))) / 255.0 for view in views]
+    return [Photograph(image, view, HEAD_RAD, MOVED_M) for image, view in zip(images, views, strict=True)]
+
+
+def error_deg(found: Captured, angles_deg: tuple[float, float]) -> float:
+    return float(angle_deg(direction_of_angles(found.angles_rad), direction_of_angles(np.radians(angles_deg))))
+
+
+@pytest.mark.parametrize("angles_deg", [(0.0, 0.0), (14.0, 5.0), (-12.0, -9.0)])
+def test_gaze_of_open_eyes_is_found(eyes: list[Eye], angles_deg: tuple[float, float]):
+    seen = photographs(angles_deg, 0.05, VIEWS)
+    for eye in eyes:
+        found = capture(seen, eye)
+        assert not found.nearly_shut
+        assert error_deg(found, angles_deg) < 2.0
+        assert abs(found.lid - 0.05) < 0.25
+
+
+def test_half_closed_eyes_from_one_view(eyes: list[Eye]):
+    found = capture(photographs((6.0, -3.0), 0.45, VIEWS[:1]), eyes[1])
+    assert not found.nearly_shut
+    assert abs(found.lid - 0.45) < 0.15
+    assert error_deg(found, (6.0, -3.0)) < 4.0
+
+
+@pytest.mark.parametrize("lid", [0.85, 1.0])
+def test_nearly_closed_eyes_are_flagged_and_not_guessed(eyes: list[Eye], lid: float):
+    for eye in eyes:
+        found = capture(photographs((5.0, 0.0), lid, VIEWS[:1]), eye)
+        assert found.nearly_shut
+        assert np.isnan(found.angles_rad).all()
+
+
+def test_the_red_bias_is_the_share_of_red():
+    assert red_bias(np.array([0.9, 0.0, 0.0])) > 0.9
+    np.testing.assert_allclose(red_bias(np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]])), 1 / 3)
+
+
+def test_the_blink_energy_is_least_where_the_opening_is():
+    bias = np.where(np.abs(np.arange(40) - 20) < 6, 0.33, 0.45)  # a row of pixels through an eye amid skin
+    energy = [blink_energy(bias, (np.abs(np.arange(40) - 20) < half).astype(float)) for half in range(1, 15)]
+    assert 1 + int(np.argmin(energy)) == 6
+    assert blink_energy(-bias, (np.abs(np.arange(40) - 20) < 6).astype(float)) > 0  # an opening redder than skin
+    assert blink_energy(bias, np.zeros(40)) == blink_energy(bias, np.ones(40)) == 0
+
+
+def test_the_gaze_energy_is_least_where_the_iris_is_and_ignores_lighter_ones():
+    place = np.arange(40)
+    red = np.where(np.abs(place - 25) < 5, 0.2, 0.8)
+    inside = ((place > 5) & (place < 35)).astype(float)
+    energy = [gaze_energy(red, inside, (np.abs(place - at) < 5).astype(float)) for at in range(10, 31)]
+    assert 10 + int(np.argmin(energy)) == 25
+    iris = (np.abs(place - 25) < 5).astype(float)
+    assert gaze_energy(1 - red, inside, iris) > gaze_energy(red, inside, iris) + 0.01
+
+
+def test_an_eye_that_no_image_shows_is_refused(eyes: list[Eye]):
+    with pytest.raises(InputError, match="at least one image"):
+        capture([], eyes[0])
+    seen = photographs((0.0, 0.0), 0.0, VIEWS[:1])[0]
+    beside = Photograph(seen.image, seen.view, seen.head, np.array([5.0, 0.0, 0.0]))
+    with pytest.raises(InputError, match="inside at least one image"):
+        capture([beside], eyes[0])
