@@ -1,0 +1,132 @@
+"""Every part that conf/ names is held to the contract of its role, also one that somebody adds (docs/extend.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from toy import recordings
+
+from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.audio.waveform import frames_of
+from talkingeyes.config import CONF
+from talkingeyes.errors import InputError
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion
+
+CHANNELS = 6
+
+
+def content(path: Path) -> Any:
+    return yaml.safe_load(path.read_text())
+
+
+MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_motion"]
+FAMILIES = [path.stem for path in sorted((CONF / "embed" / "encoder").glob("*.yaml"))]
+
+
+def codebook(prior: str | None) -> GazeVQVAE | None:
+    """The codebook that a model needs, untrained."""
+    if prior is None:
+        return None
+    network = GazeVQVAE(GazeVQVAESettings.model_validate(content(CONF / "pretrain" / f"{prior}.yaml")["network"]))
+    network.normalise_by(torch.zeros_like(network.mean), 0.1)
+    network.quantiser.train()
+    network.quantiser(torch.randn(1, 64, network.settings.quantiser.width))
+    return network.freeze()
+
+
+def network(name: str) -> SpeechToMotion:
+    """A model of conf/model/, untrained."""
+    settings = TranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
+    torch.manual_seed(0)
+    made = SpeechToMotion(settings, [str(index) for index in range(CHANNELS)], codebook(settings.prior))
+    made.head.normalise_by(torch.zeros(3), 0.1)
+    made.gaze.normalise_by(torch.zeros(6), 0.1)
+    return made.eval()
+
+
+def batch() -> Batch:
+    found = recordings(2, seed=5, frames=48)
+    return Batch(
+        *(torch.from_numpy(np.stack([getattr(r, part) for r in found])) for part in ("speech", "head", "gaze"))
+    )
+
+
+@pytest.mark.parametrize("name", MODELS)
+class TestModel:
+    """Head and gaze generators, as their model joins them."""
+
+    def test_terms_are_finite_cover_the_weights_and_reach_the_speech(self, name: str) -> None:
+        made = network(name).train()
+        terms = made.terms(batch())
+        assert all(value.shape == () and torch.isfinite(value) for value in terms.values())
+        assert set(made.settings.weights) <= set(terms)
+        terms["total"].backward()
+        gradients = [parameter.grad for parameter in made.speech.parameters()]
+        assert any(gradient is not None and gradient.abs().sum() > 0 for gradient in gradients)
+
+    def test_motion_is_finite_at_any_length(self, name: str) -> None:
+        made = network(name)
+        for frames in (1, 7, 41):
+            out = made.generate(torch.randn(frames, CHANNELS), [1, 2])
+            assert out.head.shape == (2, frames, 3)
+            assert out.gaze.shape == (2, frames, 2, 3)
+            assert torch.isfinite(out.head).all()
+            assert torch.isfinite(out.gaze).all()
+
+    def test_a_seed_is_the_same_alone_and_in_a_batch_and_another_differs(self, name: str) -> None:
+        made, speech = network(name), torch.randn(40, CHANNELS)
+        # At temperature 0 a decoder may give the same gaze for all seeds.
+        many, one = made.generate(speech, [3, 4], 1.0), made.generate(speech, [4], 1.0)
+        torch.testing.assert_close(many.head[1], one.head[0], atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(many.gaze[1], one.gaze[0], atol=1e-5, rtol=1e-4)
+        assert (many.head[0] - many.head[1]).abs().max() > 1e-4
+        assert (many.gaze[0] - many.gaze[1]).abs().max() > 1e-5
+
+    def test_it_learns_one_batch(self, name: str) -> None:
+        made, data = network(name).train(), batch()
+        optimiser = torch.optim.Adam([each for each in made.parameters() if each.requires_grad], 3e-3)
+        totals = []
+        for _ in range(12):
+            torch.manual_seed(0)
+            total = made.terms(data)["total"]
+            optimiser.zero_grad()
+            total.backward()
+            optimiser.step()
+            totals.append(total.item())
+        assert totals[-1] < totals[0]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+class TestEncoder:
+    """Speech encoders. One whose weights are not on this machine is held to it in tests/test_encoder_contract.py."""
+
+    def encoder(self, name: str) -> SpeechEncoder:
+        node = {
+            **content(CONF / "embed" / "default.yaml"),
+            "encoder": content(CONF / "embed" / "encoder" / f"{name}.yaml"),
+        }
+        node.pop("defaults")
+        assert ENCODERS.member(node["encoder"]["kind"])
+        try:
+            return make_encoder(EmbedSettings.model_validate(node))
+        except InputError as error:
+            pytest.skip(str(error))
+
+    def test_one_finite_row_a_frame_the_same_each_time(self, name: str) -> None:
+        encoder = self.encoder(name)
+        sound = (0.1 * np.sin(np.arange(24_123) ** 1.3)).astype(np.float32)
+        assert len(set(encoder.channels)) == len(encoder.channels)
+        for fps in (12.0, 25.0, 29.97):
+            features = encoder(sound, fps)
+            assert features.shape == (frames_of(len(sound), fps), len(encoder.channels))
+            assert features.dtype == np.float32
+            assert np.isfinite(features).all()
+        np.testing.assert_array_equal(encoder(sound, fps), features)
+        assert np.isfinite(encoder(np.zeros(16_000, np.float32), 25.0)).all()
