@@ -93,7 +93,7 @@ def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_ro
     assert vae.data.tags.items() >= {"experiment": "default", "seed": "1", "method": "vae"}.items()
     assert "seed" not in truth.data.tags
     assert vae.data.tags["revision"]
-    assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.yaml"}
+    assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.json"}
     view = json.loads(json.loads(rows.tags[TAG])["state"])
     assert "metrics.`test/gaze/corr`" in view["selectedColumns"]
 

@@ -17,14 +17,14 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
 from talkingeyes.comparison import TAG, saved_view
 
 # What one call of log_batch takes at most.
-METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 1000, 100, 6000
+METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
 # Sections that say where and how something runs, not what: no parameters of a row.
 NO_PARAMETERS = {"machine", "workspace", "store", "until", "objective", "study"}
 # Sections that only models depend on; truth, fitted and mismatched motion do not.
@@ -88,7 +88,7 @@ def record(
         for row in report.rows:
             of_row = _run_of(row, params, tags, overrides)
             if not client.search_runs([experiment], f"tags.key = '{of_row.tags['key']}'", max_results=1):
-                client.log_dict(_log(client, experiment, of_row), dict(params), "params.yaml")
+                client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
 
 
 def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -206,10 +206,10 @@ def _log(client: Any, experiment: str, run: _Run) -> str:
 
     now = int(time.time() * 1000)
     run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
-    for metrics in _batches([Metric(k, float(v), now, 0) for k, v in run.metrics.items()], METRICS_PER_BATCH):
-        client.log_batch(run_id, metrics=metrics)
-    for batch in _batches([Param(k, str(v)[:PARAM_LENGTH]) for k, v in run.params.items()], PARAMS_PER_BATCH):
-        client.log_batch(run_id, params=batch)
+    metrics = _batches([Metric(key, float(value), now, 0) for key, value in run.metrics.items()], METRICS_PER_BATCH)
+    params = _batches([Param(key, str(value)[:PARAM_LENGTH]) for key, value in run.params.items()], PARAMS_PER_BATCH)
+    for some_metrics, some_params in zip_longest(metrics, params, fillvalue=()):
+        client.log_batch(run_id, metrics=some_metrics, params=some_params)
     for path in run.artifacts:
         client.log_artifact(run_id, str(path))
     client.set_terminated(run_id)
