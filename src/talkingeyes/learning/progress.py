@@ -24,9 +24,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-import talkingeyes
-
-PACKAGE = Path(talkingeyes.__file__).parent
+PACKAGE = Path(__file__).resolve().parents[1]
 # The code that a training runs on; other rooms may change while it is interrupted.
 ROOMS = ("corpus", "models", "learning", "metrics", "rotation.py", "kinematics.py", "motion.py", "settings.py")
 
