@@ -45,7 +45,7 @@ class Motion:
     expression: Float[ndarray, "T C"]
     valid: Bool[ndarray, " T"]
     expression_names: tuple[str, ...] = ()
-    head_model: str = "sketch"
+    head_model: str = "anny"
 
     def __post_init__(self) -> None:
         frames = len(self.head)

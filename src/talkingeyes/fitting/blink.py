@@ -3,8 +3,9 @@
     EAR = (|p2 - p6| + |p3 - p5|) / (2 |p1 - p4|)
 
 Looking down by 20 degrees lowers the ratio by a third, the classic false blink. So the observed ratio is divided by
-the one that the fitted pose and gaze give with lids that do nothing but follow gaze, and by the clip's own open level
-(a high percentile): what remains is the opening, 1 when open and 0 when shut, whatever the head and the gaze do.
+the one that the fitted pose and gaze give with lids that do nothing but follow gaze, both counted from the ratio that
+shut lids still have (.04: their points are not on one line), and by the clip's own open level (a high percentile): what
+remains is the opening, 1 when open and 0 when shut, whatever the head and the gaze do.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from scipy.ndimage import median_filter
 
 from talkingeyes.fitting.gaps import bridged, runs
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYES, eye_points, in_camera
+from talkingeyes.head.face_points import EYES
+from talkingeyes.head.landmarks import eye_points, in_camera
 from talkingeyes.motion import Motion
-from talkingeyes.rotation import angles_of_gaze
+from talkingeyes.rotation import angles_of_gaze, gaze_of_angles
 from talkingeyes.settings import Settings
 
 Share = Annotated[float, Field(gt=0, lt=1)]
-STEADY_FRAMES = 5  # of the median over gaze pitch before it tells where lids should be
+STEADY_FRAMES = 5  # of the median over gaze before it tells where lids should be
 WIDEST = 0.5  # a lid this much wider than gaze alone gives is the most that is believed
 
 
@@ -71,7 +73,7 @@ class Rates:
 
 
 def eye_aspect_ratio(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
-    """EAR of both eyes, landmarks in the order of `head.landmarks.NAMES`; NaN where a point is hidden."""
+    """EAR of both eyes, landmarks in the order of `head.face_points.NAMES`; NaN where a point is hidden."""
     return aspect_ratio(landmarks[:, EYES])
 
 
@@ -82,17 +84,16 @@ def aspect_ratio(points: Float[ndarray, "T 2 6 C"]) -> Float[ndarray, "T 2"]:
     return np.asarray(height / (2 * np.linalg.norm(p1 - p4, axis=-1)))
 
 
-def expected_aspect_ratio(motion: Motion, camera: Camera) -> Float[ndarray, "T 2"]:
-    """EAR that head pose and gaze alone give: lids follow the eyes and do nothing else."""
-    pitch = angles_of_gaze(motion.gaze)[..., 1]
-    pitch = median_filter(pitch, size=(STEADY_FRAMES, 1), mode="nearest")
-    points = eye_points(pitch, np.zeros_like(pitch)).reshape(len(motion), 12, 3)
+def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Float[ndarray, "T 2"]:
+    """EAR that head pose and gaze alone give: lids follow the eyes, closed by `closure`, and do nothing else."""
+    angles = median_filter(angles_of_gaze(motion.gaze), size=(STEADY_FRAMES, 1, 1), mode="nearest")
+    points = eye_points(gaze_of_angles(angles), np.full(angles.shape[:2], closure)).reshape(len(motion), 12, 3)
     projected = camera.project(in_camera(points, motion.head, motion.translation))
     return aspect_ratio(projected.reshape(len(motion), 2, 6, 2))
 
 
 def lids(observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> Lids:
-    """Closure and blinks from the observed EAR (NaN where hidden) and the one that gaze alone gives."""
+    """Closure and blinks from EAR, observed (NaN where hidden) and as gaze alone gives it, over shut eyes."""
     opening = np.stack([_opening(observed[:, eye] / expected[:, eye], settings) for eye in range(2)], axis=1)
     mean = opening.mean(axis=1)
     found = tuple(

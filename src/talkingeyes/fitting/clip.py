@@ -79,7 +79,8 @@ def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     visible = seen.any(axis=1)
     gaze = bridged(solution.gaze.reshape(-1, 6), visible).reshape(-1, 2, 3)
     raw = Motion.of(observation.fps, pose.head, gaze, translation=pose.translation)
-    eyelids = lids(eye_aspect_ratio(observation.landmarks), expected_aspect_ratio(raw, camera), raw.fps, settings.blink)
+    shut, wide = (expected_aspect_ratio(raw, camera, closure) for closure in (1.0, 0.0))
+    eyelids = lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
     open_ = visible & ~eyelids.blinking
     space = smooth_gaze(gaze_in_space(raw.head, gaze), seen & open_[:, None], raw.fps, settings.smoothing)
     motion = replace(

@@ -19,12 +19,12 @@ from scipy.signal import savgol_filter
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import NAMES, RIGID, landmarks
+from talkingeyes.head.face_points import NAMES
+from talkingeyes.head.landmarks import RIGID, rest_points
 from talkingeyes.rotation import matrices, vectors
 from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
-REST = landmarks(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 3)))[0, RIGID]
 
 
 class HeadPoseSettings(Settings):
@@ -55,7 +55,7 @@ class HeadPose:
 def head_pose(observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings) -> HeadPose:
     """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed."""
     if observed.shape[1] != len(NAMES):
-        raise InputError(f"landmarks should be the {len(NAMES)} of head.landmarks.NAMES, got {observed.shape[1]}")
+        raise InputError(f"landmarks should be the {len(NAMES)} of head.face_points.NAMES, got {observed.shape[1]}")
     points = observed[:, RIGID]
     visible = np.isfinite(points).all(axis=-1)
     seen = visible.sum(axis=1) >= settings.least_points
@@ -109,7 +109,7 @@ def _first_translation(
     seen = visible[..., None]
     count = seen.sum(axis=1)
     mean = np.where(seen, points, 0.0).sum(axis=1) / count
-    rest = np.where(seen, REST, 0.0).sum(axis=1) / count
+    rest = np.where(seen, _rest(), 0.0).sum(axis=1) / count
     scale = (camera.distance_m - rest[:, 2]) / camera.focal_px
     offset = (mean - np.asarray(camera.centre_px)) * scale[:, None]
     return np.stack([offset[:, 0] - rest[:, 0], -offset[:, 1] - rest[:, 1], np.zeros(len(points))], axis=1)
@@ -123,7 +123,7 @@ def _residual(
     camera: Camera,
 ) -> Float[ndarray, "T K 2"]:
     """Projected minus observed, pixels; 0 where hidden."""
-    placed = np.einsum("tij,kj->tki", turn, REST) + translation[:, None]
+    placed = np.einsum("tij,kj->tki", turn, _rest()) + translation[:, None]
     return np.where(visible[..., None], camera.project(placed) - points, 0.0)
 
 
@@ -131,7 +131,7 @@ def _jacobian(
     turn: Float[ndarray, "T 3 3"], translation: Float[ndarray, "T 3"], camera: Camera
 ) -> Float[ndarray, "T K 2 6"]:
     """Derivative of projected points by a rotation vector applied after `turn`, and by translation."""
-    turned = np.einsum("tij,kj->tki", turn, REST)
+    turned = np.einsum("tij,kj->tki", turn, _rest())
     placed = turned + translation[:, None]
     scale = camera.focal_px / (camera.distance_m - placed[..., 2])
     by_place = np.zeros((*scale.shape, 2, 3))
@@ -143,3 +143,8 @@ def _jacobian(
     none = np.zeros_like(x)
     by_turn = np.stack([none, z, -y, -z, none, x, y, -x, none], axis=-1).reshape(*x.shape, 3, 3)
     return np.concatenate([by_place @ by_turn, by_place], axis=-1)
+
+
+def _rest() -> Float[ndarray, "K 3"]:
+    """The rigid points of the neutral head."""
+    return np.asarray(rest_points()[RIGID])

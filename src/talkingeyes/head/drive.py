@@ -51,13 +51,19 @@ def pose_of(model: HeadModel, motion: Motion) -> Pose:
         )
     weights = np.zeros((len(motion), len(model.expression_names)))
     weights[:, [model.shape(name) for name in motion.expression_names]] = motion.expression
-    built = has_eyelids(model)
-    lids = eyelid_weights(model, motion.gaze, motion.lid) if built else lid_weights(motion.gaze, motion.lid)
-    for name, column in {**lids, **jaw_weights(motion.jaw, model.jaw_open_rad)}.items():
-        if name in model.expression_names:
-            weights[:, model.shape(name)] += column
+    for name, column in shape_weights(model, motion.gaze, motion.lid, motion.jaw).items():
+        weights[:, model.shape(name)] += column
     joint = np.zeros_like(motion.jaw) if model.jaw_open_rad else motion.jaw
     return Pose(weights, motion.head, joint, motion.gaze, motion.translation)
+
+
+def shape_weights(
+    model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"], jaw: Float[ndarray, "T 3"]
+) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of the head's own shapes that lids and jaw move, by name."""
+    lids = eyelid_weights(model, gaze, lid) if has_eyelids(model) else lid_weights(gaze, lid)
+    weights = {**lids, **jaw_weights(jaw, model.jaw_open_rad)}
+    return {name: column for name, column in weights.items() if name in model.expression_names}
 
 
 def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> dict[str, Float[ndarray, " T"]]:

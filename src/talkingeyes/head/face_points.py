@@ -23,7 +23,7 @@ _FRONT = {
     "brow_middle": (33.0, 64.0),
     "brow_inner": (14.0, 59.0),
     "nose_wing": (17.0, -1.0),
-    "mouth_corner": (24.5, -29.5),
+    "mouth_corner": (24.5, -28.0),
 }
 # Points of the outline: the vertex nearest to (x, y, z) in mm.
 _OUTLINE = {
@@ -40,10 +40,10 @@ _MIDDLE = {
     "nose_middle": (0.0, 24.0),
     "nose_tip": (0.0, 5.0),
     "nose_base": (0.0, -8.0),
-    "upper_lip": (0.0, -24.0),
-    "upper_lip_inner": (0.0, -29.0),
-    "lower_lip_inner": (0.0, -31.0),
-    "lower_lip": (0.0, -39.0),
+    "upper_lip": (0.0, -22.0),
+    "upper_lip_inner": (0.0, -26.5),
+    "lower_lip_inner": (0.0, -29.0),
+    "lower_lip": (0.0, -36.0),
     "outline_chin": (0.0, -72.0),
 }
 _PAIRED = (*_FRONT, *_OUTLINE)

@@ -16,7 +16,7 @@ from talkingeyes.head.camera import Camera
 
 @dataclass(frozen=True)
 class Observation:
-    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `landmarks.NAMES`."""
+    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `face_points.NAMES`."""
 
     fps: float
     landmarks: Float[ndarray, "T L 2"]

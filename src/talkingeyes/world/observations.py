@@ -31,7 +31,7 @@ def make_camera(settings: CameraSettings) -> Camera:
     """A pinhole camera with the neutral face in the middle of its picture."""
     depth_m = settings.distance_m - float(face.EYE_CENTRES[0, 2])
     focal_px = 1000.0 * settings.scale_px_per_mm * depth_m
-    heights_m = face.landmarks(np.zeros((1, 2, 3)), np.zeros((1, 2)), np.zeros((1, 3)))[0, :, 1]
+    heights_m = face.rest_points()[:, 1]
     middle_m = float(heights_m.min() + heights_m.max()) / 2.0
     half = settings.size_px / 2.0
     return Camera(
