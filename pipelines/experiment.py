@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
-from talkingeyes.config import CONF, checked, write_params
+from talkingeyes.config import CONF, checked, hydra_in_one_line, write_params
 from talkingeyes.errors import InputError
 from talkingeyes.recipe import CHECKOUT, OWN_CORPUS, Call, needed, recipe
 from talkingeyes.record import record
@@ -140,16 +140,11 @@ def main() -> None:
 def hydra(arguments: list[str]) -> None:
     """Hydra with these arguments. Its errors come as one line."""
     from hydra import main as entry
-    from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors are raised, not printed
     sys.argv[1:] = arguments
-    try:
-        with redirect_stderr(_WithoutEcho(sys.stderr)):
-            entry(config_path=str(CONF), config_name="config", version_base="1.3")(job)()
-    except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(" ".join(str(error).split())) from None
+    with hydra_in_one_line(), redirect_stderr(_WithoutEcho(sys.stderr)):
+        entry(config_path=str(CONF), config_name="config", version_base="1.3")(job)()
 
 
 class _WithoutEcho:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from talkingeyes.config import CONF, compose
+from talkingeyes.config import CONF, checked, compose, hydra_in_one_line
 from talkingeyes.errors import InputError
 from talkingeyes.record import record
 from talkingeyes.run import Report
@@ -119,8 +119,8 @@ def prepare(overrides: Sequence[str]) -> Study | None:
     Raises InputError: a bad override, a value outside its bounds, a study of another search.
     """
     search = read(overrides)
-    for words in _ends([*(search.words if search else []), *_swept(overrides)]):
-        compose([*_fixed(overrides), words])
+    for values in _ends(search.words if search else _swept(overrides)):
+        compose([*_fixed(overrides), *values])
     return None if search is None else study_of(search)
 
 
@@ -131,9 +131,12 @@ def read(overrides: Sequence[str]) -> Search | None:
     from hydra.utils import instantiate
     from omegaconf import OmegaConf
 
-    params = compose(_fixed(overrides))
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with hydra_in_one_line(), initialize_config_dir(str(CONF), version_base="1.3"):
         config = hydra_compose("config", overrides=_fixed(overrides), return_hydra_config=True)
+    with hydra_in_one_line():
+        params = checked(
+            OmegaConf.to_container(OmegaConf.masked_copy(config, [k for k in config if k != "hydra"]), resolve=True)
+        )
     sweeper = config.hydra.sweeper
     if "optuna" not in sweeper._target_ or sweeper.storage is None:
         return None
@@ -261,18 +264,20 @@ def _swept(overrides: Sequence[str]) -> list[str]:
     return [each.input_line for each in _parsed(overrides) if each.is_sweep_override()]
 
 
-# So many values of one key are checked before a sweep starts: the first and the last of a longer list.
-CHECKED = 16
+# So many values of a key are checked before a sweep starts: the first and the last of a longer list.
+CHECKED = 8
 
 
-def _ends(words: Sequence[str]) -> Iterator[str]:
-    """Overrides with single values to check a sweep by: every choice, both ends of an interval."""
+def _ends(words: Sequence[str]) -> Iterator[list[str]]:
+    """Overrides with single values to check a sweep by, every choice and both ends of an interval, all keys at once."""
+    values: dict[str, list[str]] = {}
     for each in _parsed(words):
         if each.is_interval_sweep():
-            value = each.value()
-            values = [str(value.start), str(value.end)]
+            found = [str(each.value().start), str(each.value().end)]
         else:
-            values = list(each.sweep_string_iterator())
-        if len(values) > CHECKED:
-            values = values[: CHECKED // 2] + values[-CHECKED // 2 :]
-        yield from (f"{each.get_key_element()}={value}" for value in values)
+            found = list(each.sweep_string_iterator())
+        values[each.get_key_element()] = (
+            found if len(found) <= CHECKED else found[: CHECKED // 2] + found[-CHECKED // 2 :]
+        )
+    for index in range(max(map(len, values.values()), default=0)):
+        yield [f"{key}={found[min(index, len(found) - 1)]}" for key, found in values.items()]

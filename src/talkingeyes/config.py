@@ -5,7 +5,8 @@ Reads conf/ of the checkout and writes params.yaml, which the stages and DVC rea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -80,17 +81,23 @@ def compose(overrides: Sequence[str] = ()) -> dict[str, Any]:
     """
     from hydra import compose as hydra_compose
     from hydra import initialize_config_dir
-    from hydra.errors import HydraException
     from omegaconf import OmegaConf
+
+    with hydra_in_one_line(), initialize_config_dir(str(CONF), version_base="1.3"):
+        params = OmegaConf.to_container(hydra_compose("config", overrides=list(overrides)), resolve=True)
+    return checked(params)
+
+
+@contextmanager
+def hydra_in_one_line() -> Iterator[None]:
+    """What Hydra and OmegaConf complain about, as an InputError of one line."""
+    from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
     try:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            composed = hydra_compose("config", overrides=list(overrides))
-        params = OmegaConf.to_container(composed, resolve=True)
+        yield
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(" ".join(str(error).split())) from None
-    return checked(params)
 
 
 def checked(params: Any) -> dict[str, Any]:

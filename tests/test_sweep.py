@@ -1,0 +1,166 @@
+"""Sweeps: mistakes are one line, a study outlives a kill and never repeats a trial, bad trials end early."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import optuna
+import pytest
+
+import pipelines.experiment
+import pipelines.sweep
+from pipelines.study import prepare, storage
+from talkingeyes.errors import InputError
+
+# Optuna's old words for distributions, which Hydra's sweeper speaks.
+pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
+
+CODES = "pretrain.gaze_patches.network.quantiser.codes"
+
+
+def run(monkeypatch, *arguments):
+    """The command, in this process."""
+    monkeypatch.setattr(sys, "argv", ["experiment", *arguments])
+    pipelines.experiment.main()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["trian.seed=1"], "trian"),
+        (["-m", "trian.seed=1,2"], "trian"),
+        (["fit=nothing"], "nothing"),
+        (["-m", "fit=default,nothing"], "nothing"),
+        (["-m", f"{CODES}=64,0"], f"{CODES}: Input should be greater than 1, got 0"),
+        (["-m", "sweep=nothing"], "nothing"),
+        (["until=nothing"], "until: should be a stage or one of synthesize, fit"),
+        (["objective.figures=[diversity]"], "objective.figures.0"),
+        (["workspace=."], "workspace: should be another folder than the repository"),
+        (
+            ["-m", "sweep=alive", "objective.figures=[corr,distance]"],
+            "objective.figures: should be one for each direction",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line(repository, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(repository)
+    workspace = [] if "workspace=." in arguments else [f"workspace={tmp_path}"]
+    with pytest.raises(InputError) as error:
+        run(monkeypatch, *arguments, *workspace)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "store").exists()
+
+
+def test_a_mistake_in_a_sweep_is_status_2(repository, tmp_path):
+    command = [sys.executable, "-m", "pipelines.experiment", "-m", "train.seed=0,x", f"workspace={tmp_path}"]
+    result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=100)
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: train.seed")
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
+    def fail(*_):
+        raise InputError("a clip is broken")
+
+    monkeypatch.setattr(pipelines.experiment, "run_chain", fail)
+    with pytest.raises(InputError, match=r"^a clip is broken$"):
+        run(monkeypatch, "-m", "train.seed=0,1", "hydra/launcher=basic", f"workspace={tmp_path}")
+    assert "Error executing" not in capfd.readouterr().err
+
+
+def test_a_changed_search_space_is_refused(tmp_path):
+    overrides = ["sweep=alive", f"workspace={tmp_path}"]
+    assert prepare(overrides).left == 16
+    with pytest.raises(InputError, match=rf"^study alive: began as another search, {CODES} changed; .*study=NAME$"):
+        prepare([*overrides, f"{CODES}=choice(64,128)"])
+    assert prepare([*overrides, f"{CODES}=choice(64,128)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
+
+
+def test_a_storage_may_be_a_database(tmp_path):
+    overrides = ["sweep=alive", f"workspace={tmp_path}", f"hydra.sweeper.storage.where=sqlite:///{tmp_path}/s.db"]
+    assert prepare(overrides).left == 16
+    assert (tmp_path / "s.db").exists()
+
+
+# The command with a chain that only writes down what it is asked for.
+FAKE = """
+import json, os, sys, time
+from pathlib import Path
+import pipelines.experiment as experiment
+
+def chain(params, view, overrides=(), watch=None):
+    codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
+    weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+    with open(Path(params["workspace"], "asked"), "a") as file:
+        print(json.dumps([os.getpid(), codes, weight]), file=file)
+    time.sleep(0.3)
+    return [codes / 100 + weight, abs(weight - 1)]
+
+experiment.run_chain = chain
+experiment.main()
+"""
+
+
+def test_a_killed_sweep_goes_on_and_repeats_nothing(repository, tmp_path):
+    arguments = ["-m", "sweep=codebook", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
+    command = [sys.executable, "-c", FAKE, *arguments, "hydra.sweeper.n_trials=8"]
+    asked = tmp_path / "asked"
+    with subprocess.Popen(command, cwd=repository, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
+        deadline = time.monotonic() + 100
+        while not asked.exists() or len(asked.read_text().splitlines()) < 3:
+            assert first.poll() is None, first.stderr.read().decode()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        os.kill(first.pid, signal.SIGKILL)
+    before = len(asked.read_text().splitlines())
+    result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=100)
+    assert result.returncode == 0, result.stderr
+    lines = [tuple(json.loads(line)[1:]) for line in asked.read_text().splitlines()]
+    assert len(set(lines)) == len(lines), "a trial was replayed"
+    study = optuna.load_study(study_name="codebook", storage=storage(f"{tmp_path}/sweeps.journal"))
+    states = [trial.state.name for trial in study.trials]
+    assert states.count("COMPLETE") == 8
+    assert states.count("FAIL") == 1  # the one that was killed
+    assert len(lines) == 9 > before
+    assert (tmp_path / "codebook/pareto.png").stat().st_size > 5000
+    assert "study codebook: 8 trials complete" in result.stdout
+    assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).left == 0
+
+
+def test_bad_trials_end_early(tmp_path, monkeypatch):
+    steps = []
+
+    def chain(params, view, overrides, watch):
+        weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+        for step in (1, 2, 3):
+            steps.append(step)
+            watch(step, {"score": -weight})
+        return [weight]
+
+    monkeypatch.setattr(pipelines.sweep, "run_chain", chain)
+    monkeypatch.setattr(
+        sys, "argv", ["sweep", "sweep=alive", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=9"]
+    )
+    pipelines.sweep.main()
+    study = optuna.load_study(study_name="alive", storage=storage(f"{tmp_path}/sweeps.journal"))
+    states = [trial.state.name for trial in study.trials]
+    assert len(states) == 9
+    assert set(states) == {"COMPLETE", "PRUNED"}
+    pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
+    assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
+    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_kl"])
+    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_kl"] for trial in study.trials)
+    assert worst.number < 4 or worst.state.name == "PRUNED"
+
+
+def test_pruning_needs_one_objective(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook", f"workspace={tmp_path}"])
+    with pytest.raises(InputError, match="pruning needs one objective"):
+        pipelines.sweep.main()
+    assert not Path(tmp_path, "asked").exists()
