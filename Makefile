@@ -18,7 +18,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny bench ui clean
+.PHONY: help setup repro params test check tiny sweep bench ui clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -54,6 +54,9 @@ check: setup  ## Format, lint, types, import order, then the tests
 
 tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
 	$(BIN)/python -m pipelines.experiment experiment=tiny
+
+sweep: setup  ## A small search with two objectives in build/sweep, in under ten minutes; its front: build/sweep/small/pareto.png
+	$(BIN)/python -m pipelines.experiment -m sweep=small
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done

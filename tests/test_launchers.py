@@ -1,0 +1,127 @@
+"""Every launcher runs the real chain on the least corpus, and all give the same figures. They share one store."""
+
+import csv
+import json
+import os
+import re
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from talkingeyes.run import clip_parallel, each
+
+pytestmark = pytest.mark.slow
+
+CODES = "pretrain.gaze_patches.network.quantiser.codes"
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """One folder for all processes that run these tests: the store sees to it that nothing is made twice."""
+    return tmp_path_factory.getbasetemp().parent / "launchers"
+
+
+def sweep(repository, workspace, *arguments):
+    """The command; what it said."""
+    command = [sys.executable, "-m", "pipelines.experiment", "-m", "experiment=least", f"workspace={workspace}"]
+    environment = {**os.environ, "HOME": str(workspace)}  # Ray keeps a token there
+    command += arguments
+    result = subprocess.run(
+        command, cwd=repository, capture_output=True, text=True, check=False, timeout=580, env=environment
+    )
+    assert result.returncode == 0, result.stderr[-4000:]
+    return result.stdout + result.stderr
+
+
+def assessed(workspace, job):
+    """The figures on val of a job, by number."""
+    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes/metrics.json")
+    return json.loads(path.read_text())
+
+
+def rows(workspace, key):
+    """A parameter of all rows of the comparison."""
+    with sqlite3.connect(workspace / "mlflow.db") as database:
+        query = (
+            "select p.value from params p join runs r using (run_uuid) join experiments e using (experiment_id) "
+            "where e.name = 'experiments' and p.key = ?"
+        )
+        return [value for (value,) in database.execute(query, [key])]
+
+
+def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository, workspace):
+    root = workspace / "basic"
+    said = sweep(repository, root, f"store={workspace}/store", "hydra/launcher=basic", f"{CODES}=32,48,64,96")
+    made = re.findall(r"^== (\S+)(?: \S+)?$", said, re.MULTILINE)
+    for stage in ("pretrain", "train", "assess"):
+        assert made.count(stage) == 4
+    for stage in ("synthesize", "fit", "embed", "critic"):
+        assert made.count(stage) <= 1
+        assert len(re.findall(rf"^== {stage} is in the store$", said, re.MULTILINE)) >= 3
+    assert sorted(rows(root, "pretrain.network.quantiser.codes"), key=int) == ["32", "48", "64", "96"]
+
+
+def test_joblib_gives_what_basic_gives(repository, workspace):
+    """Two workers want the same corpus at the same moment: one makes it, and it is what one process alone makes."""
+    until = "until=train@talkingeyes"
+    sweep(repository, workspace / "basic", f"store={workspace}/store", "hydra/launcher=basic", until)
+    said = sweep(repository, workspace / "joblib", until, "hydra/launcher=processes", "train.seed=0,1")
+    assert re.findall(r"^== (?:synthesize|fit|embed)$", said, re.MULTILINE) == ["== synthesize", "== fit", "== embed"]
+    both = [
+        {path.parent.parent.name: path.read_text() for path in store.glob("*/output/SHA256SUMS")}
+        for store in (workspace / "joblib/store", workspace / "store")
+    ]
+    same = both[0].keys() & both[1].keys()
+    assert {name.rpartition("-")[0] for name in same} == {
+        "synthesize",
+        "fit",
+        "embed",
+        "pretrain-gaze_patches",
+        "train-talkingeyes",
+    }
+    assert all(both[0][name] == both[1][name] for name in same)
+
+
+def test_optuna_and_ray_together(repository, workspace):
+    root = workspace / "ray"
+    arguments = ["sweep=codebook", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", f"{CODES}=choice(32,64)"]
+    said = sweep(repository, root, f"store={workspace}/store", *arguments)
+    assert "Ray Launcher is launching 2 jobs" in said
+    assert "study codebook: 2 trials complete" in said
+    with (root / "codebook/trials.csv").open() as file:
+        trials = list(csv.DictReader(file))
+    for number, trial in enumerate(trials):
+        figures = assessed(root, number)
+        assert [float(trial["corr"]), float(trial["distance"])] == [figures["corr"], figures["distance"]]
+    assert (root / "codebook/pareto.png").exists()
+
+
+def squared(number):
+    """What the workers do."""
+    return number * number, os.getpid()
+
+
+def test_clip_parallel_work_runs_on_ray(tmp_path):
+    code = (
+        "import os\nfrom test_launchers import squared\nfrom talkingeyes.run import clip_parallel, each\n"
+        "with clip_parallel({'backend': 'ray', 'ray_address': None, 'jobs': 2}):\n"
+        "    found = list(each(squared, range(20), 2, 'squares'))\n"
+        "assert [square for square, _ in found] == [n * n for n in range(20)]\n"
+        "assert os.getpid() not in {process for _, process in found}\n"
+    )
+    paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "HOME": str(tmp_path), "PYTHONPATH": paths}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=200)
+
+
+def test_inside_a_worker_clips_go_one_after_another():
+    (processes,) = each(_nested, [4], 2, "outer")
+    assert len(processes) == 1
+
+
+def _nested(count):
+    with clip_parallel({}):
+        return {process for _, process in each(squared, range(count), 2, "inner")}
