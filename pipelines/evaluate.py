@@ -4,8 +4,9 @@ Run: python -m pipelines.evaluate talkingeyes
 Rows: `truth` (the true motion; its takes are its samples), `fitted` (what models train on: the ceiling), `mismatched`
 (fitted motion of other sounds of the speaker), or a model.
 Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<model>.
-Writes: data/evaluate/<row>/metrics.json {split: {part: {figure: {value, low, high}}}} and speed.csv (share of frames
-that are faster). A corpus without truth has an empty row `truth`.
+Writes: data/evaluate/<row>/metrics.json {split: {part: {figure: {value, low, high}}}}, speed.csv (share of frames
+that are faster), and benchmark.json: the gaze benchmark on both splits together against the truth, all takes of it (in
+a corpus without truth: the fitted motion). A corpus without truth has an empty row `truth`.
 """
 
 from __future__ import annotations
@@ -14,20 +15,28 @@ import csv
 import json
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
+from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.errors import InputError
-from talkingeyes.metrics.bootstrap import Estimate
+from talkingeyes.metrics.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
+from talkingeyes.metrics.benchmark.features import featured, gathered
+from talkingeyes.metrics.benchmark.table import as_json
+from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate
 from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.metrics.distribution.encoder import MotionEncoder
 from talkingeyes.metrics.evaluation import CRITICS, Case, EvaluateSettings, Figures, cropped, measure, summarise
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
@@ -35,8 +44,11 @@ from talkingeyes.run import Report, Workspace, each, main
 SPLITS = ("test", "unseen")
 # Where the distribution of speed is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
+# Other sounds of the speaker that Corr. is also taken with.
+SHUFFLED = 2
 # Starting a process takes as long as measuring some fifty sounds.
 SOUNDS_WORTH_A_PROCESS = 100
+SHUFFLED = 2  # other sounds under which Corr. is taken
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,7 @@ class Sources:
     embed: Path
     critic: Path
     sample: Path
+    benchmarked: int  # samples of a sound that the benchmark looks at
 
 
 @dataclass(frozen=True)
@@ -59,18 +72,36 @@ class Item:
     others: list[Clip]
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What is kept of a sound: figures by part; sums and features for the benchmark, of the row and of the truth."""
+
+    figures: dict[str, Figures]
+    fps: float
+    sums: Float[ndarray, " K"]
+    features: Float[ndarray, "W D"]
+    true_sums: Float[ndarray, " K"]
+    true_features: Float[ndarray, "V D"]
+
+
 def run(workspace: Workspace, name: str) -> Report:
     """Clip-parallel; the figures of a clip do not depend on the others."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     data = workspace.data
-    sources = Sources(name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", name))
+    sources = Sources(
+        name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", name), settings.benchmarked
+    )
     found: dict[str, dict[str, list[Figures]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
     work = items(sources, settings)
-    critics = {part: Correlation.load(sources.critic, part) for part in CRITICS.values()} if work else {}
+    networks = Networks.load(sources.critic) if work else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
-    measured = each(partial(evaluate, sources, critics), work, jobs, f"evaluate {name}")
-    for item, figures in zip(work, measured, strict=True):
-        for part, of_part in figures.items():
+    measured = each(partial(evaluate, sources, networks), work, jobs, f"evaluate {name}")
+    benchmark = Benchmark()
+    for item, one in zip(work, measured, strict=True):
+        if one is None:
+            continue
+        benchmark.add(one)
+        for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
     table = {
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
@@ -78,8 +109,43 @@ def run(workspace: Workspace, name: str) -> Report:
     }
     with workspace.output("evaluate", name) as folder:
         (folder / "metrics.json").write_text(json.dumps(_plain(table), indent=1))
+        (folder / "benchmark.json").write_text(benchmark.json(settings.bootstrap))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(table), artifacts=[data("evaluate", name, "metrics.json")])
+
+
+@dataclass(frozen=True)
+class Networks:
+    """The frozen networks that judge: the critics by part, and the encoder of windows."""
+
+    critics: dict[str, Correlation]
+    encoder: MotionEncoder
+
+    @classmethod
+    def load(cls, folder: Path) -> Networks:
+        """From what the stage `critic` wrote."""
+        return cls({part: Correlation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder))
+
+
+class Benchmark:
+    """The tallies of a row and of the truth under the same sounds."""
+
+    def __init__(self) -> None:
+        self._tallies: tuple[Tally, Tally] | None = None
+
+    def add(self, one: Measured) -> None:
+        """Count a sound."""
+        ours, theirs = self._tallies = self._tallies or (Tally(one.fps), Tally(one.fps))
+        ours.add(one.sums, one.features)
+        theirs.add(one.true_sums, one.true_features)
+
+    def json(self, settings: BootstrapSettings) -> str:
+        """The table; of a row without sounds one without measures."""
+        if self._tallies is None:
+            return as_json([], {"sounds": 0})
+        ours, theirs = self._tallies
+        rows = list(Comparison(ours, theirs, settings, paired=True).rows())
+        return as_json(rows, {"sounds": ours.clips, "fps": ours.fps})
 
 
 def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
@@ -106,15 +172,17 @@ def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
     return found
 
 
-def evaluate(sources: Sources, critics: dict[str, Correlation], item: Item) -> dict[str, Figures]:
-    """The figures of one sound by part; none if the row has nothing for it (a speaker of one sound has no mismatch)."""
+def evaluate(sources: Sources, networks: Networks | None, item: Item) -> Measured | None:
+    """The figures of one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
+    assert networks is not None
     corpus, clip = Corpus(sources.corpus), item.takes[0]
     takes = Recordings(item.takes, sources.fit, sources.embed)[:]
     fitted = stacked(clip.fps, takes)
-    truth = stacked(clip.fps, [corpus.truth(take) for take in item.takes]) if corpus.has_truth else None
+    true = [corpus.truth(take) for take in item.takes] if corpus.has_truth else None
+    truth = stacked(clip.fps, true) if true else None
     samples = _samples(sources, item, fitted, truth)
     if samples is None:
-        return {}
+        return None
     frames = min(len(takes[0]), *(each.head.shape[1] for each in (samples, fitted, truth or fitted)))
     case = Case(
         speech=np.array(takes[0].speech[:frames]),
@@ -123,8 +191,42 @@ def evaluate(sources: Sources, critics: dict[str, Correlation], item: Item) -> d
         fitted=cropped(fitted, frames),
         truth=cropped(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],
+        others=_other_sounds(sources, item),
     )
-    return measure(case, critics)
+    annotation = corpus.annotation(clip)
+    fits = (
+        [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in item.takes]
+        if case.own or not true
+        else []
+    )
+    reference = with_references([_of_motion(motion, annotation) for motion in true or fits])
+    if case.own:
+        judged = reference if sources.row == "truth" else [_of_motion(motion, annotation) for motion in fits]
+    else:
+        pairs = zip(samples.head[: sources.benchmarked], samples.gaze, strict=False)
+        judged = [behaviour(clip.fps, {"head": head, "gaze": gaze}, None, annotation) for head, gaze in pairs]
+    if sources.row != "truth":
+        judged = [replace(each, reference=reference[0]) for each in judged]
+    judged, reference = (featured(each, networks.encoder) for each in (judged, reference))
+    return Measured(
+        measure(case, networks.critics),
+        clip.fps,
+        observe(judged),
+        gathered(judged),
+        observe(reference),
+        gathered(reference),
+    )
+
+
+def _other_sounds(sources: Sources, item: Item) -> list[np.ndarray]:
+    """Embeddings of a few other sounds of the speaker; none for mismatched motion, to which they may belong."""
+    others = [] if sources.row == "mismatched" else item.others[:SHUFFLED]
+    return [np.array(each.speech) for each in Recordings(others, sources.fit, sources.embed)]
+
+
+def _of_motion(motion: Motion, annotation: Annotation) -> Behaviour:
+    fields = {name: getattr(motion, name) for name in FIELDS}
+    return behaviour(motion.fps, fields, motion.valid, annotation)
 
 
 def _samples(sources: Sources, item: Item, fitted: Samples, truth: Samples | None) -> Samples | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour, with_references
 from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated
 from talkingeyes.metrics.benchmark.tally import Comparison, Row, Tally, observe
 from talkingeyes.metrics.bootstrap import BootstrapSettings
@@ -216,13 +216,6 @@ def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None,
     if takes and not plain:
         notes.append(f"{takes[0].sound}: no reference motion in {true}")
     return with_references(plain)
-
-
-def with_references(takes: Sequence[Behaviour]) -> list[Behaviour]:
-    """Each take with the next as its reference; a single one has none."""
-    if len(takes) < 2:
-        return list(takes)
-    return [replace(take, reference=takes[(index + 1) % len(takes)]) for index, take in enumerate(takes)]
 
 
 def _behaviours(

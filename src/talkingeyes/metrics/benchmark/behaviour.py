@@ -6,8 +6,8 @@ once, on demand. Frames that hold NaN are not valid: they are filled with their 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,12 +38,13 @@ class Behaviour:
     valid: Bool[ndarray, " T"]
     annotation: Annotation | None = None
     reference: Behaviour | None = None  # a true motion for the same sound
+    features: Float[ndarray, "W D"] | None = None  # of windows, by the fixed encoder
 
     def __len__(self) -> int:
         return len(self.valid)
 
     def has(self, field: str) -> bool:
-        """Whether a field of the motion, its annotation or its reference is known."""
+        """Whether a field of the motion, or something else that a measure needs, is known."""
         return getattr(self, field) is not None
 
     @property
@@ -53,7 +54,7 @@ class Behaviour:
         return self.reference
 
     @cached_property
-    def seen(self) -> Bool[ndarray, " T-1"]:
+    def seen(self) -> Bool[ndarray, " F"]:
         """Steps between two valid frames."""
         return np.asarray(self.valid[1:] & self.valid[:-1])
 
@@ -90,17 +91,17 @@ class Behaviour:
         return angles_of_direction(self.space_unit.mean(axis=1))
 
     @cached_property
-    def eye_speed_deg_s(self) -> Float[ndarray, " T-1"]:
+    def eye_speed_deg_s(self) -> Float[ndarray, " F"]:
         """Of eye-in-head, mean of both eyes."""
         return _speed_deg_s(self.eye_unit, self.fps)
 
     @cached_property
-    def space_speed_deg_s(self) -> Float[ndarray, " T-1"]:
+    def space_speed_deg_s(self) -> Float[ndarray, " F"]:
         """Of gaze in space, mean of both eyes."""
         return _speed_deg_s(self.space_unit, self.fps)
 
     @cached_property
-    def head_speed_deg_s(self) -> Float[ndarray, " T-1"]:
+    def head_speed_deg_s(self) -> Float[ndarray, " F"]:
         """Of the head, roll included."""
         assert self.head is not None
         return head_speed_deg_s(self.head, self.fps)
@@ -111,7 +112,7 @@ class Behaviour:
         return detect_saccades(self.space_rad, self.fps, self.valid)
 
     @cached_property
-    def in_saccade(self) -> Bool[ndarray, " T-1"]:
+    def in_saccade(self) -> Bool[ndarray, " F"]:
         """Steps that touch a saccade."""
         edges = np.zeros(len(self) + 1, int)
         np.add.at(edges, self._step(np.floor(self.saccades.onset_s * self.fps + 1e-6)), 1)
@@ -159,11 +160,18 @@ def behaviour(
     return Behaviour(fps, filled.get("head"), filled.get("gaze"), filled.get("lid"), good, annotation, reference)
 
 
+def with_references(takes: Sequence[Behaviour]) -> list[Behaviour]:
+    """Each take with the next as its reference; a single one has none."""
+    if len(takes) < 2:
+        return list(takes)
+    return [replace(take, reference=takes[(index + 1) % len(takes)]) for index, take in enumerate(takes)]
+
+
 def _nearest(good: Bool[ndarray, " T"]) -> Int[ndarray, " T"]:
     """For each frame the last valid one, before the first valid one that one."""
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
     return np.asarray(np.where(last < 0, int(np.argmax(good)), last))
 
 
-def _speed_deg_s(unit: Float[ndarray, "T 2 3"], fps: float) -> Float[ndarray, " T-1"]:
+def _speed_deg_s(unit: Float[ndarray, "T 2 3"], fps: float) -> Float[ndarray, " F"]:
     return np.asarray(angle_deg(unit[:-1], unit[1:]).mean(axis=-1) * fps)

@@ -8,6 +8,7 @@ follows, a little later and by a part of the way (Guitton & Volle 1987; Stahl 19
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -51,7 +52,7 @@ def observe_counter(behaviour: Behaviour) -> Sums:
     fps, rest = behaviour.fps, behaviour.seen & ~behaviour.in_saccade
     eye = np.diff(behaviour.eye_rad.mean(axis=1), axis=0) * fps
     head = np.diff(behaviour.head_rad, axis=0) * fps
-    found: dict[str, float | ndarray] = {"counter.frames": rest.sum()}
+    found: dict[str, Any] = {"counter.frames": rest.sum()}
     for axis, name in enumerate(AXES):
         of_eye, of_head = (
             each[rest, axis] - each[rest, axis].mean() if rest.any() else each[:0, axis] for each in (eye, head)

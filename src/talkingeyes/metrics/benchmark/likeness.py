@@ -8,6 +8,7 @@ has 0 and is not wrong: only a negative value is.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -46,7 +47,7 @@ def _posture(behaviour: Behaviour) -> Float[ndarray, " 3"]:
 
 
 def _moments(names: tuple[str, ...], ours: Float[ndarray, " C"], theirs: Float[ndarray, " C"]) -> Sums:
-    found: dict[str, float | ndarray] = {}
+    found: dict[str, Any] = {}
     for name, x, y in zip(names, ours, theirs, strict=True):
         values = (1.0, x, y, x * x, y * y, x * y) if np.isfinite(x + y) else (0.0,) * len(MOMENTS)
         found |= {f"{name}.{moment}": value for moment, value in zip(MOMENTS, values, strict=True)}

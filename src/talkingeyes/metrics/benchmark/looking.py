@@ -52,8 +52,9 @@ def observe_curves(behaviour: Behaviour) -> Sums:
     assert behaviour.annotation is not None
     spans = behaviour.annotation.speaking
     gaps = [after.start_s - before.end_s for before, after in pairwise(spans)]
-    start = [span.start_s for span, gap in zip(spans, [np.inf, *gaps], strict=True) if gap >= LEAST_GAP_S]
-    end = [span.end_s for span, gap in zip(spans, [*gaps, np.inf], strict=True) if gap >= LEAST_GAP_S]
+    apart = [np.inf, *gaps, np.inf]
+    start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= LEAST_GAP_S]
+    end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= LEAST_GAP_S]
     onset, offset = (_around(behaviour, np.array(times)) for times in (start, end))
     return {
         "onset.speech_onsets": len(start),

@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.metrics.benchmark.behaviour import Behaviour
+from talkingeyes.metrics.bootstrap import Statistic
+from talkingeyes.metrics.distribution.mmd import Drawn
 
 # Sums of one clip: a number, or an array, a name.
-Sums = Mapping[str, "float | ndarray"]
+Sums = Mapping[str, "int | float | np.integer | ndarray"]
 # Totals of D draws of the clips: (D,) or (D, K) a name.
 Totals = Mapping[str, ndarray]
 
@@ -30,11 +31,15 @@ MORE: Final = "more"
 
 @dataclass(frozen=True)
 class Observer:
-    """Sums that belong together. `needs` names fields of Behaviour; `sizes` says how long each sum is."""
+    """Sums that belong together. `needs` names fields of Behaviour; `sizes` says how long each sum is.
 
-    observe: Callable[[Behaviour], Sums]
+    `observe` takes one Behaviour; where `together`, the sequence of all motions of a sound.
+    """
+
+    observe: Callable[..., Sums]
     needs: tuple[str, ...]
     sizes: Mapping[str, int]
+    together: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,9 @@ class Measure:
 
     `of` names the sum that counts what the figure is made of, and `least` how many of them it takes. `direction`:
     "truth" is better the nearer to the reference, "less" and "more" as they say. A measure with `against` compares
-    with the totals of the reference; then the reference's own figure is that between its halves. `rate_bound` figures
-    depend on the frame rate and are not compared across rates.
+    with the totals of the reference, one that is `pairwise` with windows of it (both drawn, and whether clip i of both
+    is the same sound); then the reference's own figure is that between its halves. `rate_bound` figures depend on the
+    frame rate and are not compared across rates.
     """
 
     name: str
@@ -58,11 +64,12 @@ class Measure:
     least: int
     figure: Callable[[Totals], Float[ndarray, " D"]] | None = None
     against: Callable[[Totals, Totals], Float[ndarray, " D"]] | None = None
+    pairwise: Callable[[Drawn, Drawn, bool], Statistic] | None = None
     direction: Direction = TRUTH
     rate_bound: bool = False
 
     def __post_init__(self) -> None:
-        assert (self.figure is None) != (self.against is None), self.name
+        assert sum(each is not None for each in (self.figure, self.against, self.pairwise)) == 1, self.name
         assert self.observer.sizes[self.of] == 1, self.name
 
     @property

@@ -7,6 +7,7 @@ the fastest frames away. Spectra: `metrics/distribution/spectrum.py`.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -25,9 +26,7 @@ HEAD_AXES = ("pitch", "yaw", "roll")  # of the rotation vector
 PARTS = {"eye": "eye-in-head", "space": "gaze in space", "head": "head"}
 
 
-def _movement(
-    part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[ndarray, "T C"], of: Behaviour
-) -> dict[str, float | ndarray]:
+def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[ndarray, "T C"], of: Behaviour) -> Sums:
     speed = speed_deg_s[of.seen]
     power = spectrum(angles_rad, of.fps, of.valid)
     summed = power.power.sum(axis=1)[: len(FREQUENCY_HZ)]
@@ -77,7 +76,7 @@ def observe_speaking(behaviour: Behaviour) -> Sums:
     frames = np.zeros(len(behaviour) - 1, bool)
     for span in behaviour.annotation.speaking:
         frames[max(0, round(span.start_s * behaviour.fps)) : max(0, round(span.end_s * behaviour.fps))] = True
-    found: dict[str, float | ndarray] = {}
+    found: dict[str, Any] = {}
     for name, where in (("speech", frames & behaviour.seen), ("pause", ~frames & behaviour.seen)):
         found |= {f"{name}.frames": where.sum(), f"{name}.speed_deg_s": behaviour.head_speed_deg_s[where].sum()}
     return found

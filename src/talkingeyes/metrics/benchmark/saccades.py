@@ -40,7 +40,8 @@ def sampled_log_peak(fps: float) -> Float[ndarray, " A"]:
     duration = law.duration_s(amplitude)
     frames = int(np.ceil(float(duration.max()) * fps)) + 2
     times_s = (np.arange(frames)[None, None] - 1 + (np.arange(LAW_PHASES)[None, :, None] + 0.5) / LAW_PHASES) / fps
-    done = law.progress(times_s / duration, law.skew(amplitude))
+    phase, skewness = np.broadcast_arrays(times_s / duration, law.skew(amplitude))
+    done = law.progress(phase, skewness)
     peak = np.degrees(amplitude[..., 0]) * np.diff(done, axis=2).max(axis=2) * fps
     return np.asarray(np.log(peak).mean(axis=1))
 

@@ -19,11 +19,14 @@ from numpy import ndarray
 from talkingeyes.metrics.benchmark.behaviour import Behaviour
 from talkingeyes.metrics.benchmark.measure import LESS, MORE, Measure, Totals
 from talkingeyes.metrics.benchmark.registry import MEASURES, OBSERVERS
-from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, interval, resamples
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, bootstrap, interval, resamples
+from talkingeyes.metrics.distribution.mmd import Drawn, draw
 
 GROUPS = 1000
 # Random halvings of the reference that measures of comparison are read beside.
 HALVINGS = 20
+# Windows that are compared pairwise, of either set, and resamples of their sounds.
+PAIRWISE_WINDOWS, PAIRWISE_DRAWS = 300, 200
 
 
 @dataclass(frozen=True)
@@ -57,14 +60,18 @@ LAYOUT = Layout.of(
 )
 
 
-def observe(motions: Iterable[Behaviour]) -> Float[ndarray, " K"]:
+def observe(motions: Sequence[Behaviour]) -> Float[ndarray, " K"]:
     """All sums over the motions of one sound."""
     flat = np.zeros(LAYOUT.size)
+    for observer in OBSERVERS:
+        if observer.together and motions and all(all(map(motion.has, observer.needs)) for motion in motions):
+            for name, value in observer.observe(motions).items():
+                flat[LAYOUT.slices[name]] += value
     for motion in motions:
         has = {field: motion.has(field) for field in FIELDS}
         flat[: len(FIELDS)] += list(has.values())
         for observer in OBSERVERS:
-            if all(has[field] for field in observer.needs):
+            if not observer.together and all(has[field] for field in observer.needs):
                 for name, value in observer.observe(motion).items():
                     flat[LAYOUT.slices[name]] += value
     return flat
@@ -75,12 +82,15 @@ class Tally:
 
     def __init__(self, fps: float) -> None:
         self.fps, self.clips = fps, 0
+        self.features: list[Float[ndarray, "W D"]] = []
         self._groups = np.zeros((GROUPS, LAYOUT.size))
 
-    def add(self, flat: Float[ndarray, " K"]) -> None:
-        """Count one clip."""
+    def add(self, flat: Float[ndarray, " K"], features: Float[ndarray, "W D"] | None = None) -> None:
+        """Count one clip; features of its windows are kept of the first GROUPS clips."""
         self._groups[self.clips % GROUPS] += flat
         self.clips += 1
+        if features is not None and len(self.features) < GROUPS:
+            self.features.append(features)
 
     @property
     def groups(self) -> Float[ndarray, "G K"]:
@@ -165,14 +175,36 @@ class Comparison:
     def _row(self, measure: Measure) -> Row:
         ours, theirs = self._all
         count = int(ours[measure.of][0])
-        reason = _lacking(measure, ours, "the motions") or (
-            _lacking(measure, theirs, "the reference") if measure.against else ""
-        )
-        if measure.against and not self.same_rate and measure.rate_bound:
-            reason = self._rates
+        reason = _lacking(measure, ours, "the motions")
+        if not measure.figure:
+            reason = reason or _lacking(measure, theirs, "the reference")
+            if not self.same_rate and measure.rate_bound:
+                reason = self._rates
         if reason:
             return Row(measure, count, None, None, None, reason)
+        if measure.pairwise:
+            return self._pairwise(measure, count)
         return self._against(measure, count) if measure.against else self._figure(measure, count)
+
+    def _pairwise(self, measure: Measure, count: int) -> Row:
+        assert measure.pairwise is not None
+        settings = self.settings.model_copy(update={"draws": min(self.settings.draws, PAIRWISE_DRAWS)})
+        ours, theirs = self.tally.features, self.reference.features
+        paired = self.paired and len(ours) == len(theirs)
+        statistic = measure.pairwise(self._some(ours), self._some(theirs), paired)
+        order = np.random.default_rng(self.settings.seed).permutation(len(theirs))
+        halves = [[theirs[index] for index in half] for half in np.array_split(order, 2)]
+        between = measure.pairwise(self._some(halves[0]), self._some(halves[1]), False)
+        return Row(
+            measure,
+            count,
+            bootstrap(statistic, len(ours), settings),
+            bootstrap(between, len(halves[1]), settings),
+            None,
+        )
+
+    def _some(self, groups: Sequence[Float[ndarray, "W D"]]) -> Drawn:
+        return draw(groups, PAIRWISE_WINDOWS, self.settings.seed)
 
     @property
     def _rates(self) -> str:

@@ -1,0 +1,208 @@
+"""The benchmark: measures find what was put in, know what they cannot tell, and count the same in any grouping."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from people import ANNOTATION, Person, people
+
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.benchmark import tally as tallies
+from talkingeyes.metrics.benchmark.behaviour import behaviour, with_references
+from talkingeyes.metrics.benchmark.measure import Bins
+from talkingeyes.metrics.benchmark.registry import MEASURES
+from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated, from_json, markdown
+from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe, weights
+from talkingeyes.metrics.bootstrap import BootstrapSettings, resamples
+from talkingeyes.physiology.saccades import peak_speed
+
+SETTINGS = BootstrapSettings(draws=100, level=0.95, seed=0)
+COUNT = 60
+
+
+def counted(motions, fps=25.0):
+    found = Tally(fps)
+    for motion in motions:
+        found.add(observe([motion]))
+    return found
+
+
+def rows(motions, reference, paired=True):
+    fps = motions[0].fps
+    compared = Comparison(counted(motions, fps), reference, SETTINGS, paired)
+    return {row.measure.name: row for row in compared.rows()}
+
+
+@pytest.fixture(scope="module")
+def true():
+    plain = [person.at() for person in people(COUNT)]
+    return [replace(each, reference=each) for each in plain]
+
+
+@pytest.fixture(scope="module")
+def reference(true):
+    return counted(true)
+
+
+@pytest.fixture(scope="module")
+def own(true, reference):
+    return rows(true, reference)
+
+
+def mirrored(motion):
+    flip = np.array([1.0, -1.0, -1.0])
+    return replace(motion, head=motion.head * flip, gaze=motion.gaze[:, ::-1] * flip)
+
+
+def test_names_are_unique_and_pages_have_all_they_need():
+    assert len({measure.name for measure in MEASURES}) == len(MEASURES) > 60
+    for measure in MEASURES:
+        assert measure.formula and measure.source and measure.trap and measure.least > 0, measure.name
+
+
+def test_truth_is_never_apart_from_itself(own):
+    assert not any(row.apart for row in own.values() if row.measure.figure)
+    assert own["saccades/rate"].difference.value == 0
+    assert own["saccades/amplitude_distance"].value.value == pytest.approx(0, abs=1e-12)
+
+
+def test_figures_are_what_was_put_in(own):
+    value = {name: row.value.value for name, row in own.items() if row.value}
+    assert value["saccades/rate"] == pytest.approx(1.05, abs=0.15)
+    assert value["main_sequence/peak"] == pytest.approx(1, abs=0.05)
+    assert value["head_eye/slope_yaw"] == pytest.approx(-1, abs=0.02)
+    assert value["blinks/rate"] == pytest.approx(24, abs=3)
+    assert value["likeness/side"] == pytest.approx(1, abs=1e-6)
+    assert value["eye/torsion"] == pytest.approx(0, abs=1e-9)
+    assert 0.8 < value["space/still"] < 0.97
+
+
+@pytest.mark.parametrize("fps", [25.0, 60.0, 120.0])
+def test_the_truth_keeps_the_law_at_every_rate(fps):
+    found = rows([person.at(fps) for person in people(30)], counted([Person(1).at(fps)], fps))
+    assert found["main_sequence/peak"].value.value == pytest.approx(1, abs=0.06)
+    native = np.degrees(peak_speed(np.radians(5.0)))
+    assert native > 200  # of which 25 frames a second show less than half
+    assert (found["saccades/duration"].value is None) == (fps < 60)
+
+
+def test_mirrored_and_flipped_motion_is_told(true, reference, own):
+    both = rows([mirrored(each) for each in true], reference)
+    assert both["likeness/side"].value.value < -0.9
+    assert both["likeness/tilt"].value.value < -0.9
+    assert not both["head_eye/slope_yaw"].apart
+    head = rows([replace(each, head=each.head * [1, -1, 1]) for each in true], reference)
+    assert head["head_eye/slope_yaw"].value.value > 0.5
+    assert head["head_eye/slope_yaw"].apart
+    down = rows([replace(each, head=each.head * [-1, 1, 1]) for each in true], reference)
+    assert down["head_eye/slope_pitch"].value.value > 0.5
+    assert own["head_eye/slope_pitch"].value.value < -0.5
+
+
+def test_a_frozen_face_has_no_saccades(true, reference):
+    still = rows([replace(each, head=each.head * 0, gaze=each.gaze * 0) for each in true], reference)
+    assert still["saccades/rate"].reason == "needs 30 saccades: the motions with 0"
+    assert still["space/still"].value.value == 1
+    assert still["looking/partner"].value.value == 1
+    assert still["head/spectrum_slope"].value is None
+
+
+def test_jitter_and_smoothing_are_told(true, reference):
+    random = np.random.default_rng(0)
+    noisy = rows([replace(each, gaze=each.gaze + random.normal(0, 0.004, each.gaze.shape)) for each in true], reference)
+    assert noisy["space/still"].value.value < 0.3
+    assert noisy["eye/conjugacy"].apart
+    kernel = np.ones(5) / 5
+    smooth = [replace(each, gaze=np.apply_along_axis(np.convolve, 0, each.gaze, kernel, mode="same")) for each in true]
+    assert rows(smooth, reference)["main_sequence/peak"].value.value < 0.7
+
+
+def test_missing_fields_are_named(true, reference):
+    found = rows([replace(each, lid=None, annotation=None) for each in true], reference)
+    assert found["blinks/rate"].reason == "needs lid: the motions without"
+    assert found["onset/rise"].reason == "needs annotation: the motions without"
+    assert found["saccades/rate"].value is not None
+
+
+def test_other_rates_are_compared_where_the_rate_does_not_matter(reference):
+    found = rows([person.at(60.0) for person in people(COUNT)], reference, paired=False)
+    assert found["main_sequence/peak"].difference is not None
+    assert found["space/still"].value is not None
+    assert found["space/still"].reference is None
+    assert found["space/speed_distance"].reason == "not compared: 60 frames a second, the reference 25"
+
+
+def test_few_clips_are_too_few(true, reference):
+    found = rows(true[:2], reference, paired=False)
+    assert found["onset/rise"].reason.startswith("needs 400 speech onsets: the motions with")
+    assert found["eye/vergence"].reason == "needs 1500 frames: the motions with 600"
+
+
+def test_nan_is_not_valid_and_not_counted():
+    motion = Person(3).at()
+    gaze = motion.gaze.copy()
+    gaze[40:50] = np.nan
+    holed = behaviour(25.0, {"head": motion.head, "gaze": gaze})
+    assert holed.valid.sum() == len(holed) - 10
+    assert np.isfinite(holed.gaze).all()
+    sums = tallies.LAYOUT.totals(observe([holed])[None])
+    assert sums["state.frames"][0] == len(holed) - 10
+
+
+@pytest.mark.parametrize(
+    ("fields", "fps", "message"),
+    [
+        ({}, 25.0, "should have one of head, gaze, lid, got none"),
+        ({"head": np.zeros((50, 2))}, 25.0, r"head should have shape \(50, 3\)"),
+        ({"head": np.zeros((50, 3)), "lid": np.zeros((49, 2))}, 25.0, "lid should have shape"),
+        ({"head": np.zeros((5, 3))}, 25.0, "should last 1 s or longer, got 5 frames"),
+        ({"head": np.full((50, 3), np.nan)}, 25.0, "should have a valid frame"),
+    ],
+)
+def test_bad_motion_is_one_line(fields, fps, message):
+    with pytest.raises(InputError, match=message):
+        behaviour(fps, fields)
+
+
+def test_resamples_are_those_of_the_bootstrap():
+    drawn = resamples(7, SETTINGS)
+    assert (weights(7, SETTINGS) == np.array([np.bincount(each, minlength=7) for each in drawn])).all()
+
+
+def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
+    monkeypatch.setattr(tallies, "GROUPS", 10)
+    few = counted(true)
+    assert len(few.groups) == 10
+    for name, total in few.totals().items():
+        np.testing.assert_allclose(total, reference.totals()[name], rtol=1e-9, atol=1e-9)
+
+
+def test_takes_are_judged_against_each_other():
+    takes = with_references([Person(seed).at() for seed in (1, 2, 3)])
+    sums = tallies.LAYOUT.totals(observe(takes)[None])
+    assert sums["gaze.sounds"][0] == sums["gaze.judged_sounds"][0] == 1
+    assert sums["gaze.diversity"][0] > 0.05
+    assert with_references(takes[:1])[0].reference is takes[0].reference
+
+
+def test_quantiles_and_distances_of_bins():
+    random = np.random.default_rng(0)
+    one, other = random.normal(5, 1, 20000), random.normal(6, 1, 20000)
+    bins = Bins(0.0, 12.0, 240)
+    counts = np.stack([bins(one), bins(other)])
+    assert bins.quantile(counts, 0.9) == pytest.approx([np.quantile(one, 0.9), np.quantile(other, 0.9)], abs=0.02)
+    assert bins.distance(counts[:1], counts[1:]) == pytest.approx([1.0], abs=0.03)
+    assert bins.share_below(counts, 6.0)[1] == pytest.approx(0.5, abs=0.02)
+
+
+def test_tables_hold_every_row_and_read_back(own):
+    table = list(own.values())
+    content = json.loads(as_json(table, {"sounds": COUNT}))
+    assert from_json(content) == table
+    assert len(comma_separated(table).splitlines()) == len(as_text(table).splitlines()) == len(MEASURES) + 1
+    page = markdown({"truth": table, "again": table}, {"truth": "Truth"})
+    assert page.splitlines()[0] == "| measure | unit | Truth | again |"
+    assert ANNOTATION.speaking[0].start_s == 2.0
