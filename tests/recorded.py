@@ -14,7 +14,7 @@ PARAMS: dict[str, Any] = {
     "study": "alive",
     "machine": {"jobs": 2},
     "synthesize": {"seed": 0},
-    "fit": {"step_cost": 30.0},
+    "fit": {"tolerance": 0.1, "smoothing": {"step_cost": 30.0}},
     "pretrain": {"gaze_frames": {"codes": 1024}, "gaze_patches": {"codes": 256}},
     "train": {"seed": 1},
     "model": {

@@ -24,7 +24,11 @@ def test_flatten_joins_keys():
 
 
 def test_a_row_has_the_parameters_that_it_depends_on():
-    assert parameters("truth", PARAMS) == {"corpus": "data/synthesize", "synthesize.seed": 0, "fit.step_cost": 30.0}
+    shared = {"corpus": "data/synthesize", "synthesize.seed": 0, "fit.tolerance": 0.1}
+    assert parameters("truth", PARAMS) == {**shared, "fit.smoothing": '{"step_cost": 30.0}'}
+    overridden = parameters("truth", PARAMS, ["fit.smoothing.step_cost=30.0", "model.vae.width=64", "fit=adam"])
+    assert overridden["fit.smoothing.step_cost"] == 30.0
+    assert "model.vae.width" not in overridden
     own = parameters("vae", PARAMS)
     assert {key: value for key, value in own.items() if key.startswith(("model", "pretrain"))} == {
         "model.kind": "speech_to_motion",
@@ -85,7 +89,10 @@ def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_ro
     stages, rows = (client.get_experiment_by_name(name) for name in ("stages", "experiments"))
     runs = client.search_runs([stages.experiment_id])
     assert [run.info.run_name for run in runs] == ["report", "report"]
-    assert runs[0].data.params == {"fit.step_cost": "30.0"}  # a stage's run holds the sections that it read
+    assert runs[0].data.params == {
+        "fit.tolerance": "0.1",
+        "fit.smoothing.step_cost": "30.0",
+    }  # a stage's run holds the sections that it read
     assert runs[0].data.metrics == {"error": 0.5, "seconds": 1.5}
     vae, truth = sorted(client.search_runs([rows.experiment_id]), key=lambda run: run.info.run_name, reverse=True)
     assert (vae.info.run_name, truth.info.run_name) == ("vae seed 1", "truth")

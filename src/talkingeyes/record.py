@@ -100,21 +100,26 @@ def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def parameters(method: str, params: Mapping[str, Any]) -> dict[str, Any]:
-    """What the row of a method depends on, flat: of models and priors its own alone, under keys without their names.
+def parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """What the row of a method depends on.
 
-    So the same parameter of two models stands in one column.
+    The sections of models flat: of models and priors its own alone, under keys without their names, so that the same
+    parameter of two models stands in one column. What all models share, and what seldom varies, two levels deep, the
+    rest as JSON; a key of it that was overridden stands by itself too.
     """
-    chosen = {key: value for key, value in params.items() if key not in NO_PARAMETERS | OF_MODELS}
+    shared = {key: value for key, value in params.items() if key not in NO_PARAMETERS | OF_MODELS}
     if params.get("corpus") != "data/synthesize":
-        chosen.pop("synthesize", None)
+        shared.pop("synthesize", None)
+    flat = {key: json.dumps(value) if isinstance(value, Mapping) else value for key, value in _two_levels(shared)}
+    everything = flatten(shared)
+    flat |= {key: everything[key] for key in _given(overrides) if key in everything}
     models = params.get("model", {})
-    if method in models:
-        chosen |= {key: params[key] for key in ("train", "assess", "sample") if key in params}
-        chosen["model"] = models[method]
-        priors = {prior: params["pretrain"][prior] for prior in _priors(models[method])}
-        chosen["pretrain"] = next(iter(priors.values())) if len(priors) == 1 else priors
-    return flatten(chosen)
+    if method not in models:
+        return flat
+    own = {key: params[key] for key in ("train", "assess", "sample") if key in params}
+    priors = {prior: params["pretrain"][prior] for prior in _priors(models[method])}
+    prior = next(iter(priors.values())) if len(priors) == 1 else priors
+    return flat | flatten({**own, "model": models[method], "pretrain": prior})
 
 
 def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides: Sequence[str]) -> str:
@@ -126,7 +131,7 @@ def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides:
     own = [f"model.{method}.", *(f"pretrain.{prior}." for prior in _priors(params["model"][method]))]
     said = {"train.seed", "sample.seed", "sweep", "experiment", "hydra", *NO_PARAMETERS}
     short = []
-    for key, _, value in (each.lstrip("+").partition("=") for each in overrides):
+    for key, value in _given(overrides).items():
         others = key.startswith(("model.", "pretrain.")) and not key.startswith(tuple(own))
         if key not in said and key.split(".")[0].split("/")[0] not in said and not others:
             short.append(f"{_without(key, own)}={value}")
@@ -136,14 +141,14 @@ def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides:
 
 def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
     """What a run belongs to: the experiment of `dvc exp run`, a study, a delta of conf/experiment/, or `default`."""
-    given = dict(each.split("=", 1) for each in overrides if "=" in each)
+    given = _given(overrides)
     study = params.get("study", "default") if {"sweep", "study"} & set(given) else None
     return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
 
 
 def _run_of(row: Row, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
     """A row as a run. Its key stands for all that is in it, so that the same row is known again."""
-    own = parameters(row.name, params)
+    own = parameters(row.name, params, overrides)
     content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
     more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
     if "train.seed" in own:
@@ -152,6 +157,19 @@ def _run_of(row: Row, params: Mapping[str, Any], tags: Mapping[str, str], overri
         more["overrides"] = " ".join(overrides)
     name = run_name(row.name, params, tags["experiment"], overrides)
     return _Run(name, own, row.metrics, {**tags, **more}, row.artifacts)
+
+
+def _given(overrides: Sequence[str]) -> dict[str, str]:
+    """Overrides (key=value, +key=value) by key."""
+    return dict(each.lstrip("+").split("=", 1) for each in overrides if "=" in each)
+
+
+def _two_levels(sections: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for section, node in sections.items():
+        if isinstance(node, Mapping):
+            yield from ((f"{section}.{key}", value) for key, value in node.items())
+        else:
+            yield section, node
 
 
 def _priors(model: Mapping[str, Any]) -> list[str]:
