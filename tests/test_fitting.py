@@ -113,19 +113,20 @@ def test_hidden_eye_follows_the_other_and_hidden_frames_say_nothing(settings: Fi
 
 
 def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitSettings):
-    known = scene(5, noise=0.0)
-    marks = known.observation.landmarks.copy()
+    moving = scene(5, noise=0.0).motion
+    silent = replace(moving, jaw=np.zeros_like(moving.jaw))  # the jaw pulls at the nose by some tenths of a millimetre
+    marks = observe(silent, np.random.default_rng(5), 0.0).landmarks
     marks[10:14] = np.nan
     marks[20, :5] = np.nan
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
     found = head_pose(marks, CAMERA, unsmoothed)
     assert not found.seen[10:14].any()
     assert found.seen.sum() == len(marks) - 4
-    np.testing.assert_allclose(found.head[found.seen], known.motion.head[found.seen], atol=1e-6)
-    np.testing.assert_allclose(found.translation[found.seen], known.motion.translation[found.seen], atol=1e-6)
+    np.testing.assert_allclose(found.head[found.seen], silent.head[found.seen], atol=1e-6)
+    np.testing.assert_allclose(found.translation[found.seen], silent.translation[found.seen], atol=1e-6)
     marks[30, 0] += 40.0
     slipped = head_pose(marks, CAMERA, unsmoothed)
-    assert np.abs(slipped.head[30] - known.motion.head[30]).max() < np.radians(1.0)
+    assert np.abs(slipped.head[30] - silent.head[30]).max() < np.radians(1.0)
 
 
 def test_smoothed_head_keeps_nods(settings: FitSettings):
@@ -151,7 +152,7 @@ def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
     lid[80:84] = np.array([0.6, 1.0, 0.8, 0.4])[:, None]
     seen = observe(Motion.of(FPS, np.zeros((100, 3)), gaze, lid=lid), np.random.default_rng(0), 0.0)
     ratio = eye_aspect_ratio(seen.landmarks)
-    assert ratio[45].max() < 0.7 * ratio[0].min()  # the aspect ratio alone would call the look a blink
+    assert ratio[45].max() < 0.85 * ratio[0].min()  # the aspect ratio alone would take the look for a falling lid
     fit = fit_clip(seen, settings)
     assert fit.lids.blinks == ((80, 84),)
     np.testing.assert_allclose(fit.motion.lid, lid, atol=0.1)
