@@ -1,9 +1,12 @@
 """What all tests share: one thread, no telemetry, no display, examples of hypothesis that repeat."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 
 from talkingeyes.run import quiet
@@ -20,3 +23,16 @@ settings.load_profile("repeatable")
 def repository() -> Path:
     """The root of the repository."""
     return Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def tiny(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace in which the whole chain has run on the tiny corpus, once for all processes of a test run."""
+    own = tmp_path_factory.getbasetemp()
+    root = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "tiny"
+    with FileLock(root.with_suffix(".lock")):
+        if not (root / "data" / "report" / "table3.md").exists():
+            command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}"]
+            ended = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=550)
+            assert ended.returncode == 0, ended.stderr[-4000:]
+    return root

@@ -17,13 +17,13 @@ def run_tiny(repository, root, *overrides):
     assert result.returncode == 0, result.stderr[-4000:]
 
 
-def test_the_tiny_chain_runs_from_text_to_table(repository, tmp_path):
-    run_tiny(repository, tmp_path)
+def test_the_tiny_chain_runs_from_text_to_table(tiny):
     for stage, *item in calls(compose(["experiment=tiny"])):
-        assert any((tmp_path / "data").joinpath(stage, *item).iterdir()), f"{stage} {item} wrote nothing"
-    assert not list((tmp_path / "data").rglob(".*.partial"))
-    assert json.loads((tmp_path / "data/report/metrics.json").read_text())
-    assert (tmp_path / "data/report/table3.md").read_text()
+        assert any((tiny / "data").joinpath(stage, *item).iterdir()), f"{stage} {item} wrote nothing"
+    assert not list((tiny / "data").rglob(".*.partial"))
+    assert not list((tiny / "data").rglob(".*.progress"))
+    assert json.loads((tiny / "data/report/metrics.json").read_text())
+    assert (tiny / "data/report/table3.md").read_text()
 
 
 @pytest.mark.slow
