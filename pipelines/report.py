@@ -1,9 +1,9 @@
 """Stage `report`: Table III beside the paper's, what is required and whether it is reached, and plots.
 
-Reads   data/evaluate/*, data/critic/report.json; for plots the corpus and data/sample/*; if there, data/fit/table8.json
-        and data/pretrain/*/codes.json
+Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json; for plots the corpus and
+        data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
 Writes  data/report/: metrics.json {row: {split: {part: {figure: value}}}}, table3.md, table3.csv, and as PNG: figures,
-        traces (several samples of one sound), speeds, codes
+        traces (several samples of one sound), speeds, codes, benchmark (all measures beside the truth's intervals)
 Run     python -m pipelines.report
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,11 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
-from talkingeyes.metrics.plots import Trace, plot_codes, plot_figures, plot_speeds, plot_traces
+from talkingeyes.metrics.benchmark.strip import plot_strips
+from talkingeyes.metrics.benchmark.table import from_json
+from talkingeyes.metrics.benchmark.table import markdown as benchmark_markdown
+from talkingeyes.metrics.benchmark.tally import Row as BenchmarkRow
+from talkingeyes.metrics.plots import COLOURS, Trace, plot_codes, plot_figures, plot_speeds, plot_traces
 from talkingeyes.metrics.table import (
     TITLES,
     Requirement,
@@ -49,6 +53,11 @@ Beside each figure stands its interval over clips. L2, Diversity and Corr. compa
 with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.: read both beside truth, fitted and
 mismatched motion. The paper's numbers are of another corpus and another critic.
 """
+BENCHMARK = """### The gaze benchmark, test and unseen together
+
+Each figure with its interval over sounds; bold: worse than the truth under the same sounds by more than the interval.
+`fitted` is what models learn from: the ceiling. What the measures are and what they cannot tell: docs/benchmark.md.
+"""
 
 
 def run(workspace: Workspace) -> Report:
@@ -64,7 +73,12 @@ def run(workspace: Workspace) -> Report:
     with workspace.output("report") as folder:
         (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
         (folder / "table3.csv").write_text(comma_separated(rows))
-        (folder / "table3.md").write_text(_page(rows, _json(workspace.data("critic", "report.json")), asked))
+        benchmarks = _benchmarks(workspace.data("evaluate"), ordered(rows))
+        critic = _json(workspace.data("critic", "report.json"))
+        (folder / "table3.md").write_text(_page(rows, critic, asked, benchmarks))
+        plot_strips(
+            {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
+        )
         plot_figures(rows, folder / "figures.png")
         plot_speeds(_speeds(workspace.data("evaluate"), ordered(rows)), folder / "speeds.png")
         if counts:
@@ -81,9 +95,25 @@ def run(workspace: Workspace) -> Report:
     )
 
 
-def _page(rows: Mapping[str, Table], critic: Mapping[str, Any], asked: list[Requirement]) -> str:
-    parts = [INTRODUCTION, markdown(rows), "### Required\n", checklist(asked)]
-    return "\n".join([*parts, "\n### The critics behind Corr.\n", verdicts(critic), ""])
+def _page(
+    rows: Mapping[str, Table],
+    critic: Mapping[str, Any],
+    asked: list[Requirement],
+    benchmarks: Mapping[str, Sequence[BenchmarkRow]],
+) -> str:
+    parts = [INTRODUCTION, markdown(rows), BENCHMARK, benchmark_markdown(benchmarks, TITLES)]
+    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), ""]
+    return "\n".join(parts)
+
+
+def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[BenchmarkRow]]:
+    """What `evaluate` wrote of the gaze benchmark, by row; rows without figures are left out."""
+    tables = {name: from_json(_json(folder / name / "benchmark.json")) for name in names}
+    return {name: table for name, table in tables.items() if any(row.value for row in table)}
+
+
+def _colours() -> dict[str, str]:
+    return {TITLES.get(name, name): colour for name, colour in COLOURS.items()}
 
 
 def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[Requirement]:

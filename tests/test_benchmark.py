@@ -13,6 +13,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark import tally as tallies
 from talkingeyes.metrics.benchmark.behaviour import behaviour, with_references
 from talkingeyes.metrics.benchmark.measure import Bins
+from talkingeyes.metrics.benchmark.page import page
 from talkingeyes.metrics.benchmark.registry import MEASURES
 from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated, from_json, markdown
 from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe, weights
@@ -173,11 +174,12 @@ def test_resamples_are_those_of_the_bootstrap():
 
 
 def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
+    expected = reference.totals()
     monkeypatch.setattr(tallies, "GROUPS", 10)
     few = counted(true)
     assert len(few.groups) == 10
     for name, total in few.totals().items():
-        np.testing.assert_allclose(total, reference.totals()[name], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(total, expected[name], rtol=1e-9, atol=1e-9)
 
 
 def test_takes_are_judged_against_each_other():
@@ -186,6 +188,10 @@ def test_takes_are_judged_against_each_other():
     assert sums["gaze.sounds"][0] == sums["gaze.judged_sounds"][0] == 1
     assert sums["gaze.diversity"][0] > 0.05
     assert with_references(takes[:1])[0].reference is takes[0].reference
+
+
+def test_the_page_is_fresh(repository):
+    assert (repository / "docs" / "benchmark.md").read_text() == page()
 
 
 def test_quantiles_and_distances_of_bins():

@@ -33,17 +33,17 @@ def observe_pair(behaviour: Behaviour) -> Sums:
     mean = angles.mean(axis=1)
     left, right = (np.diff(behaviour.eye_rad[:, eye, 0])[seen] * behaviour.fps for eye in (0, 1))
     return {
-        "eye.frames": good.sum(),
-        "eye.vergence_deg": (angles[:, 1, 0] - angles[:, 0, 0]).sum(),
-        "eye.torsion2": np.square(np.degrees(behaviour.gaze[good, :, 2])).mean(axis=1).sum(),
-        "eye.yaw": ANGLE_DEG(mean[:, 0]),
-        "eye.pitch": ANGLE_DEG(mean[:, 1]),
-        "eye.yaw_2": np.square(mean[:, 0] - mean[:, 0].mean()).sum(),
-        "eye.pitch_2": np.square(mean[:, 1] - mean[:, 1].mean()).sum(),
-        "eye.pitch_3": ((mean[:, 1] - mean[:, 1].mean()) ** 3).sum(),
-        "eye.left_2": left @ left,
-        "eye.right_2": right @ right,
-        "eye.left_right": left @ right,
+        "pair.frames": good.sum(),
+        "pair.vergence_deg": (angles[:, 1, 0] - angles[:, 0, 0]).sum(),
+        "pair.torsion2": np.square(np.degrees(behaviour.gaze[good, :, 2])).mean(axis=1).sum(),
+        "pair.yaw": ANGLE_DEG(mean[:, 0]),
+        "pair.pitch": ANGLE_DEG(mean[:, 1]),
+        "pair.yaw_2": np.square(mean[:, 0] - mean[:, 0].mean()).sum(),
+        "pair.pitch_2": np.square(mean[:, 1] - mean[:, 1].mean()).sum(),
+        "pair.pitch_3": ((mean[:, 1] - mean[:, 1].mean()) ** 3).sum(),
+        "pair.left_2": left @ left,
+        "pair.right_2": right @ right,
+        "pair.left_right": left @ right,
     }
 
 
@@ -93,10 +93,10 @@ PAIR = Observer(
     ("gaze",),
     {
         **dict.fromkeys(
-            ("eye.frames", "eye.vergence_deg", "eye.torsion2", "eye.yaw_2", "eye.pitch_2", "eye.pitch_3"), 1
+            ("pair.frames", "pair.vergence_deg", "pair.torsion2", "pair.yaw_2", "pair.pitch_2", "pair.pitch_3"), 1
         ),
-        **dict.fromkeys(("eye.left_2", "eye.right_2", "eye.left_right"), 1),
-        **dict.fromkeys(("eye.yaw", "eye.pitch"), ANGLE_DEG.count),
+        **dict.fromkeys(("pair.left_2", "pair.right_2", "pair.left_right"), 1),
+        **dict.fromkeys(("pair.yaw", "pair.pitch"), ANGLE_DEG.count),
     },
 )
 COUNTER = Observer(
@@ -112,20 +112,22 @@ COUNTER = Observer(
 
 
 def _range(totals: Totals, axis: str) -> Float[ndarray, " D"]:
-    return np.asarray(ANGLE_DEG.quantile(totals[f"eye.{axis}"], 0.95) - ANGLE_DEG.quantile(totals[f"eye.{axis}"], 0.05))
+    return np.asarray(
+        ANGLE_DEG.quantile(totals[f"pair.{axis}"], 0.95) - ANGLE_DEG.quantile(totals[f"pair.{axis}"], 0.05)
+    )
 
 
 def _root(totals: Totals, over: str) -> Float[ndarray, " D"]:
-    return np.asarray(np.sqrt(divided(totals[over], totals["eye.frames"])))
+    return np.asarray(np.sqrt(divided(totals[over], totals["pair.frames"])))
 
 
 def _skewness(totals: Totals) -> Float[ndarray, " D"]:
-    third = divided(totals["eye.pitch_3"], totals["eye.frames"])
-    return divided(third, _root(totals, "eye.pitch_2") ** 3)
+    third = divided(totals["pair.pitch_3"], totals["pair.frames"])
+    return divided(third, _root(totals, "pair.pitch_2") ** 3)
 
 
 def _conjugacy(totals: Totals) -> Float[ndarray, " D"]:
-    return divided(totals["eye.left_right"], np.sqrt(totals["eye.left_2"] * totals["eye.right_2"]))
+    return divided(totals["pair.left_right"], np.sqrt(totals["pair.left_2"] * totals["pair.right_2"]))
 
 
 def _coupling(totals: Totals, axis: str) -> Float[ndarray, " D"]:
@@ -145,7 +147,7 @@ def _lag(totals: Totals) -> Float[ndarray, " D"]:
     return np.asarray(LAGS_S[top] + np.clip(shift, -1, 1) * (LAGS_S[1] - LAGS_S[0]))
 
 
-_pair = partial(Measure, observer=PAIR, of="eye.frames", least=1500)
+_pair = partial(Measure, observer=PAIR, of="pair.frames", least=1500)
 _counter = partial(Measure, observer=COUNTER, of="counter.frames", least=1500)
 _follow = partial(Measure, observer=COUNTER, of="follow.gaze_shifts", least=100)
 
@@ -173,7 +175,7 @@ MEASURES = (
         "spread within a clip, yaw",
         "deg",
         "root mean square of eye-in-head yaw about the clip's mean",
-        figure=partial(_root, over="eye.yaw_2"),
+        figure=partial(_root, over="pair.yaw_2"),
         source="FACTS, acceptance table",
         trap="grows with the length of the clips",
     ),
@@ -182,7 +184,7 @@ MEASURES = (
         "spread within a clip, pitch",
         "deg",
         "root mean square of eye-in-head pitch about the clip's mean",
-        figure=partial(_root, over="eye.pitch_2"),
+        figure=partial(_root, over="pair.pitch_2"),
         source="FACTS, acceptance table",
         trap="grows with the length of the clips",
     ),
@@ -200,7 +202,7 @@ MEASURES = (
         "vergence",
         "deg",
         "mean of yaw of the right eye less yaw of the left; positive: the eyes converge",
-        figure=ratio("eye.vergence_deg", "eye.frames"),
+        figure=ratio("pair.vergence_deg", "pair.frames"),
         source="Malinov et al. 2000; Elisei, Bailly & Casari 2007",
         trap=(
             "pupils follow the optical axis: a constant offset of up to 10 deg between the eyes is anatomy "
@@ -212,7 +214,7 @@ MEASURES = (
         "torsion",
         "deg",
         "root mean square of the z component of the eyes' rotation vectors",
-        figure=partial(_root, over="eye.torsion2"),
+        figure=partial(_root, over="pair.torsion2"),
         source="Listing's law (Tweed & Vilis 1990)",
         trap="angles built as yaw, then pitch (Fick) have false torsion: 3.5 deg at 20 by 20",
         direction="less",

@@ -41,6 +41,7 @@ class Layout:
         """Sums of given lengths, one behind the other."""
         slices, start = {}, 0
         for name, size in sizes:
+            assert name not in slices, name  # two observers would add to one sum
             slices[name] = slice(start, start + size)
             start += size
         return cls(slices, start)
