@@ -1,6 +1,6 @@
 """Draws the two pictures of docs/eyelid.md.
 
-Run     python benchmarks/eyelid_pictures.py CORPUS [FOLDER]     (a synthetic corpus, as data/synthesize)
+Run     python docs/pictures/eyelid.py CORPUS [FOLDER]     (a synthetic corpus, as data/synthesize)
 Writes  eyelid-parameters.png, eyelid-tracks.png: the true motion of the first long test clip that blinks
 """
 
@@ -21,7 +21,7 @@ LEAST_BLINKS = 3
 def main() -> None:
     """Both pictures."""
     corpus = Corpus(Path(sys.argv[1]))
-    folder = Path(sys.argv[2]) if sys.argv[2:] else Path(__file__).resolve().parents[1] / "docs/pictures"
+    folder = Path(sys.argv[2]) if sys.argv[2:] else Path(__file__).resolve().parent
     parameter_sheet(open_head(), folder / "eyelid-parameters.png")
     for clip in corpus.select("test", take=0):
         blinks = [blink for blink in corpus.truth_events(clip).blinks if blink.onset_s < SECONDS - 0.3]
