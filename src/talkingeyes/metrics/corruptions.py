@@ -86,7 +86,7 @@ def _mirrored_heights(motion: Behaviour, strength: float, random: np.random.Gene
     """Up and down exchanged, of head and eyes together (in a share of the clips)."""
     if random.random() >= strength:
         return motion
-    return _turned(motion, lambda path: path * [-1.0, 1.0, 1.0])
+    return _turned(motion, lambda path: path * [-1.0, 1.0, -1.0])
 
 
 def _smoothed(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
