@@ -115,6 +115,10 @@ def job(config: Any) -> float | tuple[float, ...] | None:
 
     hydra_config = HydraConfig.get()
     params = checked(OmegaConf.to_container(config, resolve=True))
+    if params["machine"]["device"] != "cpu":
+        from talkingeyes.learning.place import Place
+
+        Place.of(params["machine"])  # a card that is not there is told before the corpus is made
     found = run_chain(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
     return found[0] if len(found) == 1 else tuple(found) or None
 
