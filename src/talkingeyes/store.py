@@ -20,7 +20,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -226,7 +226,8 @@ def _dvc_output(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry
     dvc.lock holds the values and hashes of all that it was made from, and of what came out.
     """
     output = checkout / call.folder
-    stages = _lock(checkout / "dvc.lock")
+    lock = checkout / "dvc.lock"
+    stages = _locked(lock, lock.stat().st_mtime_ns) if lock.is_file() else {}
     if call.address not in stages or not (output / SUMS).is_file():
         return None
     locked = stages[call.address]
@@ -240,8 +241,10 @@ def _dvc_output(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry
     return output if here == places and outs == {call.folder.as_posix(): md5(output)} else None
 
 
-def _lock(path: Path) -> dict[str, Any]:
-    return dict(yaml.safe_load(path.read_text())["stages"]) if path.is_file() else {}
+@lru_cache(maxsize=1)
+def _locked(lock: Path, changed_ns: int) -> dict[str, Any]:
+    """The stages of dvc.lock, parsed again when it has changed."""
+    return dict(yaml.safe_load(lock.read_text())["stages"])
 
 
 def _inside(read: Mapping[Path, Entry], path: str) -> Path:

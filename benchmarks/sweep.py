@@ -1,0 +1,99 @@
+"""What a trial of a sweep costs beside its stages, and how the store and MLflow hold a thousand tiny results.
+
+Run     python benchmarks/sweep.py [ROWS]     (make bench; a thousand rows by default)
+Writes  a table to stdout; nothing else stays
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pipelines.experiment import calls
+from talkingeyes.config import compose
+from talkingeyes.recipe import Call, needed, recipe
+from talkingeyes.record import record
+from talkingeyes.run import Report, Row, Workspace, quiet, shell
+from talkingeyes.store import Entry, obtain
+
+
+def make(call: Call, workspace: Workspace) -> Report:
+    """A stage that writes one small file."""
+    with workspace.output(*call.folder.parts[1:]) as folder:
+        (folder / "metrics.json").write_text("{}")
+    return Report({"one": 1.0})
+
+
+def chain(store: Path, params: dict[str, Any], stages: list[Call]) -> None:
+    """All stages of a trial."""
+    entries: dict[Path, Entry] = {}
+    for call in stages:
+        entries[call.folder] = obtain(store, call, params, entries, make)
+
+
+def timed(title: str, work: Callable[[], None], count: int) -> None:
+    """Print seconds of CPU and of the clock, of one."""
+    cpu, clock = time.process_time(), time.perf_counter()
+    work()
+    cpu, clock = time.process_time() - cpu, time.perf_counter() - clock
+    print(f"| {title} | {count} | {cpu / count:.4f} | {clock / count:.4f} |", flush=True)
+
+
+def main() -> None:
+    """Compose, look up, store, log; then ask for all rows."""
+    rows = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+    print("| what | times | CPU s each | clock s each |\n|---|---|---|---|")
+    timed("the first composition, with its imports", lambda: _compose(1), 1)
+    timed("a composition", lambda: _compose(5), 5)
+    params = compose(["until=assess@talkingeyes"])
+    stages = needed(recipe(params, calls(params)), params["until"])
+    with tempfile.TemporaryDirectory() as folder:
+        store = Path(folder, "store")
+        timed("a trial whose stages are all made, tiny", lambda: chain(store, params, stages), 1)
+        timed("a trial whose stages are all in the store", lambda: _again(store, params, stages), 20)
+        timed("a tiny result into the store", lambda: _results(store, params, stages[0], rows), rows)
+        timed("a tiny result out of a full store", lambda: _results(store, params, stages[0], rows), rows)
+        timed("the first row in MLflow, with imports and tables", lambda: _rows(Path(folder), params, 1), 1)
+        timed("a row in MLflow", lambda: _rows(Path(folder), params, rows, 1), rows)
+        timed("all rows of the comparison, asked for in one query", lambda: _ask(Path(folder), rows + 1), 1)
+
+
+def _compose(times: int) -> None:
+    for _ in range(times):
+        compose(["until=assess@talkingeyes"])
+
+
+def _again(store: Path, params: dict[str, Any], stages: list[Call]) -> None:
+    for _ in range(20):
+        chain(store, params, stages)
+
+
+def _results(store: Path, params: dict[str, Any], call: Call, count: int) -> None:
+    for seed in range(1, count + 1):
+        obtain(store, call, {**params, "synthesize": {**params["synthesize"], "seed": seed}}, {}, make)
+
+
+def _rows(root: Path, params: dict[str, Any], count: int, start: int = 0) -> None:
+    for seed in range(start, start + count):
+        trial = {**params, "train": {**params["train"], "seed": seed}}
+        figures = {f"val/figure_{number}": seed + number / 10 for number in range(9)}
+        record(root, "experiment", "trial", trial, {"train"}, 1.0, Report(rows=[Row("talkingeyes", figures)]))
+
+
+def _ask(root: Path, expected: int) -> None:
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{root}/mlflow.db")
+    experiment = client.get_experiment_by_name("experiments").experiment_id
+    found = client.search_runs([experiment], order_by=["metrics.`val/figure_0` DESC"], max_results=5000)
+    if len(found) != expected:
+        raise RuntimeError(f"{expected} rows were logged, {len(found)} found")
+
+
+if __name__ == "__main__":
+    quiet()
+    shell(main)
