@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from pipelines.experiment import calls
+from pipelines.experiment import chain
 from talkingeyes.config import compose
 
 
@@ -18,8 +18,8 @@ def run_tiny(repository, root, *overrides):
 
 
 def test_the_tiny_chain_runs_from_text_to_table(tiny):
-    for stage, *item in calls(compose(["experiment=tiny"])):
-        assert any((tiny / "data").joinpath(stage, *item).iterdir()), f"{stage} {item} wrote nothing"
+    for call in chain(compose(["experiment=tiny"])):
+        assert any((tiny / call.folder).iterdir()), f"{call.address} wrote nothing"
     assert not list((tiny / "data").rglob(".*.partial"))
     assert not list((tiny / "data").rglob(".*.progress"))
     assert json.loads((tiny / "data/report/metrics.json").read_text())
