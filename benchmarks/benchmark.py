@@ -1,0 +1,81 @@
+"""Speed and memory of `talkingeyes evaluate` for 10, 100, 1,000 and more clips of ten seconds.
+
+Run: python benchmarks/benchmark.py [CLIPS ...]. The corpus is made of a few people rendered once and linked under many
+names; every count runs in a process of its own. Speed is seconds of motion (the reference's not counted) a second of
+CPU, and with the start of the process and the resamples taken off; memory is the peak of the process.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.motion import Motion
+from talkingeyes.physiology import saccades
+from talkingeyes.rotation import eye_in_head
+
+SECONDS, FPS, PEOPLE = 10.0, 25.0, 20
+
+
+def person(seed: int) -> Motion:
+    """A second's worth of saccades a second, and a head that sways."""
+    random = np.random.default_rng(seed)
+    times = np.arange(round(SECONDS * FPS)) / FPS
+    chain, gaze = [], np.zeros(2)
+    for onset in np.arange(0.5, SECONDS - 0.5, 0.8) + random.uniform(0, 0.2):
+        chain.append(saccades.saccade(onset, gaze, np.radians(random.normal(0, 6, 2)), random))
+        gaze = np.array(chain[-1].end_rad)
+    space = saccades.path(chain, (0.0, 0.0), times)
+    head = np.radians(4) * np.sin(times[:, None] * [1.0, 1.7, 2.3] + random.uniform(0, 6, 3))
+    return Motion.of(FPS, head, eye_in_head(head, np.repeat(space[:, None], 2, axis=1)))
+
+
+def make(root: Path, count: int) -> None:
+    """A corpus of linked clips."""
+    made = [root / f"{seed}.npz" for seed in range(PEOPLE)]
+    for seed, path in enumerate(made):
+        person(seed).save(path)
+    clips = []
+    for index in range(count):
+        name = f"c{index:06d}"
+        Annotation(speaking=(Span(1, 4), Span(5, 9))).save(sharded_for_writing(root / "annotations", name, ".json"))
+        os.link(made[index % PEOPLE], sharded_for_writing(root / "truth", name, ".npz"))
+        clips.append(Clip(name, name, 0, "a", "test", SECONDS, FPS, "", 0, "en", "", "", "CC0-1.0", ""))
+    Corpus(root).write_index(clips)
+
+
+def child(root: Path) -> None:
+    """Evaluate the truth against itself; print CPU seconds and megabytes."""
+    from talkingeyes.evaluation import evaluate
+
+    start = time.process_time()
+    evaluate(root / "truth", root)
+    print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def main() -> None:
+    """A line a count."""
+    before = None
+    print(f"{'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'peak MB':>8}")
+    for count in [int(each) for each in sys.argv[1:]] or [10, 100, 1000]:
+        with tempfile.TemporaryDirectory() as folder:
+            make(Path(folder), count)
+            done = subprocess.run([sys.executable, __file__, "--child", folder], capture_output=True, check=True)
+        cpu, megabytes = map(float, done.stdout.split())
+        more = "" if before is None else f"{(count - before[0]) * SECONDS / max(cpu - before[1], 1e-9):.0f}"
+        print(f"{count:7d} {cpu:7.2f} {count * SECONDS / cpu:12.0f} {more:>14} {megabytes:8.0f}", flush=True)
+        before = (count, cpu)
+
+
+if __name__ == "__main__":
+    child(Path(sys.argv[2])) if sys.argv[1:2] == ["--child"] else main()

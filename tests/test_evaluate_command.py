@@ -1,0 +1,126 @@
+"""`talkingeyes evaluate`: names of files, what it writes, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from people import ANNOTATION, Person
+
+from talkingeyes.audio.speaking import speaking
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.motion_files import clip_of, read_motions
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.errors import InputError
+from talkingeyes.evaluation import describe, evaluate
+from talkingeyes.motion import Motion
+
+CLIPS = 4
+
+
+def motion(seed: int, fps: float = 25.0) -> Motion:
+    made = Person(seed).at(fps)
+    return Motion.of(fps, made.head, made.gaze, lid=made.lid)
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory):
+    """Four sounds with their true motion."""
+    root = tmp_path_factory.mktemp("corpus")
+    clips = []
+    for seed in range(CLIPS):
+        name = f"c{seed}"
+        made = motion(seed)
+        clips.append(
+            Clip(f"{name}-t0", name, 0, "a", "test", made.seconds, 25.0, "", 0, "en", "", "toy", "CC0-1.0", "")
+        )
+        ANNOTATION.save(sharded_for_writing(root / "annotations", name, ".json"))
+        made.save(sharded_for_writing(root / "truth", f"{name}-t0", ".npz"))
+    Corpus(root).write_index(clips)
+    return root
+
+
+def values(found):
+    return {row.measure.name: row for row in found.rows}
+
+
+def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
+    found = evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
+    assert found.paired and found.sounds == CLIPS and found.notes == []
+    assert values(found)["saccades/amplitude"].reason == ""
+    assert values(found)["saccades/amplitude"].difference.value == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
+    assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
+    assert "4 sounds at 25 frames a second, beside the truth under the same sounds" in describe(found)
+    with pytest.raises(InputError, match="--force"):
+        evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
+
+
+def test_samples_strangers_and_broken_files(corpus, tmp_path):
+    motions = tmp_path / "motions"
+    (motions / "c1-t0").mkdir(parents=True)
+    motion(10).save(motions / "c0-t0-s0.npz")
+    motion(11).save(motions / "c0-t0-s1.npz")
+    motion(12).save(motions / "c1-t0" / "sample_00.npz")
+    motion(13).save(motions / "stranger.npz")
+    (motions / "c2-t0.npz").write_bytes(b"no zip")
+    made = motion(14)
+    gaze = made.gaze.copy()
+    gaze[10:20] = np.nan
+    np.savez(motions / "c3-t0.npz", fps=25.0, gaze=np.stack([gaze, made.gaze]))
+    found = evaluate(motions, corpus, draws=20)
+    assert found.sounds == 3
+    assert any("c2-t0.npz" in note for note in found.notes)
+    assert any("1 of 5 names are no clip" in note for note in found.notes)
+
+
+def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
+    motion(20).save(tmp_path / "mine.npz")
+    found = evaluate(tmp_path, corpus, draws=20)
+    assert not found.paired
+    assert values(found)["onset/rise"].reason == "needs annotation: the motions without"
+    assert values(found)["eye/still"].reason.startswith("needs 1500 frames: the motions with 299")
+
+
+def test_other_rates_are_compared_as_far_as_they_can(corpus, tmp_path):
+    motion(0, 60.0).save(tmp_path / "c0-t0.npz")
+    motion(1, 60.0).save(tmp_path / "c1-t0.npz")
+    assert evaluate(tmp_path, corpus, draws=20).fps == 60
+    motion(2, 50.0).save(tmp_path / "c2-t0.npz")
+    with pytest.raises(InputError, match="the motions should have one frame rate, got 60 and 50"):
+        evaluate(tmp_path, corpus, draws=20)
+
+
+def test_mistakes_are_one_line(corpus, tmp_path):
+    with pytest.raises(InputError, match="should hold motion files"):
+        evaluate(tmp_path, corpus)
+    with pytest.raises(InputError, match="should be a folder, got none"):
+        evaluate(tmp_path / "nowhere", corpus)
+    with pytest.raises(InputError, match="no true motion here"):
+        evaluate(tmp_path, tmp_path)
+    np.savez(tmp_path / "c0-t0.npz", fps=25.0)
+    with pytest.raises(InputError, match="should hold a usable motion, got none"):
+        evaluate(tmp_path, corpus)
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [("a/x-t0.npz", "x-t0"), ("a/x-t0-s3.npz", "x-t0"), ("a/x_sample_03.npz", "x"), ("a/sample_03.npz", "a")],
+)
+def test_names_say_which_clip(tmp_path, path, name):
+    assert clip_of(tmp_path / path) == name
+
+
+def test_samples_must_be_as_many(tmp_path):
+    np.savez(tmp_path / "x.npz", fps=25.0, head=np.zeros((2, 50, 3)), gaze=np.zeros((3, 50, 2, 3)))
+    with pytest.raises(InputError, match="the same number of samples"):
+        list(read_motions(tmp_path / "x.npz"))
+
+
+def test_speech_is_where_the_sound_is_loud():
+    sound = np.random.default_rng(0).normal(0, 1e-4, 16000 * 6).astype(np.float32)
+    for start, end in ((1.0, 2.0), (2.1, 3.0), (4.0, 5.0)):
+        sound[int(start * 16000) : int(end * 16000)] *= 1000
+    spans = speaking(sound).speaking
+    assert [(round(span.start_s, 1), round(span.end_s, 1)) for span in spans] == [(1.0, 3.0), (4.0, 5.0)]
