@@ -52,7 +52,6 @@ def saved_view() -> str:
     section = {"uuid": "comparison", "name": NAME, "display": True, "isReordered": False, "deleted": False}
     state = {
         "selectedColumns": [*(f"tags.`{tag}`" for tag in TAGS), *map(_column, (*TEST_METRICS, *VAL_METRICS))],
-        "columnWidths": {_column(metric): 150 for metric in TEST_METRICS},
         "compareRunCharts": [_lines("test", TEST_METRICS), _lines("val", VAL_METRICS), _differences()],
         "compareRunSections": [{**section, "isGenerated": False, "columns": 1, "cardHeight": 360}],
         "hideEmptyCharts": True,
