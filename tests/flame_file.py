@@ -33,7 +33,7 @@ def eyeball_faces() -> np.ndarray:
     rows = [[ring + 32 * k, after + 32 * k, ring + 32 * k + 32] for k in range(16)]
     rows += [[after + 32 * k, after + 32 * k + 32, ring + 32 * k + 32] for k in range(16)]
     rows += [[np.full(32, 544), after, ring], [np.full(32, 545), ring + 512, after + 512]]
-    return np.concatenate([np.stack(row, axis=-1) for row in rows])
+    return np.concatenate([np.stack(row[::-1], axis=-1) for row in rows])  # turned outwards
 
 
 def skin() -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +74,7 @@ def arrays(seed: int = 0) -> dict[str, np.ndarray]:
     return {
         "v_template": template,
         "shapedirs": random.normal(0, 0.002, (5023, 3, 400)).astype(np.float32),
-        "posedirs": random.normal(0, 0.001, (5023, 3, 36)).astype(np.float32),
+        "posedirs": random.normal(0, 0.0005, (5023, 3, 36)).astype(np.float32),
         "J_regressor": regressor,
         "weights": weights / weights.sum(axis=1, keepdims=True),
         "kintree_table": np.array([[2**32 - 1, 0, 1, 1, 1], [0, 1, 2, 3, 4]], np.uint32),

@@ -53,11 +53,13 @@ def render(
 
     target = _target(Path(out), ".mp4", force)
     _within("size", size, PICTURE_PX)
-    view = framing_of(camera).view(size, size)
+    framing = framing_of(camera)
+    framing.view(size, size)  # refused before anything is read
     shown = Motion.load(Path(motion))
     heard = None if sound is None else read_speech(sound)
     drawn = open_named(head, model)
     played = on_head(shown, drawn, model)
+    view = framing.on(drawn.eye_centres).view(size, size)
     pictures = iter(progress(Painter(drawn, view).draw(played), target.name, len(played)))
     try:
         write_video(target, pictures, played.fps, heard)

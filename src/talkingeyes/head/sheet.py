@@ -21,7 +21,7 @@ LIDS = (-0.3, 0.0, 0.35, 0.7, 1.0)  # from wide to shut
 
 def contact_sheet(model: HeadModel, motions: list[Motion], times_s: list[float], size: int) -> UInt8[ndarray, "H W 3"]:
     """One row a motion, one column a time."""
-    painter = Painter(model, FRAMINGS["head"].view(size, size))
+    painter = Painter(model, FRAMINGS["head"].on(model.eye_centres).view(size, size))
     rows = []
     for motion in motions:
         frames = [min(round(time_s * motion.fps), len(motion) - 1) for time_s in times_s]
@@ -36,14 +36,16 @@ def eyes_sheet(model: HeadModel, width: int) -> UInt8[ndarray, "H W 3"]:
     """
     side = width * 4 // 17
     tall = 3 * (side * 9 // 20)
-    eyes = Painter(model, FRAMINGS["eyes"].view(side, tall // 3))
+    eyes = Painter(model, FRAMINGS["eyes"].on(model.eye_centres).view(side, tall // 3))
     yaw, pitch = np.meshgrid(GAZE_YAW_DEG, GAZE_PITCH_DEG)
     looks = list(eyes.draw(still(gaze_deg=np.stack([yaw.ravel(), pitch.ravel()], axis=-1))))
     nine = np.concatenate([np.concatenate(looks[row : row + 3], axis=1) for row in (0, 3, 6)], axis=0)
-    whole = Painter(model, FRAMINGS["head"].view(width - 3 * side, tall)).draw(still())
+    whole = Painter(model, FRAMINGS["head"].on(model.eye_centres).view(width - 3 * side, tall)).draw(still())
     upper = np.concatenate([next(whole), nine], axis=1)
     fifth = width // len(LIDS)
-    lids = Painter(model, FRAMINGS["eyes"].view(fifth, fifth * 9 // 20)).draw(still(lid=np.array(LIDS)))
+    lids = Painter(model, FRAMINGS["eyes"].on(model.eye_centres).view(fifth, fifth * 9 // 20)).draw(
+        still(lid=np.array(LIDS))
+    )
     lower = np.concatenate(list(lids), axis=1)
     return np.concatenate([upper[:, : lower.shape[1]], lower], axis=0)
 

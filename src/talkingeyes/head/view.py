@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +12,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.head.camera import Camera
 from talkingeyes.rotation import matrices
 
+OPEN_EYES_M = np.array([0.0, 0.041374, 0.084397])  # the middle between the eyes of the open head
 NEAREST_M = 0.2  # to the neutral head's origin: nearer is in the head, or cannot see it whole
 
 
@@ -55,6 +56,11 @@ class Framing:
     distance_m: float = 0.9
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
+
+    def on(self, eyes: Float[ndarray, "2 3"]) -> Framing:
+        """The same picture of a head whose eyes are elsewhere: pivots are meant for those of the open head."""
+        pivot = np.array(self.pivot) + eyes.mean(axis=0) - OPEN_EYES_M
+        return replace(self, pivot=(float(pivot[0]), float(pivot[1]), float(pivot[2])))
 
     def view(self, width: int, height: int) -> View:
         """For a picture of this size. Raises InputError if the camera would be inside the head."""
