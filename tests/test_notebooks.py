@@ -34,7 +34,6 @@ def test_a_notebook_asks_plots_and_answers_without_definitions(name: str) -> Non
 def test_a_notebook_runs_on_the_tiny_corpus(
     name: str, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient
 
     for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
@@ -44,8 +43,9 @@ def test_a_notebook_runs_on_the_tiny_corpus(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(FOLDER.parent / "src"), str(FOLDER.parent)]))
     monkeypatch.delenv("MPLBACKEND")  # the kernel's own, which shows pictures in the notebook
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
-    manager = AsyncKernelManager(kernel_name="python3")
-    NotebookClient(notebook, km=manager, timeout=300, resources={"metadata": {"path": str(FOLDER)}}).execute()
+    NotebookClient(
+        notebook, kernel_name="python3", timeout=300, resources={"metadata": {"path": str(FOLDER)}}
+    ).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs), "no plot"
     answer = "".join(output.get("text", "") for output in notebook.cells[-1].outputs)

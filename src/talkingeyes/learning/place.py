@@ -81,7 +81,7 @@ class Place:
             return losses
         if batch % share.processes():
             raise InputError(f"loop.batch: should be a multiple of the {share.processes()} processes, got {batch}")
-        return DistributedDataParallel(_Shared(module, losses), broadcast_buffers=False, find_unused_parameters=True)
+        return DistributedDataParallel(_Shared(module, losses), forward_sync_buffers=False, find_unused_parameters=True)
 
 
 CPU = Place(torch.device("cpu"), "float32")
