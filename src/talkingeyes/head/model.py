@@ -33,8 +33,8 @@ class Landmarks:
     corners: Int[ndarray, "L 3"]
     barycentric: Float[ndarray, "L 3"]
 
-    def of(self, vertices: Float[ndarray, "*N V 3"]) -> Float[ndarray, "*N L 3"]:
-        """The points on posed vertices, or the displacements of the points by those of vertices."""
+    def of(self, vertices: Float[ndarray, "*N V C"]) -> Float[ndarray, "*N L C"]:
+        """The points on posed vertices, or what else is known of vertices, at the points."""
         return np.asarray(np.einsum("...lkd,lk->...ld", vertices[..., self.corners, :], self.barycentric))
 
 

@@ -58,7 +58,11 @@ def skin_colours(
 ) -> Float[ndarray, "V 3"]:
     """Albedo of the skin by where it lies (head coordinates), the mask of the lips and the rims of the lids."""
     x, y, z = vertices.T * 1000
-    flush = _spot(np.abs(x) - 42, y - 8, 22) * 0.5 + _spot(x, y - 6, 14) * 0.5 + _spot(np.abs(x) - 78, y - 30, 20) * 0.6
+    flush = (
+        0.5 * _spot(np.abs(x) - 42, y - 8, 22.0)
+        + 0.5 * _spot(x, y - 6, 14.0)
+        + 0.6 * _spot(np.abs(x) - 78, y - 30, 20.0)
+    )
     colour = SKIN * (1 + flush[:, None] * np.array([0.06, -0.14, -0.16]))
     colour = _mixed(colour, LIP, np.clip(1.4 * lips - 0.2, 0, 1) * (z > 60))
     hair = _ramp(_hairline(x, y, z), -3.0, 5.0)

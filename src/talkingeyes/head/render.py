@@ -138,7 +138,7 @@ class Caster:
         first, second, third = (vertices[model.faces[:, corner]] for corner in range(3))
         turned = np.einsum("fd,fd->f", np.cross(second - first, third - first), away[model.faces[:, 0]]) < 0
         faces = np.ascontiguousarray(model.faces[turned])
-        scene = EmbreeScene()
+        scene = EmbreeScene(robust=False)
         TriangleMesh(scene, np.ascontiguousarray(vertices), faces)
         looking = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
         light = vertex_light(facing(normals, looking), looking, model.colours, model.ambient, painter.matt)
