@@ -40,14 +40,15 @@ interval: **bold** from 1 on, where the fault is caught; "gone" where nothing is
 - **L2 and the mean pose.** L2 (radians, eye-in-head) of other true takes: {true_l2:.3f}; of the clip's mean pose:
   {mean_l2:.3f}; of a frozen face: {frozen_l2:.3f}. L2 ranks a constant above the truth; so does the nearest sample.
   It stands in Table III because the paper has it.
-- **Left and right.** People's sides nearly cancel out over a population, so distributions hardly tell mirrored from true
-  motion. Comparison under the same speaker does: {sides}.
+- **Left and right.** People's sides nearly cancel out over a population, so distributions hardly tell mirrored
+  from true motion. Comparison under the same speaker does: {sides}.
 - **Up and down** of head and eyes together: {heights}.
 - **The sign of the eyes against the head**: {signs}.
 - **Late by 3 s** and **another speaker's motion** leave every distribution as it is; what is tied to speech or to the
   speaker tells them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
 - **Better than the truth** look: {won}. Nearness of a sample to what happened is won by calm motion, as L2 is.
-- Catch no fault here, but by having nothing left to measure: {blind}. They are shown because the field uses them, or need more motion than this.
+- Catch no fault here, but by having nothing left to
+  measure: {blind}. They are shown because the field uses them, or need more motion than this.
 - True takes told apart by chance: {false} of {all} measures.
 
 ## Measures against faults
