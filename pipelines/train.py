@@ -28,7 +28,8 @@ def run(workspace: Workspace, name: str) -> Report:
     """A network is trained, a baseline fitted; both leave the same kind of folder."""
     seed = workspace.settings("train", TrainSettings).seed
     place = Place.of(workspace.params["machine"])
-    if workspace.params["model"][name]["kind"] == "speech_to_motion":
+    model = workspace.params.get("model", {}).get(name)
+    if isinstance(model, dict) and model.get("kind") == "speech_to_motion":
         return _network(workspace, name, workspace.settings(f"model.{name}", TranslationSettings), seed, place)
     place.leave_unless_first()
     return _baseline(workspace, name, workspace.settings(f"model.{name}", BaselineSettings))
