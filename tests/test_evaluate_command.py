@@ -47,12 +47,13 @@ def values(found):
 
 def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     found = evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
-    assert found.paired and found.sounds == CLIPS and found.notes == []
+    assert found.paired and found.sounds == CLIPS
     assert values(found)["saccades/rate"].reason == ""
     assert values(found)["saccades/rate"].difference.value == 0
     assert values(found)["saccades/amplitude"].reason == "needs 50 saccades: the motions with 47"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
     assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
+    assert found.notes == ["intervals are over sounds: those of 4 are too narrow, 10 or more are better"]
     assert "4 sounds at 25 frames a second, beside the truth under the same sounds" in describe(found)
     with pytest.raises(InputError, match="--force"):
         evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
