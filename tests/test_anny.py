@@ -97,6 +97,9 @@ def test_the_cache_is_small_whole_and_the_same(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(InputError, match="not a readable head"):
         load_head(path)
     anny.open_head.cache_clear()
+    np.testing.assert_array_equal(anny.open_head().template, built.template)  # a damaged file is made again
+    assert load_head(path).name == "anny"
+    anny.open_head.cache_clear()
 
 
 def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
+from talkingeyes.errors import InputError
 from talkingeyes.head import anny_data
 from talkingeyes.head.anny_build import NAME, build
 from talkingeyes.head.eyelid.anatomy import Person
@@ -26,7 +27,7 @@ LIDS = ("anatomy", "construction", "drive", "labels", "region")  # in eyelid/
 def open_head() -> HeadModel:
     """The open head, from the cache or built. Where nothing can be cached it is built each time."""
     path = cache_path()
-    if path.exists():
+    with contextlib.suppress(InputError):  # missing, or damaged since: built again
         return load_head(path)
     model = with_eyelids(build(), Person())
     with contextlib.suppress(OSError):  # a folder that cannot be written costs a second, not the result

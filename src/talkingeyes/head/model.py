@@ -11,6 +11,7 @@ import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -132,9 +133,9 @@ def save_head(model: HeadModel, path: Path) -> None:
 def load_head(path: Path) -> HeadModel:
     """Read what `save_head` wrote. Raises InputError if it is not a head, or of another schema."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: not a readable head ({error})") from None
     names = [field.name for field in fields(HeadModel) if field.name not in POINTS]
     needed = [*names, *(f"{points}_{name}" for points in POINTS for name in LANDMARK_FIELDS)]
