@@ -45,8 +45,6 @@ class Role:
         """A section as the settings of the class that it names; used as a validator of pydantic."""
         if isinstance(node, Settings):
             return node
-        if isinstance(node, Mapping) and "kind" not in node and len(self.kinds) == 1:
-            node = {**node, "kind": next(iter(self.kinds))}
         if not isinstance(node, Mapping) or "kind" not in node:
             raise self._wrong("should be a section with a kind", node)
         settings: Settings = self.member(str(node["kind"])).configured_by.model_validate(node)

@@ -21,8 +21,11 @@ from talkingeyes.motion import Events, Motion
 
 
 def sharded(folder: Path, name: str, suffix: str) -> Path:
-    """folder/ab/name+suffix, where ab is the start of a hash of the name."""
-    return folder / hashlib.blake2b(name.encode(), digest_size=1).hexdigest() / (name + suffix)
+    """folder/a/name+suffix, where a is the first digit of a hash of the name.
+
+    Sixteen folders keep a million clips listable, and `dvc repro` quick, which looks at every folder.
+    """
+    return folder / hashlib.blake2b(name.encode(), digest_size=1).hexdigest()[0] / (name + suffix)
 
 
 def sharded_for_writing(folder: Path, name: str, suffix: str) -> Path:
