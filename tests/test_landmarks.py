@@ -89,7 +89,7 @@ def opening(points: np.ndarray) -> np.ndarray:
 
 def test_shut_lids_meet():
     ratio = aspect_ratio(eye_points(np.zeros((1, 2, 3)), np.ones((1, 2))))
-    assert np.all(ratio < 0.06)
+    assert np.all(ratio < 0.08)  # people: under .15; the lids meet in height, not quite in depth
 
 
 def test_the_jaw_lowers_chin_and_lower_lip_and_hardly_a_rigid_point():

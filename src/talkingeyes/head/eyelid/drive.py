@@ -70,14 +70,17 @@ def with_eyelids(model: HeadModel, person: Person) -> HeadModel:
 
 
 def _mixture(model: HeadModel, around: Region, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
-    """Mixtures of the sculpted lid shapes of an eye whose lid curves move as `curves` do, in head axes."""
+    """Mixtures of the sculpted lid shapes of an eye whose lid curves rise and fall as `curves` do, in head axes.
+
+    Heights alone: they open and close the eye, and depth follows from the sculpted skin.
+    """
     side = SIDES[around.eye].title()
     sculpted = model.expression[[model.shape(f"{name}{side}") for name in SCULPTED]]
     lids = slice(UPPER.start, LOWER.stop)
-    given = around.curves.of(sculpted)[:, lids].reshape(len(sculpted), -1)
+    given = around.curves.of(sculpted)[:, lids, 1]
     gram = given @ given.T
     ridge = RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
-    mix = np.linalg.solve(gram + ridge, given @ curves[:, lids].reshape(5, -1).T).T
+    mix = np.linalg.solve(gram + ridge, given @ curves[:, lids, 1].T).T
     return np.asarray(np.tensordot(mix, sculpted, axes=1))
 
 

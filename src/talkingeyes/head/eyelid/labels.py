@@ -60,11 +60,14 @@ def held_out_postures(shown: Lids, seen_rad: Float[ndarray, "K 2"], count: int, 
 
 
 def posture_grid(region: Region, person: Person) -> Labels:
-    """Gazes in rows and columns at five closures, exact, with all points of the region: what drives a head."""
-    yaw, pitch, lid = np.meshgrid(
-        np.radians(np.linspace(-30, 30, 5)), np.radians(np.linspace(-25, 20, 10)), np.linspace(0, 1, 5), indexing="ij"
-    )
-    angles, closures = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), lid.ravel()
+    """Gazes in rows and columns with open lids, and closures at gaze ahead, exact, with all points of the region.
+
+    What drives a head: half-shut lids follow gaze less, and would weaken the first stage if they were shown with it.
+    """
+    yaw, pitch = np.meshgrid(np.radians(np.linspace(-30, 30, 5)), np.radians(np.linspace(-25, 20, 10)), indexing="ij")
+    gazes, closing = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), np.linspace(0.25, 1, 4)
+    angles = np.concatenate([gazes, np.zeros((len(closing), 2))])
+    closures = np.concatenate([np.zeros(len(gazes)), closing])
     points = lids(region, angles, closures, person, np.zeros(len(angles)))
     return Labels(angles, points, held=closures == 0.0, shut=closures == 1.0)
 
