@@ -14,6 +14,8 @@ from talkingeyes.run import quiet
 quiet()
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HF_HUB_OFFLINE"] = "1"
+# Processes that tests start in other folders find the stages, which are not installed, and these tests.
+os.environ["PYTHONPATH"] = os.pathsep.join(str(Path(__file__).resolve().parents[up]) for up in (1, 0))
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")

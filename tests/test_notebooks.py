@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 from pathlib import Path
 
 import nbformat
@@ -40,7 +39,6 @@ def test_a_notebook_runs_on_the_tiny_corpus(
         monkeypatch.setenv(variable, str(tmp_path / variable))
     monkeypatch.setenv("JUPYTER_PLATFORM_DIRS", "1")
     monkeypatch.setenv("TALKINGEYES_WORKSPACE", str(tiny))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(FOLDER.parent / "src"), str(FOLDER.parent)]))
     monkeypatch.delenv("MPLBACKEND")  # the kernel's own, which shows pictures in the notebook
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     NotebookClient(

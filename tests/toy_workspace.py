@@ -25,9 +25,8 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     repository = Path(__file__).resolve().parents[1]
     sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
     root.mkdir(parents=True, exist_ok=True)
-    (root / "params.yaml").write_text(
-        yaml.safe_dump({"corpus": "data/synthesize", "machine": {"jobs": jobs, "device": "cpu", "precision": "float32"}, **sections})
-    )
+    machine = {"jobs": jobs, "device": "cpu", "precision": "float32"}
+    (root / "params.yaml").write_text(yaml.safe_dump({"corpus": "data/synthesize", "machine": machine, **sections}))
     clips = _clips()
     corpus = Corpus(root / "data" / "synthesize")
     corpus.root.mkdir(parents=True)
