@@ -1,8 +1,9 @@
 """Speed and memory of `talkingeyes evaluate` for 10, 100, 1,000 and more clips of ten seconds.
 
 Run: python benchmarks/benchmark.py [CLIPS ...]. The corpus is made of a few people rendered once and linked under many
-names; every count runs in a process of its own. Speed is seconds of motion (the reference's not counted) a second of
-CPU, and with the start of the process and the resamples taken off; memory is the peak of the process.
+names; every count runs in a process of its own, with one motion a sound and with ten samples of it. Speed is seconds
+of evaluated motion a second of CPU, the reference motion, which is measured too, not counted; then with the start of
+the process and the resamples taken off, and then with the reference counted. Memory is the peak of the process.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from talkingeyes.physiology import saccades
 from talkingeyes.rotation import eye_in_head
 
 SECONDS, FPS, PEOPLE = 10.0, 25.0, 20
+SAMPLES = (1, 10)
 
 
 def person(seed: int) -> Motion:
@@ -40,8 +42,8 @@ def person(seed: int) -> Motion:
     return Motion.of(FPS, head, eye_in_head(head, np.repeat(space[:, None], 2, axis=1)))
 
 
-def make(root: Path, count: int) -> None:
-    """A corpus of linked clips."""
+def make(root: Path, count: int, samples: int) -> None:
+    """A corpus of linked clips, and samples of each."""
     made = [root / f"{seed}.npz" for seed in range(PEOPLE)]
     for seed, path in enumerate(made):
         person(seed).save(path)
@@ -50,31 +52,41 @@ def make(root: Path, count: int) -> None:
         name = f"c{index:06d}"
         Annotation(speaking=(Span(1, 4), Span(5, 9))).save(sharded_for_writing(root / "annotations", name, ".json"))
         os.link(made[index % PEOPLE], sharded_for_writing(root / "truth", name, ".npz"))
+        for sample in range(samples):
+            other = made[(index + sample) % PEOPLE]
+            os.link(other, sharded_for_writing(root / "motions", f"{name}-s{sample}", ".npz"))
         clips.append(Clip(name, name, 0, "a", "test", SECONDS, FPS, "", 0, "en", "", "", "CC0-1.0", ""))
     Corpus(root).write_index(clips)
 
 
 def child(root: Path) -> None:
-    """Evaluate the truth against itself; print CPU seconds and megabytes."""
+    """Evaluate the samples against the truth; print CPU seconds and megabytes."""
     from talkingeyes.evaluation import evaluate
 
     start = time.process_time()
-    evaluate(root / "truth", root)
+    evaluate(root / "motions", root)
     print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def main() -> None:
-    """A line a count."""
-    before = None
-    print(f"{'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'peak MB':>8}")
-    for count in [int(each) for each in sys.argv[1:]] or [10, 100, 1000]:
-        with tempfile.TemporaryDirectory() as folder:
-            make(Path(folder), count)
-            done = subprocess.run([sys.executable, __file__, "--child", folder], capture_output=True, check=True)
-        cpu, megabytes = map(float, done.stdout.split())
-        more = "" if before is None else f"{(count - before[0]) * SECONDS / max(cpu - before[1], 1e-9):.0f}"
-        print(f"{count:7d} {cpu:7.2f} {count * SECONDS / cpu:12.0f} {more:>14} {megabytes:8.0f}", flush=True)
-        before = (count, cpu)
+    """A line a count of samples and clips."""
+    print(f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14}", f"{'all':>6} {'peak MB':>8}")
+        f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'all':>6} {'peak MB':>8}"
+    )
+    for samples in SAMPLES:
+        before = None
+        for count in [int(each) for each in sys.argv[1:]] or [10, 100, 1000]:
+            with tempfile.TemporaryDirectory() as folder:
+                make(Path(folder), count, samples)
+                done = subprocess.run([sys.executable, __file__, "--child", folder], capture_output=True, check=True)
+            cpu, megabytes = map(float, done.stdout.split())
+            seconds = count * samples * SECONDS
+            line = f"{samples:7d} {count:7d} {cpu:7.2f} {seconds / cpu:12.0f}"
+            if before:
+                rate = (seconds - before[0]) / max(cpu - before[1], 1e-9)
+                line += f" {rate:14.0f} {rate * (samples + 1) / samples:6.0f}"
+            print(f"{line:<58} {megabytes:8.0f}", flush=True)
+            before = (seconds, cpu)
 
 
 if __name__ == "__main__":

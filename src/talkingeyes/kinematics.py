@@ -37,9 +37,12 @@ def space_speed_deg_s(
 
 def head_speed_deg_s(head: Float[ndarray, "*S T 3"], fps: float) -> Float[ndarray, "*S T-1"]:
     """Speed of the head between frames: the angle of the rotation from one to the next, roll included."""
-    before, after = head[..., :-1, :], head[..., 1:, :]
-    turn = Rotation.from_rotvec(before.reshape(-1, 3)).inv() * Rotation.from_rotvec(after.reshape(-1, 3))
-    return np.asarray(np.degrees(turn.magnitude()).reshape(before.shape[:-1]) * fps)
+    quaternion = Rotation.from_rotvec(head.reshape(-1, 3)).as_quat().reshape(*head.shape[:-1], 4)
+    before, after = quaternion[..., :-1, :], quaternion[..., 1:, :]
+    # Half the turn is the angle between the quaternions; of their sum and difference it is exact for tiny turns too.
+    same = np.where((before * after).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    half = np.arctan2(np.linalg.norm(after - same * before, axis=-1), np.linalg.norm(after + same * before, axis=-1))
+    return np.asarray(np.degrees(4 * half) * fps)
 
 
 def still(speed_deg_s: Float[ndarray, "*N"]) -> float:

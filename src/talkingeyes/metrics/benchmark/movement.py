@@ -29,14 +29,15 @@ PARTS = {"eye": "eye-in-head", "space": "gaze in space", "head": "head"}
 def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[ndarray, "T C"], of: Behaviour) -> Sums:
     speed = speed_deg_s[of.seen]
     power = spectrum(angles_rad, of.fps, of.valid)
-    summed = power.power.sum(axis=1)[: len(FREQUENCY_HZ)]
+    summed = np.zeros(len(FREQUENCY_HZ))
+    summed[: len(power.power)] = power.power.sum(axis=1)[: len(summed)]
     return {
         f"{part}.frames": len(speed),
         f"{part}.speed_deg_s": speed.sum(),
         f"{part}.still": (speed < STILL_DEG_S).sum(),
         f"{part}.speed": OCTAVES(np.log2(np.maximum(speed, 1e-6))),
         f"{part}.segments": power.segments,
-        f"{part}.power": np.pad(summed, (0, len(FREQUENCY_HZ) - len(summed))),
+        f"{part}.power": summed,
     }
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.metrics.benchmark.behaviour import Behaviour
-from talkingeyes.metrics.benchmark.measure import LESS, MORE, Measure, Totals
+from talkingeyes.metrics.benchmark.measure import LESS, MORE, Measure, Sums, Totals
 from talkingeyes.metrics.benchmark.registry import MEASURES, OBSERVERS
 from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, bootstrap, interval, resamples
 from talkingeyes.metrics.distribution.mmd import Drawn, draw
@@ -31,27 +31,28 @@ PAIRWISE_WINDOWS, PAIRWISE_DRAWS = 300, 200
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each sum stands in the flat vector of a clip; first how many of its motions have each field."""
+    """Where each sum stands in the flat vector of a clip; first how many of its motions have each field.
 
-    slices: dict[str, slice]
+    A single number stands at an index, several in a slice (an index is written five times as fast).
+    """
+
+    places: dict[str, int | slice]
     size: int
 
     @classmethod
     def of(cls, sizes: Iterable[tuple[str, int]]) -> Layout:
         """Sums of given lengths, one behind the other."""
-        slices, start = {}, 0
+        places: dict[str, int | slice] = {}
+        start = 0
         for name, size in sizes:
-            assert name not in slices, name  # two observers would add to one sum
-            slices[name] = slice(start, start + size)
+            assert name not in places, name  # two observers would add to one sum
+            places[name] = start if size == 1 else slice(start, start + size)
             start += size
-        return cls(slices, start)
+        return cls(places, start)
 
     def totals(self, flat: Float[ndarray, "D K"]) -> Totals:
         """Named views of flat totals."""
-        return {
-            name: flat[:, where.start] if where.stop - where.start == 1 else flat[:, where]
-            for name, where in self.slices.items()
-        }
+        return {name: flat[:, place] for name, place in self.places.items()}
 
 
 FIELDS = tuple(dict.fromkeys(field for observer in OBSERVERS for field in observer.needs))
@@ -66,16 +67,19 @@ def observe(motions: Sequence[Behaviour]) -> Float[ndarray, " K"]:
     flat = np.zeros(LAYOUT.size)
     for observer in OBSERVERS:
         if observer.together and motions and all(all(map(motion.has, observer.needs)) for motion in motions):
-            for name, value in observer.observe(motions).items():
-                flat[LAYOUT.slices[name]] += value
+            _add(flat, observer.observe(motions))
     for motion in motions:
         has = {field: motion.has(field) for field in FIELDS}
         flat[: len(FIELDS)] += list(has.values())
         for observer in OBSERVERS:
             if not observer.together and all(has[field] for field in observer.needs):
-                for name, value in observer.observe(motion).items():
-                    flat[LAYOUT.slices[name]] += value
+                _add(flat, observer.observe(motion))
     return flat
+
+
+def _add(flat: Float[ndarray, " K"], sums: Sums) -> None:
+    for name, value in sums.items():
+        flat[LAYOUT.places[name]] += value
 
 
 class Tally:

@@ -9,6 +9,7 @@ frame folds into the band, in truth and in samples alike, so only spectra of one
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import pi
 
 import numpy as np
@@ -40,19 +41,23 @@ def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray,
     The line goes because a head that turns across a segment would otherwise leak into every frequency.
     """
     size = round(SEGMENT_S * fps)
-    frequency_hz = np.fft.rfftfreq(size, 1 / fps)
+    frequency_hz, time, window = _segment(size, fps)
     starts = np.arange(0, len(angles_rad) - size + 1, size // 2)
     index = starts[:, None] + np.arange(size)
     if valid is not None:
         index = index[valid[index].all(axis=1)] if len(index) else index
     cut = np.degrees(angles_rad)[index]
-    time = np.arange(size) - (size - 1) / 2
     slope = np.einsum("t,stc->sc", time, cut) / (time @ time)
     straight = cut - cut.mean(axis=1, keepdims=True) - time[:, None] * slope[:, None]
-    window = np.hanning(size + 1)[:-1]
     transform = np.fft.rfft(straight * window[:, None], axis=1)
     power = 2 * np.square(np.abs(transform)) / (fps * np.square(window).sum())
     return Spectrum(frequency_hz, power.sum(axis=0), float(len(index)))
+
+
+@cache
+def _segment(size: int, fps: float) -> tuple[Float[ndarray, " F"], Float[ndarray, " T"], Float[ndarray, " T"]]:
+    """Frequencies, frames about the middle and the window of a segment."""
+    return np.fft.rfftfreq(size, 1 / fps), np.arange(size) - (size - 1) / 2, np.hanning(size + 1)[:-1]
 
 
 def pooled(spectra: list[Spectrum]) -> Spectrum:
