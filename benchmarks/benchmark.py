@@ -70,9 +70,8 @@ def child(root: Path) -> None:
 
 def main() -> None:
     """A line a count of samples and clips."""
-    print(f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14}", f"{'all':>6} {'peak MB':>8}")
-        f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'all':>6} {'peak MB':>8}"
-    )
+    titles = f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'all':>6}"
+    print(f"{titles} {'peak MB':>8}")
     for samples in SAMPLES:
         before = None
         for count in [int(each) for each in sys.argv[1:]] or [10, 100, 1000]:
