@@ -1,12 +1,17 @@
-"""What is known about a sound in time: words, phonemes, speaking and listening spans."""
+"""What is known about a sound in time: words, phonemes, speaking and listening spans, and the mood it is said in."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from talkingeyes.errors import InputError
+
+# The classes of 3DMEAD (ProbTalk3D, section 3.1); neutral has intensity 0, the others 1 (weak) to 3 (strong).
+EMOTIONS = ("neutral", "happy", "sad", "surprised", "fear", "disgusted", "angry", "contempt")
+INTENSITIES = (1, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -20,19 +25,25 @@ class Span:
 
 @dataclass(frozen=True)
 class Phoneme:
-    """A phoneme (espeak-ng mnemonic) in time; `stressed` marks the vowel of a stressed syllable."""
+    """A phoneme (espeak-ng mnemonic) in time; `stressed` marks the vowel of a stressed syllable.
+
+    `prominence`, 0 to 1, is how far that syllable stands out in its phrase; 0 for all other phonemes.
+    """
 
     start_s: float
     end_s: float
     symbol: str
     stressed: bool = False
+    prominence: float = 0.0
 
 
 @dataclass(frozen=True)
 class Annotation:
     """Words, phonemes, and the spans in which the subject speaks or listens. A gap inside `speaking` is a pause.
 
-    `pauses` are silences inside a turn (label: "comma", "hesitation" or "sentence"), `fillers` the ums and uhs.
+    `pauses` are silences inside a turn (label: "comma", "hesitation" or "sentence"), `fillers` the ums and uhs,
+    `sentences` have their kind as label ("statement", "question", "list" or "hesitation"). While `listening` the
+    partner has the turn; `partner` is when the partner is heard. `intensity` is 0 for neutral, else 1 to 3.
     """
 
     words: tuple[Span, ...] = ()
@@ -41,6 +52,10 @@ class Annotation:
     listening: tuple[Span, ...] = ()
     pauses: tuple[Span, ...] = ()
     fillers: tuple[Span, ...] = ()
+    sentences: tuple[Span, ...] = ()
+    partner: tuple[Span, ...] = ()
+    emotion: str = "neutral"
+    intensity: int = 0
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
@@ -48,13 +63,18 @@ class Annotation:
 
     @classmethod
     def load(cls, path: Path) -> Annotation:
-        """Read JSON written by `save`. Raises InputError if it is not an annotation."""
+        """Read JSON written by `save`; a key that is absent stays empty. Raises InputError if it is no annotation."""
         try:
-            content = json.loads(path.read_text())
-            spans = [name for name in cls.__dataclass_fields__ if name != "phonemes"]
-            return cls(
-                phonemes=tuple(Phoneme(**row) for row in content["phonemes"]),
-                **{name: tuple(Span(**row) for row in content[name]) for name in spans},
-            )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            return cls(**{name: _read(name, value) for name, value in json.loads(path.read_text()).items()})
+        except (OSError, ValueError, AttributeError, TypeError) as error:
             raise InputError(f"{path}: not a readable annotation ({error!r})") from None
+
+
+def _read(name: str, value: Any) -> Any:
+    """The value of one key: spans, phonemes, or what stands for itself."""
+    if name in ("emotion", "intensity"):
+        return value
+    if not isinstance(value, list):
+        raise TypeError(f"{name} should be a list")
+    kind = Phoneme if name == "phonemes" else Span
+    return tuple(kind(**row) for row in value)

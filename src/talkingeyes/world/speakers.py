@@ -9,18 +9,27 @@ import numpy as np
 from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
 from talkingeyes.world.voices import Voice, draw_voice
 
+LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
+BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)
+KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 to the side, 1 to 2 vertically
+IDENTITY_SHAPES = 6
+
 
 @dataclass(frozen=True)
 class Style:
     """How one person moves. Angles in radians; scales are factors about 1.
 
-    `look` is the share of talking time spent looking at the partner, `side` the preferred side of looking away (yaw),
-    `coupling` (0 to 1) how far what is said moves gaze and head at all, `head_threshold` and `head_gain` the
-    eccentricity from which, and the share with which, the head goes along with gaze, `speaking_lift` how far speech
-    raises the head.
+    `look` is the share of talking time spent looking at the partner, `look_listening` that of listening time, `side`
+    the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place at all (1 in an
+    interview; a source of quiet eyes has less), `coupling` (0 to 1) how far what is said moves gaze and head at all,
+    `head_threshold` and `head_gain` the eccentricity from which, and the share with which, the head goes along with
+    gaze, `speaking_lift` how far speech raises the head, `blink_completeness` the share of blinks that shut the lids,
+    `kappa` the (yaw, pitch) from the visual to the optical axis of the left and the right eye.
     """
 
     look: float
+    look_listening: float
+    liveliness: float
     side: float
     aversion_scale: float
     saccade_rate: float
@@ -31,25 +40,29 @@ class Style:
     nod_probability: float
     speaking_lift: float
     blinks_per_min: float
+    blink_completeness: float
     rest_pitch: float
     rest_roll: float
     lid_rest: float
     jaw_scale: float
     jaw_asymmetry: float
+    kappa: tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Speaker:
-    """A person of the synthetic world."""
+    """A person of the synthetic world. `identity` are standard normal numbers: what shape the head has."""
 
     name: str
     voice: Voice
     style: Style
+    identity: tuple[float, ...]
 
 
-def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> Style:
+def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, liveliness: float = 1.0) -> Style:
     """A style from the distributions over people; `blinks` is the profile of blink rates."""
     return Style(
+        liveliness=liveliness,
         look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
         side=float(random.normal(0.0, 0.25)),
         aversion_scale=float(0.88 * np.exp(0.25 * random.standard_normal())),
@@ -66,9 +79,26 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> St
         lid_rest=float(np.clip(random.normal(0.0, 0.04), -0.1, 0.12)),
         jaw_scale=float(np.exp(0.15 * random.standard_normal())),
         jaw_asymmetry=float(random.normal(0.0, 0.12)),
+        look_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
+        blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
+        kappa=_kappa(random),
     )
 
 
-def draw_speaker(name: str, language: str, random: np.random.Generator, blinks: BlinkProfile = PHYSIO) -> Speaker:
+def _kappa(random: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The optical axis points to the temple's side of the visual one, mirrored in the eyes, and a little down."""
+    temporal = np.radians(random.normal(*KAPPA_DEG) + KAPPA_EYE_DEG * random.standard_normal(2))
+    down = np.radians(random.normal(*KAPPA_DOWN_DEG, size=2))
+    return (float(temporal[0]), float(-down[0])), (float(-temporal[1]), float(-down[1]))
+
+
+def draw_speaker(
+    name: str,
+    language: str,
+    random: np.random.Generator,
+    blinks: BlinkProfile = PHYSIO,
+    liveliness: float = 1.0,
+) -> Speaker:
     """A person who speaks `language`."""
-    return Speaker(name, draw_voice(random, language), draw_style(random, blinks))
+    voice, style = draw_voice(random, language), draw_style(random, blinks, liveliness)
+    return Speaker(name, voice, style, tuple(map(float, random.standard_normal(IDENTITY_SHAPES))))
