@@ -139,7 +139,8 @@ def _draw_traces(workspace: Workspace, path: Path) -> None:
     takes: dict[str, list[Clip]] = {}
     for clip in clips:
         takes.setdefault(clip.sound, []).append(clip)
-    chosen = sorted(max(takes.values(), key=len), key=lambda clip: clip.take)
+    most = max(takes, key=lambda sound: len(takes[sound]))
+    chosen = sorted(takes[most], key=lambda clip: clip.take)
     traces = []
     if corpus.has_truth:
         motions = [corpus.truth(clip) for clip in chosen[:SAMPLES_DRAWN]]

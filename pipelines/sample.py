@@ -38,7 +38,8 @@ def _sample(model: Path, embed: Path, folder: Path, settings: SampleSettings, cl
     seeds = np.random.default_rng(entropy).integers(2**31, size=settings.samples).tolist()
     samples = _generator(model).generate(embedding, seeds, clip.fps)
     samples.save(sharded_for_writing(folder, clip.id, ".npz"))
-    return samples.head.shape[0] * samples.head.shape[1]
+    count, frames, _ = samples.head.shape
+    return int(count * frames)
 
 
 if __name__ == "__main__":

@@ -45,9 +45,11 @@ class Task(Protocol):
     `validate` returns named figures; `score` is maximised: the weights of its best value are kept (of NaN: the last).
     """
 
-    module: nn.Module
     # What batches are drawn with. Noise in the network comes from torch's own generator.
     random: np.random.Generator
+
+    @property
+    def module(self) -> nn.Module: ...
 
     def losses(self, step: int) -> dict[str, Tensor]: ...
 
