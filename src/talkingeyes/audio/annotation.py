@@ -27,7 +27,8 @@ class Span:
 class Phoneme:
     """A phoneme (espeak-ng mnemonic) in time; `stressed` marks the vowel of a stressed syllable.
 
-    `prominence`, 0 to 1, is how far that syllable stands out in its phrase; 0 for all other phonemes.
+    `prominence`, 0 to 1, is how far that syllable stands out in its phrase; 0 for all other phonemes. `loudness` is
+    its level against that of the sound's usual stressed vowel (1 where it is not known).
     """
 
     start_s: float
@@ -35,6 +36,7 @@ class Phoneme:
     symbol: str
     stressed: bool = False
     prominence: float = 0.0
+    loudness: float = 1.0
 
 
 @dataclass(frozen=True)

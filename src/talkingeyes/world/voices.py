@@ -15,6 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
+from talkingeyes.audio.loudness import with_loudness
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
 from talkingeyes.world.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say, engine
@@ -212,7 +213,7 @@ def _joined(runs: list[_Said | Pause], before_s: float, after_s: float, text: st
         pauses=tuple(pauses),
         fillers=tuple(fillers),
     )
-    return Spoken(sound, annotation, text)
+    return Spoken(sound, with_loudness(annotation, sound), text)
 
 
 def _levelled(sound: Float[ndarray, " N"], voiced: list[Span]) -> Float[ndarray, " N"]:
