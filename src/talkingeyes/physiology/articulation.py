@@ -1,74 +1,193 @@
-"""Jaw from phonemes by dominance functions (Cohen & Massaro 1993).
+"""Jaw and lips from phonemes by dominance functions (Cohen & Massaro 1993), jaw and lips as separate fields (JALI).
 
-F(t) = sum D_s T_s / sum D_s with D_s = alpha_s exp(-theta |t - t_s|): every phoneme pulls the jaw towards its own
-target, the more so the nearer it is. Phonemes are espeak-ng mnemonics; targets are jaw rotations in radians (FACTS,
-section 6). A constant weak pull towards the closed jaw makes it rest in silence.
+F_p(t) = sum_s D_sp T_sp / sum_s D_sp with D_sp = alpha_sp exp(-theta_p |t - t_s|): every phoneme s pulls each field p
+(jaw, rounding, spreading, parting) towards its own target, the more so the nearer it is, so neighbours show through.
+Lips close for p, b, m and meet the teeth for f, v whatever the neighbours are; rounding starts earliest (Edwards et al.
+2016). Phonemes are espeak-ng mnemonics, jaw targets radians (FACTS, section 6), the others 0 to 1. A weak pull of the
+resting mouth closes it in silence. All is a function of time, for any frame rate; a moment is reckoned from its nearest
+phonemes alone (those further away weigh less than a ten-thousandth), so long sounds cost what short ones do a second.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Phoneme
+from talkingeyes.head.anny_build import JAW_OPEN_RAD
 
-THETA_PER_S = 25.0
-REST_DOMINANCE = 0.06
-STRESS_GAIN, UNSTRESSED_GAIN = 1.2, 0.9
+FIELDS = ("jaw", "round", "spread", "part")
+THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])  # how fast a phoneme's pull grows before it, and fades after
+THETA_AFTER_PER_S = np.array([25.0, 15.0, 17.0, 20.0])
+REST_DOMINANCE = np.array([0.06, 0.10, 0.10, 0.10])
+NEAREST = 17  # phonemes that a moment is reckoned from
+STRESS_GAIN, UNSTRESSED_GAIN = 1.25, 1.0
+LOUDNESS_EXPONENT, LOUDNESS_GAIN = 0.4, (0.6, 1.45)
 JAW_LIMIT_RAD = 0.30
+APEX = 0.45  # of a phoneme's length; of a diphthong's first and second part:
+DIPHTHONG_APEX = (0.3, 0.8)
+CONTACT_RAMP_S = 0.055  # lips take so long to meet and to part
+CONTACT_S, CONTACT_SHARE = 0.045, 0.5  # they touch for so long at least, or this share of the phoneme
 
-# Jaw target (radians) and dominance by the first letters of a mnemonic; the longest match counts.
-_TARGETS: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(("p", "b", "m"), (0.0, 1.0)),
-    **dict.fromkeys(("f", "v"), (0.01, 1.0)),
-    **dict.fromkeys(("s", "z", "S", "Z", "tS", "dZ"), (0.01, 0.9)),
-    **dict.fromkeys(("t", "d", "n", "T", "D"), (0.03, 0.6)),
-    **dict.fromkeys(("l", "r", "R"), (0.06, 0.4)),
-    **dict.fromkeys(("k", "g", "N", "x", "h", "?"), (0.06, 0.3)),
-    **dict.fromkeys(("w", "j"), (0.04, 0.5)),
-    "@": (0.05, 0.3),
-    "3": (0.07, 0.7),
-    "I": (0.06, 0.8),
-    "i": (0.05, 0.8),
-    "U": (0.06, 0.8),
-    "u": (0.05, 0.8),
-    "y": (0.05, 0.8),
-    "e": (0.11, 0.9),
-    "E": (0.13, 0.9),
-    "o": (0.11, 0.9),
-    "O": (0.14, 0.9),
-    "0": (0.17, 1.0),
-    "V": (0.15, 0.9),
-    "a": (0.19, 1.0),
-    "A": (0.21, 1.0),
-    "&": (0.16, 1.0),
+# jaw (radians) and its dominance; rounding, spreading and parting of the lips, and their dominance. By the first
+# letters of a mnemonic; the longest match counts.
+_TARGETS: dict[str, tuple[float, float, float, float, float, float]] = {
+    **dict.fromkeys(("p", "b", "m"), (0.0, 1.0, 0.0, 0.0, 0.0, 0.15)),
+    **dict.fromkeys(("f", "v"), (0.01, 1.0, 0.0, 0.1, 0.1, 0.4)),
+    **dict.fromkeys(("s", "z", "ts"), (0.01, 0.9, 0.0, 0.35, 0.5, 0.5)),
+    **dict.fromkeys(("S", "Z", "tS", "dZ"), (0.01, 0.9, 0.55, 0.0, 0.5, 0.8)),
+    **dict.fromkeys(("t", "d", "n", "T", "D"), (0.03, 0.6, 0.0, 0.1, 0.15, 0.15)),
+    **dict.fromkeys(("l", "R", "Q", "*"), (0.06, 0.4, 0.0, 0.1, 0.1, 0.15)),
+    **dict.fromkeys(("k", "g", "N", "x", "X", "C", "h", "H", "?"), (0.06, 0.3, 0.0, 0.1, 0.1, 0.1)),
+    "r": (0.06, 0.4, 0.3, 0.0, 0.1, 0.5),
+    "w": (0.04, 0.5, 1.0, 0.0, 0.0, 1.0),
+    "j": (0.04, 0.5, 0.0, 0.5, 0.2, 0.5),
+    "@": (0.05, 0.3, 0.0, 0.1, 0.1, 0.3),
+    "3": (0.07, 0.7, 0.2, 0.0, 0.1, 0.6),
+    "I": (0.06, 0.8, 0.0, 0.5, 0.25, 0.9),
+    "i": (0.05, 0.8, 0.0, 0.9, 0.35, 1.0),
+    "U": (0.06, 0.8, 0.7, 0.0, 0.0, 1.0),
+    "u": (0.05, 0.8, 1.0, 0.0, 0.0, 1.0),
+    "y": (0.05, 0.8, 1.0, 0.0, 0.0, 1.0),
+    "Y": (0.08, 0.9, 0.85, 0.0, 0.0, 1.0),
+    "W": (0.12, 0.9, 0.7, 0.0, 0.1, 1.0),
+    "e": (0.11, 0.9, 0.0, 0.6, 0.3, 1.0),
+    "E": (0.13, 0.9, 0.0, 0.45, 0.25, 1.0),
+    "o": (0.11, 0.9, 0.8, 0.0, 0.0, 1.0),
+    "O": (0.14, 0.9, 0.65, 0.0, 0.0, 1.0),
+    "0": (0.17, 1.0, 0.35, 0.0, 0.1, 0.9),
+    "V": (0.15, 0.9, 0.0, 0.15, 0.15, 0.8),
+    "a": (0.19, 1.0, 0.0, 0.2, 0.2, 0.8),
+    "A": (0.21, 1.0, 0.1, 0.0, 0.1, 0.8),
+    "&": (0.16, 1.0, 0.0, 0.4, 0.3, 0.9),
 }
-_OTHER = (0.05, 0.3)
-VOWELS = frozenset("@3IiUuyeEoO0VaA&")
+_OTHER = (0.05, 0.3, 0.0, 0.1, 0.1, 0.2)
+VOWELS = frozenset("@3IiUuyYWeEoO0VaA&")
+CLOSED = ("p", "b", "m")
+TUCKED = ("f", "v")
+
+# What the fields do to the lips of a head with ARKit's shapes (a name without its side stands for both). Funnel only as
+# far as the jaw is open: it parts the lips.
+ROUND = {"mouthPucker": 0.8}
+ROUND_OPEN = {"mouthFunnel": 0.35}
+SPREAD = {"mouthStretch": 0.22, "mouthSmile": 0.14, "mouthDimple": 0.10}
+PART = {"mouthLowerDown": 0.45, "mouthUpperUp": 0.28}
+PRESS = {"mouthPress": 0.22, "mouthRollLower": 0.12, "mouthRollUpper": 0.10}
+TUCK = {"mouthRollLower": 0.55, "mouthShrugLower": 0.18, "mouthUpperUp": 0.16}
+TUCK_CLOSES = 0.55  # of what the jaw opens
+SIDED = frozenset(("mouthStretch", "mouthSmile", "mouthDimple", "mouthLowerDown", "mouthUpperUp", "mouthPress"))
+
+
+@dataclass(frozen=True)
+class MouthHabit:
+    """How one person speaks with the mouth: factors about 1 on jaw and lips; how far the jaw goes aside as it opens.
+
+    `jaw_rest_rad` is where the jaw hangs in silence: 0 but for some emotions.
+    """
+
+    jaw_scale: float = 1.0
+    lip_scale: float = 1.0
+    jaw_asymmetry: float = 0.0
+    jaw_rest_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mouth:
+    """The mouth at T times: jaw rotation (radians), weights of lip shapes by name, and how far lips are held closed."""
+
+    jaw: Float[ndarray, "T 3"]
+    shapes: dict[str, Float[ndarray, " T"]]
+    closed: Float[ndarray, " T"]
+
+
+def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: MouthHabit) -> Mouth:
+    """Jaw and lips at ascending times."""
+    fields = lip_and_jaw_fields(phonemes, times_s, habit)
+    opening = np.clip(fields[:, 0], 0.0, JAW_LIMIT_RAD)
+    rounding, spreading, parting = np.clip(habit.lip_scale * fields[:, 1:], 0.0, 1.2).T
+    closed, tucked = contact(phonemes, times_s, CLOSED), contact(phonemes, times_s, TUCKED)
+    free = (1.0 - closed) * (1.0 - tucked)
+    open_share = np.minimum(opening / 0.10, 1.3)
+    shapes: dict[str, Float[ndarray, " T"]] = {}
+    for weights, drive in (
+        (ROUND, rounding),
+        (ROUND_OPEN, rounding * open_share * free),
+        (SPREAD, spreading),
+        (PART, parting * free),
+        (PRESS, closed),
+        (TUCK, tucked),
+        ({"mouthClose": 1.0 / JAW_OPEN_RAD}, opening * np.maximum(closed, TUCK_CLOSES * tucked)),
+    ):
+        for name, weight in weights.items():
+            for shape in (f"{name}Left", f"{name}Right") if name in SIDED else (name,):
+                shapes[shape] = shapes.get(shape, 0.0) + weight * drive
+    jaw = np.stack([opening, habit.jaw_asymmetry * opening, np.zeros_like(opening)], axis=-1)
+    return Mouth(jaw, shapes, np.maximum(closed, tucked))
 
 
 def jaw_opening(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], scale: float = 1.0) -> Float[ndarray, " T"]:
     """Jaw rotation about x (positive opens), radians."""
+    return mouth(phonemes, times_s, MouthHabit(jaw_scale=scale)).jaw[:, 0]
+
+
+def lip_and_jaw_fields(
+    phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: MouthHabit
+) -> Float[ndarray, "T 4"]:
+    """The FIELDS: jaw in radians (scaled to the person), the others 0 to 1."""
+    rest = np.array([habit.jaw_rest_rad, 0.0, 0.0, 0.0])
     if not phonemes:
+        return np.tile(rest, (len(times_s), 1))
+    pulls = np.array([pull for phoneme in phonemes for pull in _pulls(phoneme)])
+    middle_s, targets = pulls[:, 0], pulls[:, 1:5].copy()
+    targets[:, 0] *= habit.jaw_scale
+    strength = pulls[:, [5, 6, 6, 6]]
+    near = nearest(middle_s, times_s, NEAREST)
+    after_s = (times_s[:, None] - middle_s[near])[..., None]
+    dominance = strength[near] * np.exp(-np.where(after_s < 0, -THETA_BEFORE_PER_S, THETA_AFTER_PER_S) * after_s)
+    pulled = (dominance * targets[near]).sum(axis=1) + REST_DOMINANCE * rest
+    return np.asarray(pulled / (dominance.sum(axis=1) + REST_DOMINANCE))
+
+
+def contact(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], kinds: tuple[str, ...]) -> Float[ndarray, " T"]:
+    """How far the lips touch (0 to 1) for the phonemes of some kinds; wholly for a while in each of them."""
+    spans = np.array([(p.start_s, p.end_s) for p in phonemes if p.symbol.startswith(kinds)])
+    if not len(spans):
         return np.zeros(len(times_s))
-    middle, target, strength = np.array([_pull(phoneme) for phoneme in phonemes]).T
-    dominance = strength * np.exp(-THETA_PER_S * np.abs(times_s[:, None] - middle))
-    opening = (dominance @ target) / (dominance.sum(axis=1) + REST_DOMINANCE)
-    return np.asarray(np.clip(scale * opening, 0.0, JAW_LIMIT_RAD))
+    middle_s = spans.mean(axis=1)
+    half_s = np.maximum(CONTACT_SHARE * (spans[:, 1] - spans[:, 0]), CONTACT_S) / 2.0
+    near = nearest(middle_s, times_s, 4)
+    away = (np.abs(times_s[:, None] - middle_s[near]) - half_s[near]) / CONTACT_RAMP_S
+    left = 1.0 - np.clip(away, 0.0, 1.0)
+    return np.asarray((left * left * (3.0 - 2.0 * left)).max(axis=1))
 
 
-def _pull(phoneme: Phoneme) -> tuple[float, float, float]:
-    target, strength = target_of(phoneme.symbol)
+def nearest(at_s: Float[ndarray, " N"], times_s: Float[ndarray, " T"], count: int) -> Int[ndarray, "T K"]:
+    """Indices of the `count` moments around each time, or of all where there are fewer."""
+    count = min(count, len(at_s))
+    first = np.clip(np.searchsorted(at_s, times_s) - count // 2, 0, len(at_s) - count)
+    return np.asarray(first[:, None] + np.arange(count))
+
+
+def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
+    """When, what targets and how strongly: once for a phoneme, twice for a diphthong."""
+    gain = 1.0
     if phoneme.symbol[:1] in VOWELS:
-        target *= STRESS_GAIN if phoneme.stressed else UNSTRESSED_GAIN
-    return (phoneme.start_s + phoneme.end_s) / 2, target, strength
+        stress = STRESS_GAIN if phoneme.stressed else UNSTRESSED_GAIN
+        gain = stress * float(np.clip(phoneme.loudness**LOUDNESS_EXPONENT, *LOUDNESS_GAIN))
+    length_s = phoneme.end_s - phoneme.start_s
+    second = next((letter for letter in phoneme.symbol[1:] if letter in VOWELS), "")
+    parts = [phoneme.symbol, second] if second and phoneme.symbol[0] in VOWELS else [phoneme.symbol]
+    for part, apex in zip(parts, DIPHTHONG_APEX if len(parts) == 2 else (APEX,), strict=True):
+        jaw_rad, jaw_dominance, *lips, lip_dominance = target_of(part)
+        yield (phoneme.start_s + apex * length_s, gain * jaw_rad, *lips, jaw_dominance, lip_dominance)
 
 
-def target_of(symbol: str) -> tuple[float, float]:
-    """Jaw target (radians) and dominance of a phoneme mnemonic."""
+def target_of(symbol: str) -> tuple[float, float, float, float, float, float]:
+    """A row of the table: jaw and its dominance; rounding, spreading, parting, and their dominance."""
     for length in range(len(symbol), 0, -1):
         if symbol[:length] in _TARGETS:
             return _TARGETS[symbol[:length]]

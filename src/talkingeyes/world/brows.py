@@ -1,0 +1,44 @@
+"""When brows rise: with some prominent syllables, at the end of some questions, and now and then for no reason.
+
+A weak tie, tossed anew in every take: brows rise with a minority of accents, a little before them (Cave et al. 1996;
+Flecha-Garcia 2010: 60 ms), more in questions. Sizes and shares are our own [U]. Times are seconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.physiology.face import BrowRaise
+
+AT_ACCENT, AT_QUESTION, PER_S = 0.25, 0.45, 0.03  # chances at full prominence, of a question; hazard
+LEAD_S = (0.06, 0.08)
+ACCENT_SIZE, QUESTION_SIZE, SPREAD = 0.35, 0.45, 0.4
+QUESTION_S = 0.6  # a question's raise starts so long before its end
+
+
+def draw_brow_raises(
+    annotation: Annotation, coupling: float, seconds: float, random: np.random.Generator
+) -> tuple[BrowRaise, ...]:
+    """Raises in order of onset; `coupling` is how far what is said moves this person at all."""
+    raises = []
+    for phoneme in annotation.phonemes:
+        if random.random() < AT_ACCENT * phoneme.prominence * coupling:
+            raises.append(_raise(phoneme.start_s - random.normal(*LEAD_S), ACCENT_SIZE, random))
+    for sentence in annotation.sentences:
+        if sentence.label == "question" and random.random() < AT_QUESTION * coupling:
+            start_s = max(sentence.start_s, sentence.end_s - QUESTION_S + random.normal(0.0, 0.2))
+            raises.append(_raise(start_s, QUESTION_SIZE, random, hold_s=0.4))
+    for onset_s in random.uniform(0.0, seconds, random.poisson(PER_S * seconds)):
+        raises.append(_raise(float(onset_s), ACCENT_SIZE, random))
+    return tuple(sorted(raises, key=lambda one: one.onset_s))
+
+
+def _raise(onset_s: float, size: float, random: np.random.Generator, hold_s: float = 0.12) -> BrowRaise:
+    return BrowRaise(
+        onset_s=float(onset_s),
+        rise_s=float(np.clip(random.normal(0.18, 0.04), 0.1, 0.3)),
+        hold_s=float(hold_s * np.exp(SPREAD * random.standard_normal())),
+        fall_s=float(np.clip(random.normal(0.30, 0.06), 0.15, 0.5)),
+        size=float(min(size * np.exp(SPREAD * random.standard_normal()), 1.0)),
+    )
