@@ -69,7 +69,7 @@ def test_a_script_is_well_formed(seed: int, language: str, seconds: float) -> No
     assert not isinstance(parts[0], Pause) and not isinstance(parts[-1], Pause)
     assert not any(isinstance(a, Pause) and isinstance(b, Pause) for a, b in pairwise(parts))
     for sentence in script.sentences:
-        assert re.fullmatch(r"[A-ZÉ][^{}]*[.?]", sentence.text)
+        assert re.fullmatch(r"¿?[A-ZÉ][^{}]*[.?]", sentence.text)
         said = [part.text for part in sentence.parts if isinstance(part, Word)]
         assert set(said) == set(sentence.text.split())
         assert len(said) == len(sentence.text.split()) or sentence.kind == "hesitation"
@@ -93,5 +93,5 @@ def test_scripts_last_about_as_long_as_asked() -> None:
 
 
 def test_unknown_language_is_named() -> None:
-    with pytest.raises(InputError, match="one of en, fr, got 'xx'"):
+    with pytest.raises(InputError, match="one of en, fr, de, es, it, pt, nl, got 'xx'"):
         write_script("xx", 8.0, np.random.default_rng(0))

@@ -7,19 +7,22 @@ caveats). Pure: takes a generator, gives a Script; nothing is read or written.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import log, prod
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from talkingeyes.errors import InputError
 from talkingeyes.world.grammar import GRAMMARS
+from talkingeyes.world.grammars.rules import Grammar
 
 SentenceKind = Literal["statement", "question", "list", "hesitation"]
 PauseKind = Literal["comma", "hesitation", "sentence"]
+K = TypeVar("K", bound=str)
 
 
 @dataclass(frozen=True)
@@ -88,13 +91,30 @@ PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
     "hesitation": (0.5, 0.6, 0.15, 1.8),
     "sentence": (0.5, 0.6, 0.15, 1.8),
 }
+HESITATIONS = {"filler": 0.35, "late filler": 0.2, "silence": 0.2, "restart": 0.25}
+PLANNING_FIRST = 0.3  # of hesitating sentences begin with an um
 
-# How long text takes at a usual rate (170 words a minute), measured over the voices of voices.py.
+# How long text takes at a usual rate (170 words a minute), measured over the voices of each language.
 SECONDS_PER_LETTER = 0.051
 SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
+NEAR_S = 0.3
 SLOT = re.compile(r"\{(\w+)\}")
+
+
+@dataclass(frozen=True)
+class TextShare:
+    """A share of all sentences, by a hash of their text: splits that draw from shares apart never say the same."""
+
+    start: float = 0.0
+    stop: float = 1.0
+
+    def __contains__(self, text: str) -> bool:
+        return self.start <= zlib.crc32(text.encode()) / 2**32 < self.stop
+
+
+ALL_TEXT = TextShare()
 
 
 def languages() -> tuple[str, ...]:
@@ -104,43 +124,54 @@ def languages() -> tuple[str, ...]:
 
 def write_script(language: str, seconds: float, random: np.random.Generator) -> Script:
     """Sentences that take about `seconds` at a usual rate, never less than one sentence."""
-    grammar = grammar_of(language)
     sentences: list[Sentence] = []
     left_s = seconds
     while not sentences or left_s > SHORTEST_SENTENCE_S:
-        sentences.append(_fitting(grammar, left_s, random))
+        sentences.append(write_sentence(language, left_s, random))
         left_s -= spoken_s(sentences[-1])
-    last = sentences[-1]
-    sentences[-1] = Sentence(last.text, last.kind, last.parts[:-1])
+    sentences[-1] = without_last_pause(sentences[-1])
     return Script(language, tuple(sentences))
 
 
-def _fitting(grammar: Mapping[str, tuple[str, ...]], left_s: float, random: np.random.Generator) -> Sentence:
-    """The first of a few that fits, which keeps the mix of kinds; when none does, the shortest (it ends the script)."""
+def write_sentence(
+    language: str, left_s: float, random: np.random.Generator, share: TextShare = ALL_TEXT, pace: float = 1.0
+) -> Sentence:
+    """A sentence of a drawn kind that leaves time for another in `left_s` seconds, or else comes closest to its end.
+
+    `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays.
+    """
+    grammar = grammar_of(language)
+    kind = _drawn(KIND_SHARES, random)
     candidates: list[Sentence] = []
-    while len(candidates) < CANDIDATES:
-        candidates.append(_sentence(grammar, random))
-        if spoken_s(candidates[-1]) <= left_s:
+    for _ in range(CANDIDATES):
+        candidates.append(_sentence(kind, grammar, random, share))
+        over_s = left_s - spoken_s(candidates[-1], pace)
+        if over_s > SHORTEST_SENTENCE_S or abs(over_s) < NEAR_S:
             return candidates[-1]
-    return min(candidates, key=spoken_s)
+    return min(candidates, key=lambda each: abs(left_s - spoken_s(without_last_pause(each), pace)))
 
 
-def spoken_s(sentence: Sentence) -> float:
-    """About how long a sentence takes at a usual rate, its pauses included."""
-    return sum(_part_s(part) for part in sentence.parts)
+def spoken_s(sentence: Sentence, pace: float = 1.0) -> float:
+    """About how long a sentence takes, its pauses included."""
+    return sum(_part_s(part, pace) for part in sentence.parts)
 
 
-def _part_s(part: Part) -> float:
+def _part_s(part: Part, pace: float) -> float:
     match part:
         case Word():
-            return SECONDS_PER_LETTER * (len(part.text) + 1)
+            return pace * SECONDS_PER_LETTER * (len(part.text) + 1)
         case Filler():
-            return SECONDS_PER_FILLER
+            return pace * SECONDS_PER_FILLER
         case Pause():
             return part.seconds
 
 
-def grammar_of(language: str) -> Mapping[str, tuple[str, ...]]:
+def without_last_pause(sentence: Sentence) -> Sentence:
+    """The sentence as the last of a turn."""
+    return Sentence(sentence.text, sentence.kind, sentence.parts[:-1])
+
+
+def grammar_of(language: str) -> Grammar:
     """The grammar of a language. Raises InputError if it has none."""
     if language not in GRAMMARS:
         raise InputError(f"language should be one of {', '.join(GRAMMARS)}, got {language!r}")
@@ -158,11 +189,11 @@ def distinct(language: str, symbol: str) -> int:
     return count(symbol)
 
 
-def _sentence(grammar: Mapping[str, tuple[str, ...]], random: np.random.Generator) -> Sentence:
-    kinds = tuple(KIND_SHARES)
-    kind = kinds[random.choice(len(kinds), p=list(KIND_SHARES.values()))]
-    text = _expand("statement" if kind == "hesitation" else kind, grammar, random, set())
-    text = text[0].upper() + text[1:]
+def _sentence(kind: SentenceKind, grammar: Grammar, random: np.random.Generator, share: TextShare) -> Sentence:
+    symbol = "statement" if kind == "hesitation" else kind
+    text = ""
+    while not text or text not in share:
+        text = _capitalised(_expand(symbol, grammar, random, set()))
     parts: list[Part] = []
     for token in text.split():
         parts.append(Word(token))
@@ -173,18 +204,33 @@ def _sentence(grammar: Mapping[str, tuple[str, ...]], random: np.random.Generato
     return Sentence(text, kind, (*parts, _pause("sentence", random)))
 
 
-def _expand(
-    symbol: str, grammar: Mapping[str, tuple[str, ...]], random: np.random.Generator, used: set[tuple[str, str]]
-) -> str:
-    choices = [each for each in grammar[symbol] if (symbol, each) not in used] or list(grammar[symbol])
-    chosen = choices[random.integers(len(choices))]
+def _capitalised(text: str) -> str:
+    """With its first letter large (Spanish questions begin with a mark)."""
+    first = 1 if text[0] == "¿" else 0
+    return text[:first] + text[first].upper() + text[first + 1 :]
+
+
+def _expand(symbol: str, grammar: Grammar, random: np.random.Generator, used: set[tuple[str, str]]) -> str:
+    chosen = _one_of(grammar[symbol], random)
+    if (symbol, chosen) in used:
+        chosen = _one_of([each for each in grammar[symbol] if (symbol, each) not in used] or [chosen], random)
     used.add((symbol, chosen))
-    return SLOT.sub(lambda slot: _expand(slot[1], grammar, random, used), chosen)
+    return SLOT.sub(lambda slot: _expand(slot[1], grammar, random, used), chosen) if "{" in chosen else chosen
+
+
+def _one_of(choices: Sequence[str], random: np.random.Generator) -> str:
+    return choices[int(random.random() * len(choices))]  # a tenth of the time of random.integers
+
+
+def _drawn(shares: Mapping[K, float], random: np.random.Generator) -> K:
+    """One of the names, as often as its share says."""
+    stops = np.cumsum(list(shares.values()))
+    return tuple(shares)[min(int(np.searchsorted(stops, random.random(), "right")), len(stops) - 1)]
 
 
 def _pause(kind: PauseKind, random: np.random.Generator) -> Pause:
     median_s, sigma, shortest_s, longest_s = PAUSES[kind]
-    seconds = float(np.clip(random.lognormal(log(median_s), sigma), shortest_s, longest_s))
+    seconds = min(max(random.lognormal(log(median_s), sigma), shortest_s), longest_s)
     return Pause(kind, round(seconds, 3))
 
 
@@ -195,18 +241,27 @@ def _hesitate(parts: list[Part], fillers: tuple[str, ...], random: np.random.Gen
     chosen: list[int] = random.choice(gaps, size=count, replace=False).tolist()
     spoken = list(parts)
     for gap in sorted(chosen, reverse=True):
-        filler = Filler(fillers[random.integers(len(fillers))])
-        form = str(random.choice(("filler", "late filler", "silence", "restart"), p=(0.35, 0.2, 0.2, 0.25)))
-        forms: Mapping[str, list[Part]] = {
-            "filler": [filler, _pause("hesitation", random)],
-            "late filler": [_pause("hesitation", random), filler, _pause("hesitation", random)],
-            "silence": [_pause("hesitation", random)],
-            "restart": [_pause("hesitation", random), *_repeated(spoken, gap)],
-        }
-        spoken[gap:gap] = forms[form]
-    if random.random() < 0.3:  # planning before the first word
-        spoken[:0] = [Filler(fillers[random.integers(len(fillers))]), _pause("hesitation", random)]
+        spoken[gap:gap] = _hesitation(_drawn(HESITATIONS, random), spoken, gap, fillers, random)
+    if random.random() < PLANNING_FIRST:
+        spoken[:0] = [Filler(_one_of(fillers, random)), _pause("hesitation", random)]
     return spoken
+
+
+def _hesitation(
+    form: str, spoken: list[Part], gap: int, fillers: tuple[str, ...], random: np.random.Generator
+) -> list[Part]:
+    """What is put into a gap between words."""
+    filler = Filler(_one_of(fillers, random))
+    silence = _pause("hesitation", random)
+    match form:
+        case "filler":
+            return [filler, silence]
+        case "late filler":
+            return [_pause("hesitation", random), filler, silence]
+        case "restart":
+            return [silence, *_repeated(spoken, gap)]
+        case _:
+            return [silence]
 
 
 def _repeated(parts: list[Part], gap: int) -> list[Part]:
