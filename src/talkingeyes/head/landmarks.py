@@ -4,21 +4,29 @@ Only the points are reckoned, from their own rows of the blend shapes, not the w
 points. All hang on the skull (what skin of the neck does is left out), so `in_camera` turns and moves them as one.
 Head coordinates, metres: the origin is the head joint, between the ears; +x to the subject's left, y up, +z out of the
 face. Eyes: left, right.
+
+People differ by weights of the head's identity shapes. Every face is brought to the mean one's eyes: one camera cannot
+tell a large head from a near one, so all are as wide between the eyes, and eyes and pupils are where the mean head has
+them, whoever looks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.errors import InputError
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.eyeball import APEX_M
 from talkingeyes.head.face_points import EYES, NAMES
+from talkingeyes.motion import Motion
 from talkingeyes.rotation import directions, matrices
 
 EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])  # a test holds the head to them
@@ -50,21 +58,50 @@ def face_points() -> FacePoints:
     return FacePoints(head.landmarks.of(head.template), head.landmarks.of(head.expression))
 
 
-def rest_points() -> Float[ndarray, "L 3"]:
-    """All points of NAMES of the face that looks ahead, lids open, mouth shut."""
-    return face_points().rest
+def rest_points(identity: Sequence[float] = ()) -> Float[ndarray, "L 3"]:
+    """All points of NAMES of somebody's face that looks ahead, lids open, mouth shut; of the mean face without weights.
+
+    `identity`: weights of the head's identity shapes, about 0. Raises InputError where there are more or fewer.
+    """
+    return _rest_points(tuple(identity))
+
+
+@cache
+def _rest_points(identity: tuple[float, ...]) -> Float[ndarray, "L 3"]:
+    mean = face_points().rest
+    if not any(identity):
+        return mean
+    head = open_head()
+    if len(identity) != len(head.identity):
+        raise InputError(f"identity: should be {len(head.identity)} weights, got {len(identity)}")
+    weights = np.array(identity)
+    points = mean + np.tensordot(weights, head.landmarks.of(head.identity), axes=1)
+    centres = EYE_CENTRES + np.tensordot(weights, head.identity_joints[:, 3:], axes=1)
+    scale = (EYE_CENTRES[0, 0] - EYE_CENTRES[1, 0]) / (centres[0, 0] - centres[1, 0])
+    return np.asarray(EYE_CENTRES.mean(axis=0) + scale * (points - centres.mean(axis=0)))
 
 
 def landmarks(
-    gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"], jaw: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"],
+    lid: Float[ndarray, "T 2"],
+    jaw: Float[ndarray, "T 3"],
+    expression: Mapping[str, Float[ndarray, " T"]] = MappingProxyType({}),
+    identity: Sequence[float] = (),
 ) -> Float[ndarray, "T L 3"]:
-    """All points of NAMES in head coordinates, metres."""
-    return _moved(gaze, lid, jaw, np.arange(len(NAMES)))
+    """All points of NAMES in head coordinates, metres. `expression`: weights of the head's shapes, by name."""
+    return _moved(gaze, lid, jaw, np.arange(len(NAMES)), expression, identity)
+
+
+def motion_landmarks(motion: Motion, identity: Sequence[float] = ()) -> Float[ndarray, "T L 3"]:
+    """All points of NAMES in head coordinates as a motion of the open head has them, its expression included."""
+    used = np.flatnonzero(np.abs(motion.expression).sum(axis=0))
+    shown = {motion.expression_names[column]: motion.expression[:, column] for column in used}
+    return landmarks(motion.gaze, motion.lid, motion.jaw, shown, identity)
 
 
 def eye_points(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 6 3"]:
     """Corners and lid points p1 to p6 of both eyes at a gaze and a closure."""
-    points = _moved(gaze, lid, np.zeros((len(gaze), 3)), EYES.ravel())
+    points = _moved(gaze, lid, np.zeros((len(gaze), 3)), EYES.ravel(), {}, ())
     return points.reshape(len(gaze), 2, 6, 3)
 
 
@@ -81,10 +118,16 @@ def in_camera(
 
 
 def _moved(
-    gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"], jaw: Float[ndarray, "T 3"], wanted: ndarray
+    gaze: Float[ndarray, "T 2 3"],
+    lid: Float[ndarray, "T 2"],
+    jaw: Float[ndarray, "T 3"],
+    wanted: ndarray,
+    expression: Mapping[str, Float[ndarray, " T"]],
+    identity: Sequence[float],
 ) -> Float[ndarray, "T K 3"]:
-    face = face_points()
-    weights = shape_weights(open_head(), gaze, lid, jaw)
-    used = [open_head().shape(name) for name in weights]
-    moved = np.stack(list(weights.values()), axis=-1) @ face.shapes[used][:, wanted].reshape(len(used), -1)
-    return np.asarray(face.rest[wanted] + moved.reshape(len(gaze), len(wanted), 3))
+    head = open_head()
+    columns = [*shape_weights(head, gaze, lid, jaw).items(), *expression.items()]
+    used = [head.shape(name) for name, _ in columns]
+    shapes = face_points().shapes[used][:, wanted].reshape(len(used), -1)
+    moved = np.stack([column for _, column in columns], axis=-1) @ shapes
+    return np.asarray(rest_points(identity)[wanted] + moved.reshape(len(gaze), len(wanted), 3))

@@ -16,13 +16,17 @@ from talkingeyes.head.camera import Camera
 
 @dataclass(frozen=True)
 class Observation:
-    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `face_points.NAMES`."""
+    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `face_points.NAMES`.
+
+    `identity`: what is known of the head's shape, weights of its identity shapes; empty for the mean head.
+    """
 
     fps: float
     landmarks: Float[ndarray, "T L 2"]
     pupils: Float[ndarray, "T 2 2"]
     confidence: Float[ndarray, " T"]
     camera: Camera
+    identity: tuple[float, ...] = ()
 
     def save(self, path: Path) -> None:
         """Write as npz without pickles."""
@@ -35,6 +39,7 @@ class Observation:
                 pupils=self.pupils.astype(np.float32),
                 confidence=self.confidence.astype(np.float32),
                 camera=np.str_(json.dumps(asdict(self.camera))),
+                identity=np.array(self.identity, np.float64),
             )
 
     @classmethod
@@ -48,6 +53,7 @@ class Observation:
                     pupils=file["pupils"].astype(np.float64),
                     confidence=file["confidence"].astype(np.float64),
                     camera=Camera(**json.loads(str(file["camera"]))),
+                    identity=tuple(file["identity"].tolist()) if "identity" in file.files else (),
                 )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not a readable observation ({error!r})") from None
