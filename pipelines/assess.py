@@ -21,9 +21,9 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recordings, recordings
 from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.metrics.benchmark.sound import CRITICS
 from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
 from talkingeyes.metrics.correlation import Correlation
-from talkingeyes.metrics.evaluation import CRITICS
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
 

@@ -32,12 +32,12 @@ from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
 from talkingeyes.metrics.benchmark.features import featured, gathered
+from talkingeyes.metrics.benchmark.sound import CRITICS, hear, with_corr, with_heard
 from talkingeyes.metrics.benchmark.table import as_json
 from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe
 from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate
-from talkingeyes.metrics.correlation import Correlation
-from talkingeyes.metrics.distribution.encoder import MotionEncoder
-from talkingeyes.metrics.evaluation import CRITICS, Case, EvaluateSettings, Figures, cropped, measure, summarise
+from talkingeyes.metrics.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
+from talkingeyes.metrics.judges import Judges
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
 
@@ -91,9 +91,9 @@ def run(workspace: Workspace, name: str) -> Report:
     )
     found: dict[str, dict[str, list[Figures]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
     work = items(sources, settings)
-    networks = Networks.load(sources.critic) if work else None
+    judges = Judges.load(sources.critic) if work else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
-    measured = each(partial(evaluate, sources, networks), work, jobs, f"evaluate {name}")
+    measured = each(partial(evaluate, sources, judges), work, jobs, f"evaluate {name}")
     benchmark = Benchmark()
     for item, one in zip(work, measured, strict=True):
         if one is None:
@@ -110,19 +110,6 @@ def run(workspace: Workspace, name: str) -> Report:
         (folder / "benchmark.json").write_text(benchmark.json(settings.bootstrap))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(table), artifacts=[data("evaluate", name, "metrics.json")])
-
-
-@dataclass(frozen=True)
-class Networks:
-    """The frozen networks that judge: the critics by part, and the encoder of windows."""
-
-    critics: dict[str, Correlation]
-    encoder: MotionEncoder
-
-    @classmethod
-    def load(cls, folder: Path) -> Networks:
-        """From what the stage `critic` wrote."""
-        return cls({part: Correlation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder))
 
 
 class Benchmark:
@@ -170,9 +157,9 @@ def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
     return found
 
 
-def evaluate(sources: Sources, networks: Networks | None, item: Item) -> Measured | None:
+def evaluate(sources: Sources, judges: Judges | None, item: Item) -> Measured | None:
     """The figures of one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
-    assert networks is not None
+    assert judges is not None
     corpus, clip = Corpus(sources.corpus), item.takes[0]
     takes = Recordings(item.takes, sources.fit, sources.embed)[:]
     fitted = stacked(clip.fps, takes)
@@ -182,38 +169,55 @@ def evaluate(sources: Sources, networks: Networks | None, item: Item) -> Measure
     if samples is None:
         return None
     frames = min(len(takes[0]), *(each.head.shape[1] for each in (samples, fitted, truth or fitted)))
+    speech, others = np.array(takes[0].speech[:frames]), _other_sounds(sources, item)
     case = Case(
-        speech=np.array(takes[0].speech[:frames]),
         samples=cropped(samples, frames),
         own=sources.row in ("truth", "fitted"),
         fitted=cropped(fitted, frames),
         truth=cropped(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],
-        others=_other_sounds(sources, item),
     )
-    annotation = corpus.annotation(clip)
-    fits = (
-        [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in item.takes]
-        if case.own or not true
-        else []
+    heard, fitted_heard = (
+        hear(judges.critics, speech, sounds, each.head, each.gaze)
+        for each, sounds in ((case.samples, others), (case.fitted, ()))
     )
-    reference = with_references([_of_motion(motion, annotation) for motion in true or fits])
-    if case.own:
-        judged = reference if sources.row == "truth" else [_of_motion(motion, annotation) for motion in fits]
-    else:
-        pairs = zip(samples.head[: sources.benchmarked], samples.gaze, strict=False)
-        judged = [behaviour(clip.fps, {"head": head, "gaze": gaze}, None, annotation) for head, gaze in pairs]
-    if sources.row != "truth":
-        judged = [replace(each, reference=reference[0]) for each in judged]
-    judged, reference = (featured(each, networks.encoder) for each in (judged, reference))
+    compared = _compared(sources, item, samples, true)
+    judged = featured(with_heard(compared.judged, heard), judges.encoder)
+    reference = featured(with_corr(compared.reference, judges.critics, speech, others), judges.encoder)
     return Measured(
-        measure(case, networks.critics),
+        measure(case, heard, fitted_heard),
         clip.fps,
         observe(judged),
         gathered(judged),
         observe(reference),
         gathered(reference),
     )
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What the benchmark looks at: the motions of the row, the n-th of them the n-th sample, and true ones."""
+
+    judged: list[Behaviour]
+    reference: list[Behaviour]
+
+
+def _compared(sources: Sources, item: Item, samples: Samples, true: list[Motion] | None) -> Compared:
+    annotation = Corpus(sources.corpus).annotation(item.takes[0])
+    if true and sources.row == "truth":
+        both = with_references([_of_motion(motion, annotation) for motion in true])
+        return Compared(both, both)
+    fits = []
+    if sources.row == "fitted" or not true:
+        paths = [sharded(sources.fit / "motion", take.id, ".npz") for take in item.takes]
+        fits = [_of_motion(Motion.load(path), annotation) for path in paths]
+    reference = with_references([_of_motion(motion, annotation) for motion in true] if true else fits)
+    if sources.row == "fitted":
+        judged = fits
+    else:
+        pairs = zip(samples.head[: sources.benchmarked], samples.gaze, strict=False)
+        judged = [behaviour(samples.fps, {"head": head, "gaze": gaze}, None, annotation) for head, gaze in pairs]
+    return Compared([replace(each, reference=reference[0]) for each in judged], reference)
 
 
 def _other_sounds(sources: Sources, item: Item) -> list[np.ndarray]:

@@ -12,6 +12,8 @@ from toy_workspace import FRAMES, toy_workspace
 from pipelines import critic, evaluate
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
+from talkingeyes.evaluation import evaluate as compare
+from talkingeyes.metrics.benchmark.sound import Heard
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.evaluation import Case, measure, summarise
 from talkingeyes.models.critic import PARTS
@@ -116,6 +118,23 @@ def test_a_corpus_without_truth_has_an_empty_row_truth(workspace, tmp_path):
     assert table["test"]["gaze"]["speed_ratio"]["value"] == 1
 
 
+def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
+    truth = workspace.corpus / "truth"
+    found = {
+        name: {row.measure.name: row for row in compare(truth, workspace.corpus, judges=judges, draws=50).rows}
+        for name, judges in (("alone", None), ("judged", workspace.data("")))
+    }
+    assert found["alone"]["corr/space"].reason == "needs corr: the motions without"
+    rows = found["judged"]
+    assert rows["corr/space"].value == rows["corr/space"].reference
+    stage = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())["measures"]
+    assert stage["corr/space"]["reason"].startswith("needs 20 judged motions")
+    assert rows["corr/head_advantage"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
+    assert rows["corr/head_advantage"].value.value != rows["corr/head"].value.value
+    with pytest.raises(InputError, match="should be the data folder of a finished chain"):
+        compare(truth, workspace.corpus, judges=workspace.corpus)
+
+
 def test_a_model_without_samples_is_named(workspace):
     with pytest.raises(InputError, match="sample/nobody"):
         evaluate.run(workspace, "nobody")
@@ -127,13 +146,13 @@ def test_takes_of_the_sound_itself_count_from_the_second_in_l2():
     head[1] += 0.1  # norm .1 sqrt 3
     head[2] += 0.3
     takes = Samples(25.0, head, np.zeros((3, FRAMES, 2, 3)))
-    speech, seen = np.zeros((FRAMES, 2), np.float32), np.ones(FRAMES, bool)
-    critics = {part: lambda speech, head, gaze: np.ones(len(head)) for part in PARTS}
-    figures = measure(Case(speech, takes, True, takes, None, seen), critics)["head"]
+    seen = np.ones(FRAMES, bool)
+    heard = {critic: Heard(np.ones(3), np.full(3, np.nan)) for critic in PARTS}
+    figures = measure(Case(takes, True, takes, None, seen), heard, heard)["head"]
     assert figures.l2 == pytest.approx(0.2 * np.sqrt(3))
     assert figures.diversity == pytest.approx((0.1 + 0.3 + 0.2) / 3 * np.sqrt(3))
     alone = Samples(25.0, head[:1], takes.gaze[:1])
-    single = measure(Case(speech, alone, True, alone, None, seen), critics)["head"]
+    single = measure(Case(alone, True, alone, None, seen), heard, heard)["head"]
     assert np.isnan(single.l2)
     table = summarise("head", [figures, single], BOOTSTRAP)
     assert table["l2"].value == pytest.approx(0.2 * np.sqrt(3))

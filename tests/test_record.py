@@ -8,7 +8,7 @@ import pytest
 from recorded import PARAMS, client_of
 
 from talkingeyes.comparison import TAG, TEST_METRICS, VAL_METRICS
-from talkingeyes.metrics.evaluation import CRITICS
+from talkingeyes.metrics.benchmark.sound import CRITICS
 from talkingeyes.record import Report, Row, experiment_name, flatten, parameters, record, run_name
 
 

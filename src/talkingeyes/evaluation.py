@@ -3,17 +3,21 @@
 Reads motion files (corpus/motion_files.py) and a corpus with its true motion. Files that have the names of its clips
 are compared with the truth under the same sounds; files for other sounds with the truth of all test and unseen sounds,
 and what depends on speech needs the sounds themselves then. Writes, if a folder is given, benchmark.json,
-benchmark.csv and strip.png. Clips are read once and forgotten.
+benchmark.csv and strip.png. Clips are read once and forgotten. With the data folder of a finished chain on that corpus
+its frozen networks judge too: Corr. under the sounds, and the distances that need an encoder of windows.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
@@ -24,10 +28,15 @@ from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_mot
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour, with_references
+from talkingeyes.metrics.benchmark.features import featured, gathered
+from talkingeyes.metrics.benchmark.sound import with_corr
 from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated
 from talkingeyes.metrics.benchmark.tally import Comparison, Row, Tally, observe
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.run import each
+
+if TYPE_CHECKING:
+    from talkingeyes.metrics.judges import Judges
 
 OWN_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
@@ -35,28 +44,42 @@ SOUNDS = (".wav", ".flac", ".ogg", ".mp3", ".m4a")
 CLIPS_A_TASK = 32
 LEVEL = 0.95
 MOST_NOTES = 5
+SHUFFLED = 2  # other sounds of the speaker under which Corr. is taken
 FEW_SOUNDS = 10  # below, resamples of them hardly differ
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A sound: files of motion for it, the takes of it in the reference corpus, a file of the sound itself."""
+    """A sound: files of motion for it, its takes and other sounds of the speaker in the corpus, a file of the sound."""
 
     name: str
     files: tuple[Path, ...] = ()
     takes: tuple[Clip, ...] = ()
+    others: tuple[str, ...] = ()
     sound: Path | None = None
 
 
 @dataclass(frozen=True)
 class Observed:
-    """The sums of one unit, of its motions and of its reference, None where there are none; what was refused."""
+    """The motions of one unit and its reference, None where there are none; what was refused."""
 
-    fps: float | None
-    sums: Float[ndarray, " K"] | None
-    reference: Float[ndarray, " K"] | None
-    reference_fps: float | None
+    motions: Counted | None
+    reference: Counted | None
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Sums and the features of windows of all motions of a sound, at one frame rate."""
+
+    fps: float
+    sums: Float[ndarray, " K"]
+    features: Float[ndarray, "W D"]
+
+    @classmethod
+    def of(cls, motions: Sequence[Behaviour]) -> Counted | None:
+        """None if there are no motions."""
+        return cls(motions[0].fps, observe(motions), gathered(motions)) if motions else None
 
 
 @dataclass(frozen=True)
@@ -78,6 +101,7 @@ def evaluate(
     *,
     sound: Path | str | None = None,
     truth: Path | str | None = None,
+    judges: Path | str | None = None,
     draws: int = 1000,
     seed: int = 0,
     jobs: int = 1,
@@ -86,7 +110,8 @@ def evaluate(
     """The benchmark of the motion files in a folder against a corpus.
 
     `sound`: a folder of sounds that have the names of the motion files. `truth`: a folder of motion files of the
-    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus).
+    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus). `judges`: the
+    data folder of a chain that has run on the corpus; its critics and its encoder add Corr. and what needs features.
     Raises InputError (one line) for folders, files or numbers that will not do.
     """
     if draws < 20 or jobs < 1 or seed < 0:
@@ -99,16 +124,35 @@ def evaluate(
     for folder in (Path(motions), *([Path(sound)] if sound else [])):
         if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
-    found = _measured(Path(motions), corpus, true, Path(sound) if sound else None, draws, seed, jobs)
+    references = References(corpus.root, true, None if judges is None else _with_networks(Path(judges)))
+    settings = BootstrapSettings(draws=draws, level=LEVEL, seed=seed)
+    found = _measured(Path(motions), references, Path(sound) if sound else None, settings, jobs)
     if target is not None:
         with output.appearing(target) as folder:
             _write(found, folder)
     return found
 
 
+@dataclass(frozen=True)
+class References:
+    """What motions are compared with: a corpus, where its true motion lies, the data of a chain that judges."""
+
+    corpus: Path
+    true: Path
+    judges: Path | None
+
+
+def _with_networks(data: Path) -> Path:
+    for needed in (data / "critic" / "eyes", data / "embed" / "speech"):
+        if not needed.is_dir():
+            raise InputError(f"{data}: should be the data folder of a finished chain; there is no {needed}")
+    return data
+
+
 def _measured(
-    motions: Path, corpus: Corpus, true: Path, sound: Path | None, draws: int, seed: int, jobs: int
+    motions: Path, references: References, sound: Path | None, settings: BootstrapSettings, jobs: int
 ) -> Benchmark:
+    corpus = Corpus(references.corpus)
     matched, strangers, notes = units(motion_files(motions), corpus, sound)
     paired = bool(matched)
     if paired and strangers:
@@ -117,15 +161,14 @@ def _measured(
         )
     work = matched or [*strangers, *_held_out(corpus)]
     chunks = [work[start : start + CLIPS_A_TASK] for start in range(0, len(work), CLIPS_A_TASK)]
-    seen = each(partial(_observe_all, corpus.root, true), chunks, jobs, "evaluate")
+    seen = each(partial(_observe_all, references), chunks, jobs, "evaluate")
     ours, theirs = Tallies("the motions"), Tallies("the reference")
     for one in (one for chunk in seen for one in chunk):
         notes.extend(one.notes)
-        if paired and (one.sums is None or one.reference is None):
+        if paired and (one.motions is None or one.reference is None):
             continue
-        ours.add(one.fps, one.sums)
-        theirs.add(one.reference_fps, one.reference)
-    settings = BootstrapSettings(draws=draws, level=LEVEL, seed=seed)
+        ours.add(one.motions)
+        theirs.add(one.reference)
     tally, other = ours.tally(notes), theirs.tally(notes)
     if tally.clips < FEW_SOUNDS:
         notes.append(
@@ -142,14 +185,14 @@ class Tallies:
         self.whose = whose
         self._tally: Tally | None = None
 
-    def add(self, fps: float | None, sums: Float[ndarray, " K"] | None) -> None:
+    def add(self, one: Counted | None) -> None:
         """Count one unit, if it has any motion."""
-        if fps is None or sums is None:
+        if one is None:
             return
-        self._tally = self._tally or Tally(fps)
-        if self._tally.fps != fps:
-            raise InputError(f"{self.whose} should have one frame rate, got {self._tally.fps:g} and {fps:g}")
-        self._tally.add(sums)
+        self._tally = self._tally or Tally(one.fps)
+        if self._tally.fps != one.fps:
+            raise InputError(f"{self.whose} should have one frame rate, got {self._tally.fps:g} and {one.fps:g}")
+        self._tally.add(one.sums, one.features)
 
     def tally(self, notes: Sequence[str]) -> Tally:
         """What was counted. Raises InputError if nothing was."""
@@ -164,8 +207,10 @@ def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> t
     """Files that are for sounds of the corpus, with their takes; files that are not; what there is to say of them."""
     takes: dict[str, list[Clip]] = {}
     sound_of: dict[str, str] = {}
+    said_by: dict[str, dict[str, None]] = {}
     for clip in corpus.clips:
         takes.setdefault(clip.sound, []).append(clip)
+        said_by.setdefault(clip.speaker, {})[clip.sound] = None
         sound_of |= {clip.id: clip.sound, clip.sound: clip.sound}
     of_sound: dict[str, list[Path]] = {}
     strangers, silent = [], 0
@@ -180,8 +225,18 @@ def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> t
         )
         silent += sound is not None and heard is None
         strangers.append(Unit(name, tuple(paths), sound=heard))
-    matched = [Unit(name, tuple(paths), tuple(takes[name])) for name, paths in sorted(of_sound.items())]
+    matched = [
+        Unit(name, tuple(paths), tuple(takes[name]), _others(name, list(said_by[takes[name][0].speaker])))
+        for name, paths in sorted(of_sound.items())
+    ]
     return matched, strangers, [f"{silent} names have no sound in {sound}"] if silent else []
+
+
+def _others(name: str, same_speaker: Sequence[str]) -> tuple[str, ...]:
+    """A few other sounds of the speaker, always the same ones."""
+    rivals = [each for each in same_speaker if each != name]
+    random = np.random.default_rng([*name.encode()])
+    return tuple(rivals[index] for index in random.permutation(len(rivals))[:SHUFFLED])
 
 
 def _held_out(corpus: Corpus) -> list[Unit]:
@@ -193,25 +248,43 @@ def _held_out(corpus: Corpus) -> list[Unit]:
     return [Unit(name, takes=tuple(each)) for name, each in takes.items()]
 
 
-def _observe_all(corpus: Path, true: Path, chunk: Sequence[Unit]) -> list[Observed]:
-    return [_observe(Corpus(corpus), true, unit) for unit in chunk]
+def _observe_all(references: References, chunk: Sequence[Unit]) -> list[Observed]:
+    return [_observe(references, unit) for unit in chunk]
 
 
-def _observe(corpus: Corpus, true: Path, unit: Unit) -> Observed:
+def _observe(references: References, unit: Unit) -> Observed:
+    corpus = Corpus(references.corpus)
     annotation = corpus.annotation(unit.takes[0]) if unit.takes else _heard(unit.sound)
     notes: list[str] = []
-    reference = _reference(true, unit.takes, annotation, notes)
+    reference = _reference(references.true, unit.takes, annotation, notes)
     motions = list(_behaviours(unit.files, annotation, reference[0] if reference else None, notes))
     rates = sorted({motion.fps for motion in motions})
     if len(rates) > 1:
         raise InputError(f"the motions should have one frame rate, got {rates[0]:g} and {rates[1]:g} for {unit.name}")
-    return Observed(
-        rates[0] if rates else None,
-        observe(motions) if motions else None,
-        observe(reference) if reference else None,
-        reference[0].fps if reference else None,
-        tuple(notes),
-    )
+    motions, reference = (_judged(references.judges, unit, each) for each in (motions, reference))
+    return Observed(Counted.of(motions), Counted.of(reference), tuple(notes))
+
+
+def _judged(data: Path | None, unit: Unit, motions: list[Behaviour]) -> list[Behaviour]:
+    """Motions with what the networks say of them; Corr. needs a sound that was embedded, at the motion's frame rate."""
+    if data is None or not motions:
+        return motions
+    judges = _judges(data)
+    motions = featured(motions, judges.encoder)
+    paths = [sharded(data / "embed" / "speech", sound, ".npy") for sound in (unit.name, *unit.others)]
+    fps = json.loads((data / "embed" / "embedding.json").read_text())["fps"]
+    if not paths[0].is_file() or fps != motions[0].fps:
+        return motions
+    speech, *others = (np.load(path) for path in paths if path.is_file())
+    return with_corr(motions, judges.critics, speech, others)
+
+
+@lru_cache(maxsize=1)
+def _judges(data: Path) -> Judges:
+    """Loaded once a process."""
+    from talkingeyes.metrics.judges import Judges
+
+    return Judges.load(data / "critic")
 
 
 def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None, notes: list[str]) -> list[Behaviour]:

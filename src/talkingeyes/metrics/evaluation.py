@@ -7,7 +7,7 @@ conditional mean wins Corr., so every figure has its reference beside it, taken 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -18,6 +18,7 @@ from pydantic import Field
 
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s, still
+from talkingeyes.metrics.benchmark.sound import CRITICS, Heard
 from talkingeyes.metrics.bootstrap import (
     BootstrapSettings,
     Estimate,
@@ -29,11 +30,6 @@ from talkingeyes.metrics.bootstrap import (
 )
 from talkingeyes.metrics.discrepancy import discrepancy, diversity
 from talkingeyes.settings import Settings
-
-# Corr. of samples: speech, head and gaze to a value a sample.
-Corr = Callable[[ndarray, ndarray, ndarray], ndarray]
-# Parts of a table and the critics that judge them.
-CRITICS = {"gaze": "eyes", "space": "space", "head": "head"}
 
 
 class EvaluateSettings(Settings):
@@ -51,16 +47,13 @@ class Case:
 
     `own` says that the samples are real motions of this very sound, the first of them the one to compare with (rows
     truth and fitted): then only the others count in L2. `fitted` and `truth` hold the takes of the sound.
-    `others`: embeddings of other sounds of the same speaker, under which Corr. says what it is without the right one.
     """
 
-    speech: Float[ndarray, "T C"]
     samples: Samples
     own: bool
     fitted: Samples
     truth: Samples | None
     valid: Bool[ndarray, " T"]  # frames of the first fitted take that were seen
-    others: Sequence[Float[ndarray, "_ C"]] = ()
 
 
 @dataclass(frozen=True)
@@ -78,38 +71,25 @@ class Figures:
     speed_truth: Float[ndarray, " F"]
 
 
-def measure(case: Case, critics: Mapping[str, Corr]) -> dict[str, Figures]:
-    """The figures of one clip, by part."""
+def measure(case: Case, heard: Mapping[str, Heard], fitted_heard: Mapping[str, Heard]) -> dict[str, Figures]:
+    """The figures of one clip, by part; `heard` is what the critics say of its samples and of its fitted takes."""
     truth = case.truth or case.fitted
     found = {}
     for part, critic in CRITICS.items():
         samples, fitted = (radians(part, each) for each in (case.samples, case.fitted))
         compared = samples[1:] if case.own else samples
-        corr = critics[critic](case.speech, case.samples.head, case.samples.gaze)
-        corr_fitted = critics[critic](case.speech, case.fitted.head, case.fitted.gaze)
         found[part] = Figures(
             diversity=diversity(samples),
             diversity_fitted=diversity(fitted),
             diversity_truth=diversity(radians(part, truth)),
             l2=discrepancy(compared, fitted[0], case.valid) if len(compared) else float("nan"),
-            corr=float(corr.mean()),
-            corr_fitted=float(corr_fitted.mean()),
-            corr_shuffled=_shuffled(case, critics[critic]),
+            corr=float(heard[critic].own.mean()),
+            corr_fitted=float(fitted_heard[critic].own.mean()),
+            corr_shuffled=float(heard[critic].others.mean()),
             speed=speed_deg_s(part, first(case.samples) if case.own else case.samples).ravel().astype(np.float32),
             speed_truth=speed_deg_s(part, first(truth)).ravel().astype(np.float32),
         )
     return found
-
-
-def _shuffled(case: Case, critic: Corr) -> float:
-    """Mean Corr. of the samples under other sounds of the speaker, as far as both last; NaN if there are none."""
-    if not case.others:
-        return float("nan")
-    found = []
-    for other in case.others:
-        frames = min(len(other), len(case.speech))
-        found.append(critic(other[:frames], case.samples.head[:, :frames], case.samples.gaze[:, :frames]).mean())
-    return float(np.mean(found))
 
 
 def radians(part: str, samples: Samples) -> Float[ndarray, "S T C"]:

@@ -39,6 +39,7 @@ class Behaviour:
     annotation: Annotation | None = None
     reference: Behaviour | None = None  # a true motion for the same sound
     features: Float[ndarray, "W D"] | None = None  # of windows, by the fixed encoder
+    corr: Float[ndarray, "P 2"] | None = None  # by the critics of P parts: under its own sound, under others
 
     def __len__(self) -> int:
         return len(self.valid)

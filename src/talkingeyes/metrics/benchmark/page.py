@@ -9,7 +9,7 @@ from talkingeyes.metrics.benchmark.registry import MEASURES
 
 INTRODUCTION = """# The gaze benchmark
 
-    talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [-o DIR]
+    talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [--judges DATA] [-o DIR]
 
 measures anybody's motion against the true motion of a corpus: prints a table, and writes `benchmark.json`,
 `benchmark.csv` and `strip.png`. This page is written by `python -m talkingeyes.metrics.benchmark.page` from what each
@@ -22,10 +22,11 @@ and `lid` (T, 2), in the axes of [conventions.md](conventions.md); or S samples 
 which frames were seen. Frames that hold NaN are not valid: they are never counted. A file is for the clip whose name it
 has: `<clip>.npz`, `<clip>-s3.npz`, `<clip>_sample_03.npz`, `<clip>/sample_03.npz`. Motions for sounds that are no clips
 of the corpus are compared with the truth of its test and unseen sounds; what depends on speech then needs `--sound`, a
-folder of sounds of the same names, in which speech is found by its level. A corpus without truth needs `--truth`, say
-its fitted motion. Missing fields, too few events, a broken file: the line says so and the rest still runs. Motions of
-several frame rates in one folder are refused; of another rate than the reference's, only what does not depend on the
-rate is compared (column "any rate").
+folder of sounds of the same names, in which speech is found by its level. Corr. and the features of windows need
+`--judges`, the data folder of a finished chain on that corpus, whose critics, encoder and embedded sounds are used. A
+corpus without truth needs `--truth`, say its fitted motion. Missing fields, too few events, a broken file: the line
+says so and the rest still runs. Motions of several frame rates in one folder are refused; of another rate than the
+reference's, only what does not depend on the rate is compared (column "any rate").
 
 ## What comes out
 
@@ -60,14 +61,14 @@ FAMILIES = {
     "likeness": "Likeness under the same sound",
     "samples": "Several motions of a sound",
     "features": "Features of windows",
+    "corr": "Sound and motion",
 }
 END = """## In Table III
 
 The stage `evaluate` writes the benchmark of each row (`data/evaluate/<row>/benchmark.json`) over the test and unseen
 sounds; `report` sets it beside Table III. The row `fitted` is the ceiling of what models can learn: where it is apart
-from the truth, a model that is not has it from elsewhere. Corr. with the own sound and with other sounds of the same
-speaker stands in Table III itself, for eye-in-head (which the head drives through counter-rotation), gaze in space and
-head; samples of models have no lids, so blinks are measured of `truth` and `fitted`, and of what `animate` writes.
+from the truth, a model that is not has it from elsewhere. Samples of models have no lids, so blinks are measured of
+`truth` and `fitted`, and of what `animate` writes.
 """
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from talkingeyes.metrics.benchmark import eyes, features, lids, likeness, looking, movement, saccades, samples
+from talkingeyes.metrics.benchmark import eyes, features, lids, likeness, looking, movement, saccades, samples, sound
 from talkingeyes.metrics.benchmark.measure import Measure, Observer
 
 MEASURES: tuple[Measure, ...] = (
@@ -14,6 +14,7 @@ MEASURES: tuple[Measure, ...] = (
     *likeness.MEASURES,
     *samples.MEASURES,
     *features.MEASURES,
+    *sound.MEASURES,
 )
 # Each once: several measures read one observer's sums.
 OBSERVERS: tuple[Observer, ...] = tuple({id(each.observer): each.observer for each in MEASURES}.values())
