@@ -17,7 +17,7 @@ from talkingeyes.config import compose
 from talkingeyes.corpus.store import SAMPLE_RATE
 from talkingeyes.run import quiet
 from talkingeyes.world import plan
-from talkingeyes.world.observations import make_camera, observe
+from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import SynthesizeSettings
 from talkingeyes.world.take import perform
 from talkingeyes.world.voices import speak_about
@@ -55,7 +55,9 @@ def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: Counter[st
     lap("render at 25 frames a second")
     take.motion(500.0, round(500 * spoken.seconds))
     lap("render at 500 frames a second")
-    observe(motion, make_camera(settings.camera), settings.noise, plan.generator(settings.seed, "noise", sound.index))
+    random = plan.generator(settings.seed, "noise", sound.index)
+    identity = head_shape(speaker.identity, settings.camera)
+    observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
     lap("observe")
     with tempfile.TemporaryDirectory() as folder:
         start = time.process_time()

@@ -27,7 +27,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
 from talkingeyes.world import plan
-from talkingeyes.world.observations import make_camera, observe
+from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import Sound, SynthesizeSettings
 from talkingeyes.world.take import perform
 from talkingeyes.world.voices import speak_about
@@ -105,7 +105,7 @@ def perform_sound(root: Path, settings: SynthesizeSettings, order: Order) -> lis
     """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
     corpus, sound = Corpus(root), order.said.sound
     speaker = plan.speaker_of(settings, sound)
-    camera = make_camera(settings.camera)
+    identity = head_shape(speaker.identity, settings.camera)
     clips = []
     for number in range(order.takes):
         clip = _row(order, number, settings.fps)
@@ -113,7 +113,8 @@ def perform_sound(root: Path, settings: SynthesizeSettings, order: Order) -> lis
         random = plan.generator(settings.seed, "motion", sound.index, number)
         take = perform(annotation, speaker.style, clip.seconds, random, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(speech) * settings.fps) // SAMPLE_RATE)
-        seen = observe(motion, camera, settings.noise, plan.generator(settings.seed, "noise", sound.index, number))
+        random = plan.generator(settings.seed, "noise", sound.index, number)
+        seen = observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
         corpus.write_clip(clip.id, seen, motion, take.events)
         clips.append(replace(clip, content_hash=_content_hash(speech, motion)))
     return clips

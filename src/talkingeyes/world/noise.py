@@ -3,7 +3,8 @@
 Pupil error is slow, not white: a bias per clip that both eyes share in part, a slow part (first-order
 autoregressive), a small white part, a gain below 1 (the lids hide the iris), all larger with the head turned away,
 rare bursts, and nothing at all while the lids hide the pupil. Landmarks have the same parts, smaller, without gain
-and bursts.
+and bursts. A picture of low resolution makes all of that larger and coordinates coarser. Hands, hair and lost frames
+are in `mishaps`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from talkingeyes.settings import Settings
+from talkingeyes.world.mishaps import DropSettings, OcclusionSettings
 
 MEMORY_STEP_S = 0.04
 YAW_SCALE_RAD = np.radians(30.0)
+PUPIL_ERRORS, LANDMARK_ERRORS = ("bias", "slow", "white_least", "white_most"), ("bias", "slow", "white")
 
 
 class PupilNoiseSettings(Settings):
@@ -64,6 +67,25 @@ class NoiseSettings(Settings):
 
     pupil: PupilNoiseSettings
     landmark: LandmarkNoiseSettings
+    resolution: float = Field(gt=0, le=1)  # of the picture, as a share of the crop's: noise grows as it falls
+    grid_px: float = Field(ge=0, le=16)  # coordinates come in such steps at full resolution; 0: as they are
+    occlusion: OcclusionSettings
+    dropped: DropSettings
+
+    @property
+    def grown(self) -> NoiseSettings:
+        """The same at full resolution: all errors and the grid larger by what the resolution lacks."""
+        larger = 1.0 / self.resolution
+        pupil = {f"{name}_px": larger * getattr(self.pupil, f"{name}_px") for name in PUPIL_ERRORS}
+        landmark = {f"{name}_px": larger * getattr(self.landmark, f"{name}_px") for name in LANDMARK_ERRORS}
+        return self.model_copy(
+            update={
+                "pupil": self.pupil.model_copy(update=pupil),
+                "landmark": self.landmark.model_copy(update=landmark),
+                "grid_px": larger * self.grid_px,
+                "resolution": 1.0,
+            }
+        )
 
 
 def noisy_pupils(
