@@ -4,18 +4,17 @@ Both solve eq. 1 for the same clips from the same pupils and head poses, one cli
 on one thread. Adam starts from zero and stops once the objective falls by less than 1e-6 relative in 50 steps.
 
 Run     python benchmarks/fitting.py [CLIPS]     (make bench)
-Reads   conf/fit/default.yaml; no corpus: the pupils are those of random gaze with the noise of a detector
+Reads   conf/ (fit=default); no corpus: the pupils are those of random gaze with the noise of a detector
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
-import yaml
 
+from talkingeyes.config import compose
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
 from talkingeyes.head.camera import Camera
@@ -23,7 +22,6 @@ from talkingeyes.head.landmarks import in_camera, pupils
 from talkingeyes.rotation import gaze_of_angles
 from talkingeyes.run import quiet
 
-CONF = Path(__file__).resolve().parents[1] / "conf/fit/default.yaml"
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)
 FRAMES = 220
 REPEATS = 20  # of the fast solver, which takes a few milliseconds
@@ -54,7 +52,7 @@ def main() -> None:
 
     torch.set_num_threads(1)
     clips = [sight(np.random.default_rng(seed)) for seed in range(int(sys.argv[1]) if sys.argv[1:] else 5)]
-    settings = FitSettings.model_validate(yaml.safe_load(CONF.read_text())).lightgazefit
+    settings = FitSettings.model_validate(compose()["fit"]).lightgazefit
     frames = len(clips) * FRAMES
     print(f"{len(clips)} clips of {FRAMES} frames, one thread")
     print(f"{'solver':<14}{'steps':>8}{'seconds':>10}{'frames/s':>12}{'objective a frame':>20}")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from pipelines import fit as stage
 from talkingeyes.audio.annotation import Annotation
+from talkingeyes.config import compose
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
@@ -41,7 +41,7 @@ def make_corpus(root: Path, truth: bool = True, bad: int = BAD, good: int = GOOD
 
 def workspace(root: Path, repository: Path, adam_clips: int = 1) -> Workspace:
     """A workspace whose fit section is the default with few Adam clips that stop early."""
-    section = yaml.safe_load((repository / "conf/fit/default.yaml").read_text())
+    section = compose()["fit"]
     section["table8"]["adam_clips"] = adam_clips
     section["lightgazefit"]["adam"]["steps"] = 30
     return Workspace(root, {"corpus": "data/synthesize", "machine": {"jobs": 1}, "fit": section})
@@ -99,6 +99,4 @@ def test_nothing_to_fit_is_one_line_and_leaves_no_folder(tmp_path: Path, reposit
 
 @pytest.mark.parametrize("variant", ["default", "adam", "tiny"])
 def test_each_variant_of_the_section_is_valid(variant: str):
-    from talkingeyes.config import compose
-
     assert compose([f"fit={variant}"])["fit"]["lightgazefit"]["symmetry"] == 0.01

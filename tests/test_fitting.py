@@ -1,14 +1,13 @@
 """LightGazeFit, head pose, blinks and smoothing against scenes whose truth is known."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from talkingeyes.config import compose
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.accuracy import Yardstick
 from talkingeyes.fitting.blink import eye_aspect_ratio, lids, rates
@@ -17,8 +16,9 @@ from talkingeyes.fitting.comparison import Truth, head_error, judge, match, with
 from talkingeyes.fitting.gaps import bridged, held, runs
 from talkingeyes.fitting.head_pose import head_pose
 from talkingeyes.fitting.lightgazefit import Sight, direction_and_jacobian, sighted_gaze, solve, solve_newton
-from talkingeyes.fitting.smoothing import SmoothingSettings, bursts, smooth_gaze
+from talkingeyes.fitting.smoothing import StepSettings, bursts, quadratic, smooth_gaze, smooth_version
 from talkingeyes.motion import Events, Motion
+from talkingeyes.physiology import saccades as law
 from talkingeyes.rotation import angles_of_gaze, directions, gaze_in_space
 from tests.scene import CAMERA, FPS, Scene, blinking, observe, scene
 
@@ -26,9 +26,14 @@ SMALL = st.floats(-0.6, 0.6)
 
 
 @pytest.fixture(scope="module")
-def settings(repository: Path) -> FitSettings:
+def settings() -> FitSettings:
     """The defaults."""
-    return FitSettings.model_validate(yaml.safe_load((repository / "conf/fit/default.yaml").read_text()))
+    return FitSettings.model_validate(compose()["fit"])
+
+
+def variant(*overrides: str) -> FitSettings:
+    """The settings with some of them changed."""
+    return FitSettings.model_validate(compose([*overrides])["fit"])
 
 
 def sight_of(known: Scene) -> Sight:
@@ -158,13 +163,29 @@ def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
     np.testing.assert_allclose(fit.motion.lid, lid, atol=0.1)
 
 
-def test_gaze_is_held_over_blinks(settings: FitSettings):
-    fit = fit_clip(scene(6).observation, settings)
+@pytest.mark.parametrize("smoothing", ["none", "steps", "saccades"])
+def test_gaze_is_held_over_blinks(smoothing: str):
+    """`saccades` lets it go elsewhere within the first two frames of a blink, and holds it there."""
+    fit = fit_clip(scene(6).observation, variant(f"fit/smoothing={smoothing}"))
     space = gaze_in_space(fit.motion.head, fit.motion.gaze)
     assert fit.lids.blinks
     for start, stop in fit.lids.blinks:
         kept = max(start - 1, 0) if start else stop
-        np.testing.assert_allclose(space[start:stop], np.broadcast_to(space[kept], (stop - start, 2, 2)), atol=1e-9)
+        kept = start + 2 if smoothing == "saccades" else kept
+        still = slice(min(start + 2, stop) if smoothing == "saccades" else start, stop)
+        np.testing.assert_allclose(space[still], np.broadcast_to(space[kept], space[still].shape), atol=2e-3)
+
+
+def test_a_shift_under_a_blink_comes_with_its_beginning(settings: FitSettings):
+    """The paper's way, holding gaze, would put it at the blink's end."""
+    track = np.zeros((100, 2))
+    track[54:, 0] = np.radians(12.0)
+    known = np.ones(100, bool)
+    known[50:58] = False
+    noisy = track + np.radians(0.3) * np.random.default_rng(0).normal(size=track.shape)
+    smooth = np.degrees(smooth_version(bridged(noisy, known), known, FPS, settings.smoothing)[:, 0])
+    assert abs(smooth[49]) < 1
+    assert smooth[53:58] == pytest.approx(np.full(5, 12.0), abs=1)
 
 
 def test_shut_for_long_is_no_blink(settings: FitSettings):
@@ -175,25 +196,60 @@ def test_shut_for_long_is_no_blink(settings: FitSettings):
     assert found.lid[50] == pytest.approx(0.94, abs=0.01)
 
 
-def test_a_step_survives_smoothing_and_a_burst_does_not(settings: FitSettings):
+def test_a_step_survives_smoothing_and_a_burst_does_not():
+    steps = variant("fit/smoothing=steps").smoothing
     random = np.random.default_rng(0)
     space = np.zeros((120, 2, 2))
     space[60:, :, 0] = np.radians(8.0)
     noisy = space + np.radians(0.5) * random.normal(size=space.shape)
     noisy[30:33, 1] += np.radians(15.0)
     seen = np.ones((120, 2), bool)
-    assert np.flatnonzero(bursts(noisy, seen, settings.smoothing)[:, 1]).tolist() == [30, 31, 32]
-    assert not bursts(noisy, seen, settings.smoothing)[:, 0].any()
-    smooth = smooth_gaze(noisy, seen, FPS, settings.smoothing)
+    assert np.flatnonzero(bursts(noisy, seen, steps.burst)[:, 1]).tolist() == [30, 31, 32]
+    assert not bursts(noisy, seen, steps.burst)[:, 0].any()
+    smooth = smooth_gaze(noisy, seen, FPS, steps)
     assert np.degrees(np.abs(smooth - space)).max() < 0.6
     assert np.degrees(smooth[60] - smooth[59])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
 
 
-def test_exact_gaze_passes_the_smoother(settings: FitSettings):
-    known = scene(7, noise=0.0, blinks=False)
-    space = gaze_in_space(known.motion.head, known.motion.gaze)
-    smooth = smooth_gaze(space, np.ones((len(space), 2), bool), FPS, settings.smoothing)
-    assert np.degrees(np.abs(smooth - space)).max() < 0.3
+def test_saccades_are_laid_where_they_were(settings: FitSettings):
+    """A saccade of 5 degrees takes 37 ms: mostly two steps of frames, which noise hides and one step makes steeper."""
+    random = np.random.default_rng(1)
+    sharp, fitted, true = [], [], []
+    for onset_s in np.arange(2.0, 2.04, 0.004):
+        shift = law.saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), random)
+        path = law.path([shift], np.zeros(2), np.arange(100) / FPS)
+        noisy = path + np.radians(0.6) * random.normal(size=path.shape)
+        both = np.repeat(noisy[:, None], 2, axis=1)
+        seen = np.ones((100, 2), bool)
+        for found, kind in ((sharp, "steps"), (fitted, "saccades")):
+            smooth = smooth_gaze(both, seen, FPS, settings.smoothing.model_copy(update={"kind": kind}))
+            found.append(np.abs(np.diff(smooth[:, 0, 0])).max())
+        true.append(np.abs(np.diff(path[:, 0])).max())
+    assert np.mean(fitted) / np.mean(true) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(sharp) / np.mean(true) > 1.12
+
+
+@pytest.mark.parametrize(("kind", "peak"), [("gaussian", 0.5), ("quadratic", 0.5), ("saccades", 0.8)])
+def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
+    random = np.random.default_rng(2)
+    space = np.zeros((200, 2, 2))
+    space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step of frames
+    noisy = space + np.radians(0.2) * random.normal(size=space.shape)
+    smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, variant(f"fit/smoothing={kind}").smoothing)
+    speed = np.abs(np.diff(smooth[:, 0, 0]))
+    assert speed[:90].mean() < 0.4 * np.abs(np.diff(noisy[:90, 0, 0])).mean()
+    assert (speed.max() / np.radians(2.0) > peak) == (kind == "saccades")
+
+
+def test_quadratic_term_is_the_least(settings: FitSettings):
+    random = np.random.default_rng(3)
+    track, known = random.normal(size=(30, 2)), random.random(30) < 0.8
+
+    def energy(path: np.ndarray) -> float:
+        return float(np.sum((path - track)[known] ** 2) + 3.0 * np.sum(np.diff(path, axis=0) ** 2))
+
+    best = quadratic(track, known, 3.0)
+    assert all(energy(best + 0.01 * random.normal(size=best.shape)) > energy(best) for _ in range(20))
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=30))
@@ -323,4 +379,4 @@ def test_blinking_frames_of_the_scene_have_hidden_pupils():
 
 def test_smoothing_settings_refuse_nonsense():
     with pytest.raises(ValueError, match="step_cost"):
-        SmoothingSettings(step_cost=-1, longest_s=1, fixation_s=1, vergence_s=1, burst_rad=1, burst_frames=1)
+        StepSettings.model_validate({**compose()["fit"]["smoothing"], "step_cost": -1})

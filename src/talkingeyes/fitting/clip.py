@@ -3,7 +3,7 @@
 Order: the head is fitted and smoothed first, because gaze is fitted under it and a jittering head would shake the
 eyes. The paper holds the eye pose over a blink at the last open-eye state; here the last open-eye gaze in space is
 held, and the eyes counter-rotate the head as living ones do; otherwise each blink of a moving head would end in a
-jump of gaze.
+jump of gaze. Where gaze is elsewhere after the blink, it went there as the blink began (`steps`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio, eye_aspect_ratio, lids
-from talkingeyes.fitting.gaps import bridged, held, runs
+from talkingeyes.fitting.gaps import bridged, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
@@ -72,7 +72,7 @@ class Fit:
 def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     """Motion from landmarks and pupils of one clip."""
     camera = observation.camera
-    pose = head_pose(observation.landmarks, camera, settings.head_pose)
+    pose = head_pose(observation.landmarks, camera, settings.head_pose, observation.identity)
     sight = Sight(observation.pupils, pose.head, pose.translation, camera)
     solution = solve(sight, settings.lightgazefit)
     seen = sight.seen & pose.seen[:, None]
@@ -85,7 +85,7 @@ def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     space = smooth_gaze(gaze_in_space(raw.head, gaze), seen & open_[:, None], raw.fps, settings.smoothing)
     motion = replace(
         raw,
-        gaze=eye_in_head(raw.head, held(space, open_)),
+        gaze=eye_in_head(raw.head, space),
         lid=eyelids.lid,
         valid=pose.seen & ~_long_gaps(open_, settings.reject.longest_gap_s * raw.fps),
     )

@@ -1,68 +1,141 @@
-"""Temporal smoothing of fitted gaze that keeps saccades, on gaze in space.
+"""Temporal terms for fitted gaze: what becomes of its noise. All work on gaze in space, (yaw, pitch) of both eyes.
 
-There gaze stands still between saccades (the eyes counter-rotate the head), so it is close to piecewise constant: an
-L0 gradient penalty (paper, limitation 4; Potts functional, solved exactly by dynamic programming) finds the steps.
-What is left over in the fixations is smoothed by a Gaussian, the paper's temporal convolution, and added back, so
-that drift and pursuit stay. A Gaussian alone would halve the peaks of saccades; none at all leaves eye speed inflated
-several times.
+There gaze stands still between saccades (the eyes counter-rotate the head). The eyes are conjugate: their mean
+direction is smoothed by one of
 
-The eyes are conjugate: their mean direction is smoothed so, their difference (vergence and the eyes' own axes) is slow.
+    none        the fit of each frame, as in the paper; white noise of .3 px moves eyes three to seven times too fast
+    gaussian    the paper's remedy, a temporal convolution: halves the peaks of saccades
+    quadratic   sum of |x_t - y_t|^2 + weight |x_t - x_t-1|^2 at its least (Whittaker 1923): the same, sharper
+    steps       the L0 gradient term: steps stay, and each is one frame long (`steps.piecewise_constant`)
+    saccades    the same with a saccade of the main sequence in every step (`steps.with_saccades`)
+
+and their difference (vergence and the eyes' own axes), which is slow, by a wide Gaussian. What steps and saccades leave
+over in the fixations is smoothed by a Gaussian and added back, so that drift and pursuit stay. In frames that show no
+gaze it is held; `saccades` alone lets a shift that a blink hides begin with the blink.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal, assert_never
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
+from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
-from talkingeyes.fitting.gaps import bridged, runs
+from talkingeyes.fitting.gaps import bridged, held, runs
+from talkingeyes.fitting.steps import noise_variance, piecewise_constant, with_saccades
 from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
-LEAST_NOISE_RAD = np.radians(0.02)  # of the estimate, so that exact data pass unchanged
 HALF_WINDOW = 7  # frames before and after, between whose medians a frame should lie
 
 
-class SmoothingSettings(Settings):
+class BurstSettings(Settings):
+    """An excursion of one eye at least `least_rad` far and at most `frames` long that comes back is the detector's."""
+
+    least_rad: Positive
+    frames: Annotated[int, Field(ge=0, lt=HALF_WINDOW)]
+
+
+class NoSmoothing(Settings):
+    """Every frame as it was fitted."""
+
+    kind: Literal["none"]
+
+
+class GaussianSettings(Settings):
+    """A temporal convolution; sigma in seconds."""
+
+    kind: Literal["gaussian"]
+    sigma_s: Positive
+    vergence_s: Positive
+    burst: BurstSettings
+
+
+class QuadraticSettings(Settings):
+    """`weight` of squared differences of adjacent frames, against 1 for squared distances to the fit."""
+
+    kind: Literal["quadratic"]
+    weight: Positive
+    vergence_s: Positive
+    burst: BurstSettings
+
+
+class StepSettings(Settings):
     """`step_cost`: what a step costs, in variances of the frame noise; `longest_s`: of a stretch without a step.
 
     `fixation_s`: sigma of the Gaussian inside fixations; `vergence_s`: of the one for the difference of the eyes.
-    `burst_rad`, `burst_frames`: an excursion at least so far, at most so long, that comes back is the detector's.
     """
 
+    kind: Literal["steps", "saccades"]
     step_cost: Positive
     longest_s: Positive
     fixation_s: Positive
     vergence_s: Positive
-    burst_rad: Positive
-    burst_frames: Annotated[int, Field(ge=0, lt=HALF_WINDOW)]
+    burst: BurstSettings
+
+
+SmoothingSettings = Annotated[
+    NoSmoothing | GaussianSettings | QuadraticSettings | StepSettings, Field(discriminator="kind")
+]
 
 
 def smooth_gaze(
     space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: SmoothingSettings
 ) -> Float[ndarray, "T 2 2"]:
-    """Smoothed (yaw, pitch) of gaze in space of both eyes; frames where neither is `seen` are bridged."""
-    seen = seen & ~bursts(space_rad, seen, settings)
-    half = _half_difference(space_rad, seen, settings.vergence_s * fps)
-    apart = np.stack([half, -half], axis=1)
-    weight = seen[..., None].astype(np.float64)
-    count = weight.sum(axis=1)
-    version = (np.where(seen[..., None], space_rad - apart, 0.0)).sum(axis=1) / np.maximum(count, 1.0)
+    """Smoothed (yaw, pitch) of gaze in space of both eyes; in frames where neither is `seen` gaze is held."""
+    if isinstance(settings, NoSmoothing):
+        return held(space_rad, np.asarray(seen.any(axis=1)))
+    seen = seen & ~bursts(space_rad, seen, settings.burst)
     known = np.asarray(seen.any(axis=1))
     if not known.any():
         return np.zeros_like(space_rad)
-    version = bridged(version, known)
-    steps = piecewise_constant(version, known, settings.step_cost * noise_variance(version, known), settings, fps)
-    rest = _gaussian(version - steps, known, settings.fixation_s * fps)
-    return np.asarray((steps + rest)[:, None] + apart)
+    half = _half_difference(space_rad, seen, settings.vergence_s * fps)
+    apart = np.stack([half, -half], axis=1)
+    weight = seen[..., None].astype(np.float64)
+    version = np.where(seen[..., None], space_rad - apart, 0.0).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
+    return np.asarray(smooth_version(bridged(version, known), known, fps, settings)[:, None] + apart)
+
+
+def smooth_version(
+    version: Float[ndarray, "T 2"],
+    known: Bool[ndarray, " T"],
+    fps: float,
+    settings: GaussianSettings | QuadraticSettings | StepSettings,
+) -> Float[ndarray, "T 2"]:
+    """The mean direction of both eyes, smoothed as the settings say."""
+    match settings:
+        case GaussianSettings():
+            return held(_gaussian(version, known, settings.sigma_s * fps), known)
+        case QuadraticSettings():
+            return held(quadratic(version, known, settings.weight), known)
+        case StepSettings():
+            cost, longest = settings.step_cost * noise_variance(version, known), max(2, round(settings.longest_s * fps))
+            path = piecewise_constant(version, known, cost, longest)
+            if settings.kind == "saccades":
+                path = with_saccades(version, known, path, fps)
+            rest = _gaussian(version - path, known, settings.fixation_s * fps)
+            return path + held(rest, known) if settings.kind == "saccades" else held(path + rest, known)
+        case _:
+            assert_never(settings)
+
+
+def quadratic(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: float) -> Float[ndarray, "T 2"]:
+    """The path of least squared distance in known frames + `weight` times its squared steps: one banded system."""
+    frames = len(track)
+    banded = np.zeros((2, frames))
+    banded[1] = known + 1e-9
+    banded[1, :-1] += weight
+    banded[1, 1:] += weight
+    banded[0, 1:] = -weight
+    return np.asarray(solveh_banded(banded, np.where(known[:, None], track, 0.0)))
 
 
 def bursts(
-    space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: SmoothingSettings
+    space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: BurstSettings
 ) -> Bool[ndarray, "T 2"]:
     """Frames of an eye that leave the way from the median before to the median after, and soon come back.
 
@@ -75,49 +148,10 @@ def bursts(
         windows = np.median(np.lib.stride_tricks.sliding_window_view(track, HALF_WINDOW, axis=0), axis=-1)
         frames = len(space_rad)
         before, after = windows[:frames], windows[HALF_WINDOW + 1 :]
-        away = _distance_to_segment(track[HALF_WINDOW:-HALF_WINDOW], before, after) > settings.burst_rad
+        away = _distance_to_segment(track[HALF_WINDOW:-HALF_WINDOW], before, after) > settings.least_rad
         for start, stop in runs(away):
-            flags[start:stop, eye] = stop - start <= settings.burst_frames
+            flags[start:stop, eye] = stop - start <= settings.frames
     return flags
-
-
-def noise_variance(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"]) -> float:
-    """Variance of the frame noise per axis, from the median of absolute differences of adjacent known frames."""
-    adjacent = known[1:] & known[:-1]
-    if not adjacent.any():
-        return float(LEAST_NOISE_RAD**2)
-    sigma = 1.4826 * np.median(np.abs(np.diff(track, axis=0)[adjacent])) / np.sqrt(2)
-    return float(max(sigma, LEAST_NOISE_RAD) ** 2)
-
-
-def piecewise_constant(
-    track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], cost: float, settings: SmoothingSettings, fps: float
-) -> Float[ndarray, "T 2"]:
-    """The piecewise constant path of least squared distance in known frames + `cost` a step (exact, O(T longest)).
-
-    Dynamic programming over the last step: best(t) = min over s of best(s) + cost + scatter of frames s to t.
-    """
-    frames, longest = len(track), max(2, round(settings.longest_s * fps))
-    weight = known.astype(np.float64)
-    mass = np.concatenate([[0.0], np.cumsum(weight)])
-    first = np.concatenate([np.zeros((1, 2)), np.cumsum(weight[:, None] * track, axis=0)])
-    second = np.concatenate([[0.0], np.cumsum(weight * np.sum(track**2, axis=1))])
-    best = np.full(frames + 1, np.inf)
-    best[0] = -cost
-    origin = np.zeros(frames + 1, np.int64)
-    for stop in range(1, frames + 1):
-        start = max(0, stop - longest)
-        inside = np.maximum(mass[stop] - mass[start:stop], 1e-12)
-        moment = np.sum((first[stop] - first[start:stop]) ** 2, axis=1) / inside
-        total = best[start:stop] + cost + (second[stop] - second[start:stop] - moment)
-        choice = int(np.argmin(total))
-        best[stop], origin[stop] = total[choice], start + choice
-    path, stop = np.empty_like(track), frames
-    while stop > 0:
-        start = origin[stop]
-        path[start:stop] = (first[stop] - first[start]) / max(mass[stop] - mass[start], 1e-12)
-        stop = start
-    return path
 
 
 def _half_difference(

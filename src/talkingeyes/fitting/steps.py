@@ -1,0 +1,142 @@
+"""Steps in a noisy track: the L0 gradient term (paper, limitation 4) solved exactly, and saccades put in their place.
+
+A track of gaze in space is close to piecewise constant. The Potts functional,
+
+    minimise over paths x    sum over known frames |y_t - x_t|^2  +  cost * number of steps of x
+
+has its least value by dynamic programming, and keeps saccades steep: too steep, for a saccade takes 30 to 100 ms
+and shows as one to three steps of a camera. `with_saccades` therefore lays a saccade of the main sequence
+(`physiology.saccades`: its duration and shape follow from its amplitude) through every step, at the onset, a tenth of
+a frame fine, that meets the frames best. A step that falls into a gap is laid at the gap's beginning: most shifts under
+a blink start with it (Evinger et al. 1994).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.physiology.saccades import duration_s, progress, skew
+
+LEAST_NOISE_RAD = np.radians(0.02)  # of the estimate, so that exact data pass unchanged
+SHORTEST_S = 0.08  # of a fixation; what is shorter belongs to a saccade
+FLANK_S = 0.12  # before and after a step, whose frames tell where it lies
+ONSETS_A_FRAME = 10
+ROUNDS = 2  # of saccades by levels, levels by what the saccades leave
+
+
+@dataclass(frozen=True)
+class Fixation:
+    """Frames from `start` up to `stop` and where gaze is in them."""
+
+    start: int
+    stop: int
+    level_rad: Float[ndarray, " 2"]
+
+
+def noise_variance(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"]) -> float:
+    """Variance of the frame noise per axis, from the median of absolute differences of adjacent known frames."""
+    adjacent = known[1:] & known[:-1]
+    if not adjacent.any():
+        return float(LEAST_NOISE_RAD**2)
+    sigma = 1.4826 * np.median(np.abs(np.diff(track, axis=0)[adjacent])) / np.sqrt(2)
+    return float(max(sigma, LEAST_NOISE_RAD) ** 2)
+
+
+def piecewise_constant(
+    track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], cost: float, longest: int
+) -> Float[ndarray, "T 2"]:
+    """The path of least squared distance in known frames + `cost` a step, none over `longest` frames; O(T longest).
+
+    Dynamic programming over the last step: best(t) = min over s of best(s) + cost + scatter of frames s to t.
+    """
+    frames = len(track)
+    weight = known.astype(np.float64)
+    mass = np.concatenate([[0.0], np.cumsum(weight)])
+    first = np.concatenate([np.zeros((1, 2)), np.cumsum(weight[:, None] * track, axis=0)])
+    second = np.concatenate([[0.0], np.cumsum(weight * np.sum(track**2, axis=1))])
+    best = np.full(frames + 1, np.inf)
+    best[0] = -cost
+    origin = np.zeros(frames + 1, np.int64)
+    for stop in range(1, frames + 1):
+        start = max(0, stop - longest)
+        inside = np.maximum(mass[stop] - mass[start:stop], 1e-12)
+        moment = np.sum((first[stop] - first[start:stop]) ** 2, axis=1) / inside
+        total = best[start:stop] + cost + (second[stop] - second[start:stop] - moment)
+        choice = int(np.argmin(total))
+        best[stop], origin[stop] = total[choice], start + choice
+    path, stop = np.empty_like(track), frames
+    while stop > 0:
+        start = origin[stop]
+        path[start:stop] = (first[stop] - first[start]) / max(mass[stop] - mass[start], 1e-12)
+        stop = start
+    return path
+
+
+def with_saccades(
+    track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], path: Float[ndarray, "T 2"], fps: float
+) -> Float[ndarray, "T 2"]:
+    """The piecewise constant `path` of `track` with every step made a saccade. Some frame has to be known."""
+    shortest = SHORTEST_S * fps
+    fixations = [each for each in fixations_of(path) if known[each.start : each.stop].sum() >= shortest - 1e-9]
+    if len(fixations) < 2:
+        return path
+    variance = noise_variance(track, known)
+    for _ in range(ROUNDS):
+        drawn = np.repeat([fixations[0].level_rad], len(track), axis=0)
+        still = np.ones(len(track), bool)
+        for before, after in itertools.pairwise(fixations):
+            done = _done(track, known, before, after, variance, fps)
+            at = len(track) - len(done)
+            drawn[at:] += done[:, None] * (after.level_rad - before.level_rad)
+            still[at:] &= (done < 0.01) | (done > 0.99)
+        fixations = [_settled(track, known & still, each) for each in fixations]
+    return drawn
+
+
+def fixations_of(path: Float[ndarray, "T 2"]) -> list[Fixation]:
+    """The stretches of a piecewise constant path."""
+    edges = np.flatnonzero(np.any(np.diff(path, axis=0) != 0.0, axis=1)) + 1
+    starts, stops = [0, *edges.tolist()], [*edges.tolist(), len(path)]
+    return [Fixation(start, stop, path[start]) for start, stop in zip(starts, stops, strict=True)]
+
+
+def _done(
+    track: Float[ndarray, "T 2"],
+    known: Bool[ndarray, " T"],
+    before: Fixation,
+    after: Fixation,
+    variance: float,
+    fps: float,
+) -> Float[ndarray, " F"]:
+    """Share of the saccade between two fixations that is done, in the last F frames: from a few frames before it on."""
+    last = before.start + int(np.flatnonzero(known[before.start : before.stop])[-1])
+    first = after.start + int(np.flatnonzero(known[after.start : after.stop])[0])
+    flank = round(FLANK_S * fps)
+    start, stop = max(before.start, last - flank), min(after.stop, first + flank + 1)
+    step = after.level_rad - before.level_rad
+    amplitude = max(float(np.hypot(*step)), 1e-9)
+    lasting = float(duration_s(amplitude)) * fps
+    frames = np.arange(start, stop)
+    onsets = np.arange(start - lasting, stop, 1.0 / ONSETS_A_FRAME)
+    done = progress((frames - onsets[:, None]) / lasting, float(skew(amplitude)))
+    away = (track[start:stop] - before.level_rad)[None] - done[..., None] * step
+    misfit = np.sum(np.square(away) * known[start:stop, None], axis=(1, 2))
+    if (~known[last:first]).sum() > 1:  # a gap, in which all onsets do: the earliest
+        onset = onsets[int(np.argmin(misfit + 1e-6 * amplitude**2 * np.maximum(onsets - last, 0.0)))]
+    else:  # the mean of what is likely: the best alone would split steps that no frame lies in
+        likely = np.exp((misfit.min() - misfit) / (2.0 * variance))
+        onset = float(likely @ onsets / likely.sum())
+    return np.asarray(progress((np.arange(start, len(track)) - onset) / lasting, float(skew(amplitude))))
+
+
+def _settled(track: Float[ndarray, "T 2"], usable: Bool[ndarray, " T"], fixation: Fixation) -> Fixation:
+    """The fixation with its level from frames outside saccades, if there are any."""
+    inside = usable[fixation.start : fixation.stop]
+    if not inside.any():
+        return fixation
+    return Fixation(fixation.start, fixation.stop, track[fixation.start : fixation.stop][inside].mean(axis=0))
