@@ -159,11 +159,11 @@ def catches(of_measure: Mapping[str, Cell]) -> list[str]:
 
 
 def _cell(row: Row, true: Row) -> Cell:
-    effect = float("nan") if row.value is None or row.reference is None else _effect(row)
-    return Cell(float("nan") if row.value is None else row.value.value, effect, _effect(true))
+    distance = float("nan") if row.value is None or row.reference is None else effect(row)
+    return Cell(float("nan") if row.value is None else row.value.value, distance, effect(true))
 
 
-def _effect(row: Row) -> float:
+def effect(row: Row) -> float:
     """Distance from the reference in the measure's own direction, over the half of its interval on that side."""
     assert row.value is not None
     assert row.reference is not None
