@@ -11,8 +11,8 @@ from scipy.stats import kstest
 
 from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
-from talkingeyes.motion import Blink, Events, HeadMove, Saccade
-from talkingeyes.physiology import articulation, blinks, eye_head, render, saccades
+from talkingeyes.motion import Blink, Events, HeadMove, Refocus, Saccade
+from talkingeyes.physiology import articulation, blinks, eye_head, render, saccades, vergence
 
 
 def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
@@ -87,9 +87,9 @@ def test_drawn_saccades_scatter_about_the_law():
 
 
 def test_the_head_joins_beyond_its_threshold():
-    eccentricity = np.radians([-30.0, -5.0, 5.0, 30.0])
+    eccentricity = np.radians([[-30.0, 0.0], [-5.0, 3.0], [0.0, 5.0], [18.0, 24.0]])
     turn = np.degrees(eye_head.head_contribution(eccentricity, np.radians(10.0), 0.5))
-    assert np.allclose(turn, [-10.0, 0.0, 0.0, 10.0])
+    assert np.allclose(turn, [(-10.0, 0.0), (0.0, 0.0), (0.0, 0.0), (6.0, 8.0)])
     move = HeadMove(0.2, float(eye_head.head_duration_s(np.radians(10.0))), (0.0, float(np.radians(10.0)), 0.0))
     assert move.duration_s == pytest.approx(0.37)
     speed = np.diff(eye_head.head_path([move], np.arange(0, 1, 0.001))[:, 1]) * 1000
@@ -98,20 +98,71 @@ def test_the_head_joins_beyond_its_threshold():
     assert 0.01 < np.median(lags) < 0.06
 
 
+NO_KAPPA = np.zeros((2, 2))
+
+
+def eyes(head, space_rad, vergence=0.0, kappa=NO_KAPPA, blink=0.0):
+    """Eyes of a head that looks in one direction."""
+    frames = len(head)
+    blinked = np.full((frames, 2, 2), blink)
+    return eye_head.eyes(head, np.tile(space_rad, (frames, 1)), np.full(frames, vergence), kappa, blinked)
+
+
 def test_the_eyes_counter_rotate():
-    random = np.random.default_rng(1)
-    head = np.radians(random.normal(0, 5, (50, 3)))
-    gaze = eye_head.eyes(head, np.tile([0.05, -0.03], (50, 1)))
-    space = rotation.gaze_in_space(head, gaze)
-    assert np.allclose(space, [0.05, -0.03], atol=1e-9)
+    head = np.radians(np.random.default_rng(1).normal(0, 5, (50, 3)))
+    gaze = eyes(head, [0.05, -0.03])
+    assert np.allclose(rotation.gaze_in_space(head, gaze), [0.05, -0.03], atol=1e-9)
     assert np.allclose(gaze[..., 2], 0.0) and np.allclose(gaze[:, 0], gaze[:, 1])
+
+
+def test_lines_of_sight_meet_in_the_target():
+    half, distance_m = vergence.HALF_EYE_DISTANCE_M, 0.6
+    full = 2.0 * np.arctan(half / distance_m)
+    assert np.degrees(vergence.vergence_rad(distance_m)) == pytest.approx(0.7 * 6.0, abs=0.02)
+    one = rotation.direction_of_angles(np.radians([[20.0, -10.0]]))
+    sight = vergence.lines_of_sight(one, np.array([full]))[0]
+    centres = np.array([[half, 0.0, 0.0], [-half, 0.0, 0.0]])
+    for centre, line in zip(centres, sight, strict=True):
+        assert np.allclose(np.cross(distance_m * one[0] - centre, line), 0.0, atol=1e-12)
+    converged = rotation.angles_of_gaze(eyes(np.zeros((1, 3)), [0.0, 0.0], full))[0]
+    assert converged[1, 0] - converged[0, 0] == pytest.approx(full) and np.allclose(converged[:, 1], 0.0)
+
+
+def test_vergence_is_slow_and_opens_in_saccades():
+    times = np.arange(0.0, 4.0, 0.001)
+    near, far = vergence.vergence_rad(0.8), vergence.vergence_rad(3.0)
+    path = vergence.vergence_path([Refocus(-1.0, 0.8), Refocus(1.0, 3.0), Refocus(1.4, 0.8)], (), times)
+    assert path[0] == pytest.approx(near) and np.abs(np.diff(path)).max() < np.radians(0.02)
+    assert path[1200] == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-3)
+    assert path[1400] > far and path[-1] == pytest.approx(near, rel=1e-4)
+    opened = vergence.vergence_path((), [straight(10, 1.0)], times)
+    assert np.degrees(opened.min()) == pytest.approx(-0.5, abs=0.01) and opened[1200] == 0.0 == opened[1000]
+    assert not vergence.divergence([straight(10, 1.0, (0.0, 1.0))], times).any()
+
+
+def test_kappa_is_between_the_line_of_sight_and_the_pupil():
+    kappa = np.radians([[4.0, -1.0], [-5.0, -1.5]])
+    head = np.radians(np.random.default_rng(2).normal(0, 5, (20, 3)))
+    away = rotation.angles_of_gaze(eyes(head, [0.1, 0.0], kappa=kappa)) - rotation.angles_of_gaze(
+        eyes(head, [0.1, 0.0])
+    )
+    assert np.allclose(away, kappa, atol=1e-9)
+    assert np.allclose(eyes(head, [0.1, 0.0], kappa=kappa)[..., 2], 0.0)
+
+
+def test_eyes_turn_down_and_in_during_a_blink():
+    shift = np.degrees(blinks.eye_shift_rad(np.array([[0.0, 0.0], [1.0, 1.0]])))
+    assert np.array_equal(shift[0], np.zeros((2, 2)))
+    assert shift[1, 0, 0] < 0 < shift[1, 1, 0] and (shift[1, :, 1] < -1.0).all()
+    assert 1.0 <= np.hypot(*shift[1, 0]) <= 5.0
 
 
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-0.6, 0.6))
 def test_the_eyes_keep_to_their_range(yaw, pitch, head_yaw):
-    angles = rotation.angles_of_gaze(eye_head.eyes(np.array([[0.0, head_yaw, 0.0]]), np.array([[yaw, pitch]])))
+    angles = rotation.angles_of_gaze(eyes(np.array([[0.0, head_yaw, 0.0]]), [yaw, pitch], 0.05, kappa=NO_KAPPA + 0.08))
     assert np.abs(angles[..., 0]).max() <= eye_head.YAW_LIMIT_RAD + 1e-9
-    assert eye_head.PITCH_LIMITS_RAD[0] - 1e-9 <= angles[0, 0, 1] <= eye_head.PITCH_LIMITS_RAD[1] + 1e-9
+    assert eye_head.PITCH_LIMITS_RAD[0] - 1e-9 <= angles[..., 1].min()
+    assert angles[..., 1].max() <= eye_head.PITCH_LIMITS_RAD[1] + 1e-9
 
 
 def test_blink_rates_of_the_profiles():
@@ -186,6 +237,7 @@ def continuous():
     waves = render.Waves(random.uniform(0.1, 6, 5), random.normal(0, 0.01, (5, 3)), random.uniform(0, 6, (5, 3)))
     return render.Continuous(
         gaze_rest_rad=(0.0, 0.0),
+        kappa_rad=np.radians([[4.0, -1.0], [-5.0, -1.0]]),
         head_rest=np.array([0.02, 0.0, 0.01]),
         head_waves=waves,
         head_speaking=waves,
@@ -193,6 +245,7 @@ def continuous():
         translation=waves,
         lid_rest=0.02,
         lid_waves=render.Waves(np.array([0.3]), np.full((1, 2), 0.03), np.array([[0.0, 1.0]])),
+        blink_lag_s=0.006,
         phonemes=(Phoneme(0.2, 0.4, "a", True), Phoneme(0.4, 0.5, "t")),
         jaw_scale=1.0,
         jaw_asymmetry=0.1,
@@ -203,6 +256,7 @@ EVENTS = Events(
     saccades=(straight(8, 0.313), Saccade(1.0, 0.04, (float(np.radians(8)), 0.0), (0.0, 0.05), 0.45)),
     head_moves=(HeadMove(0.4, 0.5, (0.0, 0.05, 0.0)),),
     blinks=(Blink(0.6, 0.08, 0.03, 0.2, 1.0),),
+    refocuses=(Refocus(-1.0, 0.9), Refocus(1.0, 2.5)),
 )
 
 
@@ -217,5 +271,5 @@ def test_gaze_is_still_in_space_while_the_head_moves(continuous):
     motion = render.render_at(EVENTS, continuous, 100.0, 200)
     space = rotation.gaze_in_space(motion.head, motion.gaze)[:, 0]
     assert np.abs(np.diff(motion.head[45:95], axis=0)).max() > 1e-4
-    assert np.abs(np.diff(space[45:95], axis=0)).max() < 1e-12
+    assert np.abs(np.diff(space[45:60], axis=0)).max() < np.radians(0.01)
     assert motion.lid.max() == pytest.approx(1.0) and motion.lid.min() > -0.3

@@ -165,12 +165,21 @@ class Blink:
 
 
 @dataclass(frozen=True)
+class Refocus:
+    """From `onset_s` on the eyes converge on a target `distance_m` away (slowly: physiology.vergence)."""
+
+    onset_s: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
 class Events:
     """The events of a performance, each list in order of onset."""
 
     saccades: tuple[Saccade, ...] = ()
     head_moves: tuple[HeadMove, ...] = ()
     blinks: tuple[Blink, ...] = ()
+    refocuses: tuple[Refocus, ...] = ()
 
     def save(self, path: Path) -> None:
         """Write as JSON with the schema inside."""
@@ -178,12 +187,15 @@ class Events:
 
     @classmethod
     def load(cls, path: Path) -> Events:
-        """Read events JSON. Raises InputError if it is not one."""
+        """Read events JSON; a kind that is absent has none. Raises InputError if it is not events."""
         try:
             content = json.loads(path.read_text())
-            kinds = {"saccades": Saccade, "head_moves": HeadMove, "blinks": Blink}
-            return cls(**{name: tuple(_event(kind, row) for row in content[name]) for name, kind in kinds.items()})
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            kinds = {"saccades": Saccade, "head_moves": HeadMove, "blinks": Blink, "refocuses": Refocus}
+            rows = {name: content.get(name, ()) for name in kinds}
+            if not any(name in content for name in kinds):
+                raise ValueError(f"should hold {', '.join(kinds)}")
+            return cls(**{name: tuple(_event(kind, row) for row in rows[name]) for name, kind in kinds.items()})
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable events file ({error!r})") from None
 
 

@@ -3,7 +3,7 @@
 Rates: `PAPER` is the paper's N(40.10, 15.42) a minute with its 5-frame window (Sect. IV-E); `PHYSIO` is log-normal
 over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, where the
 speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has
-the same form. Times are seconds.
+the same form. While the lids shut, the eyes turn down and towards the nose (Collewijn et al. 1985). Times are seconds.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ from talkingeyes.motion import Blink
 
 RATE_LIMITS_PER_MIN = (6.0, 50.0)
 INTERVAL_SHAPE = 1.5
-PHRASE_END_S = (-0.1, 0.5)
+# Hazard about the end of one's own phrase, in one's own pauses and phrases; after the partner's phrase, else listening.
+PHRASE_END_S, PARTNER_END_S = (-0.1, 0.5), (0.25, 0.5)
 PHRASE_END_FACTOR, PAUSE_FACTOR, PHRASE_FACTOR = 3.0, 2.0, 0.7
+PARTNER_END_FACTOR, LISTENING_FACTOR = 3.0, 0.9
 REFRACTORY_S = 0.25
 USUAL_BLINK_S = 0.33
 FULL_SHARE = 0.7
 OPENING_DECAY = 3.0
+# How far a full blink turns each eye: down, and towards the nose (1 to 5 degrees in all).
+DOWN_RAD, NASAL_RAD = np.radians(1.6), np.radians(0.6)
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,9 @@ def draw_blinks(
     random: np.random.Generator,
     annotation: Annotation | None = None,
     rate_per_min: float | None = None,
+    full: float = FULL_SHARE,
 ) -> tuple[Blink, ...]:
-    """Blinks over `seconds`, at a rate drawn from the profile unless given.
+    """Blinks over `seconds`, at a rate drawn from the profile unless given; `full` is how likely the lids meet.
 
     A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives.
     """
@@ -81,7 +86,8 @@ def draw_blinks(
     steps_s = dead_s + random.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
     even_s = np.cumsum(steps_s) - warm_up_s
     even_s = even_s[(even_s >= 0) & (even_s < seconds)]
-    return without_overlap([draw_blink(profile, onset, random) for onset in _warped(even_s, seconds, annotation)])
+    onsets_s = _warped(even_s, seconds, annotation)
+    return without_overlap([draw_blink(profile, onset, random, full) for onset in onsets_s])
 
 
 def draw_blink(profile: BlinkProfile, onset_s: float, random: np.random.Generator, full: float = FULL_SHARE) -> Blink:
@@ -97,13 +103,14 @@ def draw_blink(profile: BlinkProfile, onset_s: float, random: np.random.Generato
     )
 
 
-def without_overlap(blinks: Sequence[Blink]) -> tuple[Blink, ...]:
-    """Blinks in order of onset, without those that start before the previous one has ended."""
+def without_overlap(first: Sequence[Blink], others: Sequence[Blink] = ()) -> tuple[Blink, ...]:
+    """Blinks in order of onset: of `first`, and then of `others`, those that no blink already taken overlaps."""
     kept: list[Blink] = []
-    for blink in sorted(blinks, key=lambda each: each.onset_s):
-        if not kept or blink.onset_s >= end_s(kept[-1]):
-            kept.append(blink)
-    return tuple(kept)
+    for group in (first, others):
+        for blink in sorted(group, key=lambda each: each.onset_s):
+            if all(end_s(each) <= blink.onset_s or end_s(blink) <= each.onset_s for each in kept):
+                kept.append(blink)
+    return tuple(sorted(kept, key=lambda each: each.onset_s))
 
 
 def end_s(blink: Blink) -> float:
@@ -124,6 +131,12 @@ def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[nda
     return total
 
 
+def eye_shift_rad(closed: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 2"]:
+    """How far (yaw, pitch) blinks that close the left and the right eye so far turn them."""
+    nasal = np.stack([-closed[:, 0], closed[:, 1]], axis=-1)
+    return np.stack([NASAL_RAD * nasal, -DOWN_RAD * closed], axis=-1)
+
+
 def evoked_probability(amplitude_rad: float) -> float:
     """Probability that a gaze shift of this amplitude brings a blink (Evinger 1994)."""
     return float(0.97 * np.clip((np.degrees(amplitude_rad) - 5.0) / 28.0, 0.0, 1.0))
@@ -135,10 +148,14 @@ def _warped(even_s: Float[ndarray, " N"], seconds: float, annotation: Annotation
         return even_s
     grid_s = np.arange(0.0, seconds + 0.02, 0.02)
     factor = np.full(len(grid_s), PAUSE_FACTOR)
-    for span in annotation.speaking:
-        factor[(grid_s >= span.start_s) & (grid_s < span.end_s)] = PHRASE_FACTOR
-    for span in annotation.speaking:
-        low, high = span.end_s + PHRASE_END_S[0], span.end_s + PHRASE_END_S[1]
-        factor[(grid_s >= low) & (grid_s < high)] = PHRASE_END_FACTOR
+    for spans, value in ((annotation.listening, LISTENING_FACTOR), (annotation.speaking, PHRASE_FACTOR)):
+        for span in spans:
+            factor[(grid_s >= span.start_s) & (grid_s < span.end_s)] = value
+    for spans, window_s, value in (
+        (annotation.partner, PARTNER_END_S, PARTNER_END_FACTOR),
+        (annotation.speaking, PHRASE_END_S, PHRASE_END_FACTOR),
+    ):
+        for span in spans:
+            factor[(grid_s >= span.end_s + window_s[0]) & (grid_s < span.end_s + window_s[1])] = value
     summed = np.concatenate([[0.0], np.cumsum(factor[:-1])])
     return np.asarray(np.interp(even_s / seconds * summed[-1], summed, grid_s))

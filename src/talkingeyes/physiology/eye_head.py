@@ -2,7 +2,7 @@
 
 The head takes part beyond a threshold of eccentricity, linearly (Stahl 1999; Freedman & Sparks 1997), starts about 30
 ms after the eye, and moves with minimum jerk. The counter-rotation of the eyes (VOR) needs no law of its own: gaze is
-made in space and the eye is head^-1 gaze (`rotation.eye_in_head`), kept inside the range that eyes turn in
+made in space and the eye is head^-1 gaze (as in `rotation.eye_in_head`), kept inside the range that eyes turn in
 conversation. Times are seconds, angles radians.
 """
 
@@ -16,18 +16,22 @@ from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.motion import HeadMove
+from talkingeyes.physiology.vergence import lines_of_sight, optical_axes_rad
 
-YAW_LIMIT_RAD = np.radians(30.0)
-PITCH_LIMITS_RAD = (np.radians(-30.0), np.radians(20.0))
+# 30 degrees to the sides and down, 20 up (Guitton & Volle 1987; Stahl 1999), and never on the edge itself.
+YAW_LIMIT_RAD = np.radians(29.5)
+PITCH_LIMITS_RAD = (np.radians(-29.5), np.radians(19.5))
 ONSET_LAG_S = (0.030, 0.040)
 ONSET_LAG_LIMITS_S = (-0.100, 0.150)
 
 
 def head_contribution(
-    eccentricity_rad: Float[ndarray, "*N"] | float, threshold_rad: float, gain: float
-) -> Float[ndarray, "*N"]:
-    """How far the head turns towards a target at an eccentricity from where the head points."""
-    return np.asarray(np.sign(eccentricity_rad) * gain * np.maximum(0.0, np.abs(eccentricity_rad) - threshold_rad))
+    eccentricity_rad: Float[ndarray, "*N 2"], threshold_rad: float, gain: float
+) -> Float[ndarray, "*N 2"]:
+    """How far (yaw, pitch) the head turns towards a target at an eccentricity from where the head points."""
+    size = np.linalg.norm(eccentricity_rad, axis=-1, keepdims=True)
+    share = gain * np.maximum(0.0, size - threshold_rad) / np.maximum(size, 1e-12)
+    return np.asarray(share * eccentricity_rad)
 
 
 def head_duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
@@ -54,10 +58,19 @@ def head_path(moves: Sequence[HeadMove], times_s: Float[ndarray, " T"]) -> Float
     return total
 
 
-def eyes(head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 3"]:
-    """Both eyes, parallel, without torsion and within their range, looking at `space_rad` from a turning head."""
-    one = rotation.eye_in_head(head, space_rad[:, None, :])
-    angles = rotation.angles_of_gaze(one)
-    yaw = np.clip(angles[..., 0], -YAW_LIMIT_RAD, YAW_LIMIT_RAD)
-    pitch = np.clip(angles[..., 1], *PITCH_LIMITS_RAD)
-    return np.repeat(rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1)), 2, axis=1)
+def eyes(
+    head: Float[ndarray, "T 3"],
+    space_rad: Float[ndarray, "T 2"],
+    vergence: Float[ndarray, " T"],
+    kappa_rad: Float[ndarray, "2 2"],
+    blink_rad: Float[ndarray, "T 2 2"],
+) -> Float[ndarray, "T 2 3"]:
+    """Both eyes of a turning head, without torsion and within their range: where their optical axes point.
+
+    Their lines of sight meet in direction `space_rad` under the angle `vergence`; what a blink moves them by is added.
+    """
+    straight = np.einsum("tji,tj->ti", rotation.matrices(head), rotation.direction_of_angles(space_rad))
+    axes = optical_axes_rad(lines_of_sight(straight, vergence), kappa_rad) + blink_rad
+    yaw = np.clip(axes[..., 0], -YAW_LIMIT_RAD, YAW_LIMIT_RAD)
+    pitch = np.clip(axes[..., 1], *PITCH_LIMITS_RAD)
+    return rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1))

@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.motion import Events, Motion
-from talkingeyes.physiology import articulation, blinks, eye_head, saccades
+from talkingeyes.physiology import articulation, blinks, eye_head, saccades, vergence
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,13 @@ class Continuous:
     """What moves all the time, beside the events.
 
     `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speaking` is the unrest of the
-    head that grows with `activity` (0 still, 1 speaking); `lid_rest` and `lid_waves` are closures beside the blinks.
+    head that grows with `activity` (0 still, 1 speaking); `lid_rest` and `lid_waves` are closures beside the blinks;
+    `kappa_rad` is what each eye's optical axis (yaw, pitch) has over its line of sight, `blink_lag_s` how much later
+    the right lid moves than the left.
     """
 
     gaze_rest_rad: tuple[float, float]
+    kappa_rad: Float[ndarray, "2 2"]
     head_rest: Float[ndarray, " 3"]
     head_waves: Waves
     head_speaking: Waves
@@ -62,6 +65,7 @@ class Continuous:
     translation: Waves
     lid_rest: float
     lid_waves: Waves
+    blink_lag_s: float
     phonemes: Sequence[Phoneme]
     jaw_scale: float
     jaw_asymmetry: float
@@ -79,12 +83,14 @@ def render(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"]
     turned = head(events, continuous, times_s)
     gaze_space = saccades.path(events.saccades, continuous.gaze_rest_rad, times_s)
     unrest = continuous.lid_rest + continuous.lid_waves.at(times_s)
-    shut = blinks.closure(events.blinks, times_s)[:, None]
+    lags_s = (-continuous.blink_lag_s / 2.0, continuous.blink_lag_s / 2.0)
+    shut = np.stack([blinks.closure(events.blinks, times_s - lag) for lag in lags_s], axis=-1)
+    turned_in = vergence.vergence_path(events.refocuses, events.saccades, times_s)
     jaw = articulation.jaw_opening(continuous.phonemes, times_s, continuous.jaw_scale)
     return Motion.of(
         fps=fps,
         head=turned,
-        gaze=eye_head.eyes(turned, gaze_space),
+        gaze=eye_head.eyes(turned, gaze_space, turned_in, continuous.kappa_rad, blinks.eye_shift_rad(shut)),
         translation=continuous.translation.at(times_s),
         lid=np.clip(unrest + (1.0 - unrest) * shut, -0.3, 1.0),
         jaw=np.stack([jaw, continuous.jaw_asymmetry * jaw, np.zeros_like(jaw)], axis=-1),

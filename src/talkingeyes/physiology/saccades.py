@@ -128,8 +128,10 @@ def draw_amplitudes_rad(
     return np.asarray(np.radians(AMPLITUDE_MIN_DEG - AMPLITUDE_MEAN_DEG * np.log1p(-random.uniform(low, high, count))))
 
 
-def draw_directions(count: int, random: np.random.Generator) -> Float[ndarray, "N 2"]:
-    """Steps of unit amplitude in Eyes Alive's directions: cardinals about twice as often as diagonals."""
-    octant = random.choice(8, size=count, p=DIRECTION_PERCENT / DIRECTION_PERCENT.sum())
+def draw_directions(
+    count: int, random: np.random.Generator, octants: Float[ndarray, " 8"] = DIRECTION_PERCENT
+) -> Float[ndarray, "N 2"]:
+    """Steps of unit amplitude; Eyes Alive's directions, cardinals about twice as often as diagonals, unless given."""
+    octant = random.choice(8, size=count, p=octants / octants.sum())
     angle = octant * np.pi / 4 + DIRECTION_JITTER_RAD * random.standard_normal(count)
     return np.stack([np.cos(angle), VERTICAL_SHRINK * np.sin(angle)], axis=-1)

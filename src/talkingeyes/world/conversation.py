@@ -1,38 +1,57 @@
-"""When a speaker looks at the partner and when away: weakly tied to what is said, drawn afresh in every take.
+"""When somebody looks at the partner and when away, talking and listening: weakly tied to speech, drawn anew each take.
 
-Looking away is likely at the start of an utterance (Kendon 1967; Ho, Foulsham & Kingstone 2015) and in pauses,
-looking back at its end; everything else runs by dwell times (Lee, Badler & Badler 2002; Andrist et al. 2013). Each
-such tie is a coin toss with its own latency, so that sound tells little about gaze, as in life. Times are seconds.
+People look away to plan what they say, to hold the floor, and to keep intimacy in bounds (Andrist, Mutlu & Gleicher
+2013, whose times and lengths stand below); talkers look away more than listeners do (Argyle & Cook 1976), start to
+speak with gaze averted and end with it on the partner (Kendon 1967; Ho, Foulsham & Kingstone 2015). Each such tie is a
+coin toss with its own latency, so that sound tells little about gaze, as in life. Times are seconds.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from talkingeyes.audio.annotation import Annotation
+from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.world.speakers import Style
 
-AVERT_AT_START, AVERT_AT_PAUSE, RETURN_AT_END = 0.85, 0.40, 0.60
-START_LATENCY_S = (-0.55, 0.50)
-PAUSE_LATENCY_S = (0.0, 0.30)
+Cause = Literal["planning", "floor", "intimacy"]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When an aversion about an onset of speech starts and ends, as (mean, standard deviation) from that onset."""
+
+    start_s: tuple[float, float]
+    end_s: tuple[float, float]
+
+
+# Andrist et al. mean -1.32 and -1.03 for the starts, measured at onsets after whole turns of the partner.
+TIMINGS: dict[Cause, Timing] = {
+    "planning": Timing((-1.32, 0.60), (1.60, 0.75)),
+    "floor": Timing((-0.60, 0.50), (1.00, 0.60)),
+}
+AVERT_TO_PLAN, AVERT_TO_HOLD = 1.0, 0.55
+RETURN_AT_TURN_END, RETURN_AT_PAUSE = 0.85, 0.30
 RETURN_LATENCY_S = (-0.6, 0.1)
-LEAST_PAUSE_S = 0.25
-PLANNING_S, PLANNING_SPREAD = 1.3, 0.5  # an aversion at the start of an utterance lasts so long into it (Andrist 2013)
-AVERSION_S, AVERSION_SPREAD = 1.6, 0.5
-HAZARD_PER_S = 0.36
+LEAST_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
+PLANNED_PAUSE_S = 0.9  # behind a longer pause, what is said next has to be planned
+INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
+LOOK_SCALE, LOOK_SHAPE = 1.5, 2.0
+LISTENING_SPREAD = 0.26  # of the looks of a listener (7.21 +- 1.88 s)
 LEAST_DWELL_S = 0.45
 WARM_UP_S = 6.0
 
 
 @dataclass(frozen=True)
 class Look:
-    """A stretch of one gaze state."""
+    """A stretch of one gaze state; `cause` is why gaze is averted (without meaning at the partner)."""
 
     start_s: float
     end_s: float
     averted: bool
+    cause: Cause = "intimacy"
 
 
 @dataclass(frozen=True)
@@ -44,56 +63,79 @@ class Asked:
 
 
 def ask(annotation: Annotation, style: Style, random: np.random.Generator) -> Asked:
-    """Toss the coins for utterance starts, pauses and ends; speakers of weak coupling toss fewer."""
+    """Toss the coins for starts and ends of utterances; speakers of weak coupling or quiet eyes toss fewer."""
     away, back = [], []
-    for index, span in enumerate(annotation.speaking):
-        before_s = span.start_s - annotation.speaking[index - 1].end_s if index else np.inf
-        if before_s >= LEAST_PAUSE_S and random.random() < AVERT_AT_START * style.coupling:
-            start = span.start_s + random.normal(*START_LATENCY_S)
-            away.append(
-                Look(start, max(span.start_s, start) + _length(PLANNING_S, PLANNING_SPREAD, style, random), True)
-            )
-        if random.random() < RETURN_AT_END * style.coupling:
+    lively = style.coupling * min(1.0, style.liveliness)
+    spans = annotation.speaking
+    for index, span in enumerate(spans):
+        before_s = span.start_s - spans[index - 1].end_s if index else np.inf
+        after_s = spans[index + 1].start_s - span.end_s if index + 1 < len(spans) else np.inf
+        cause: Cause = "planning" if before_s >= PLANNED_PAUSE_S else "floor"
+        chance = AVERT_TO_PLAN if cause == "planning" else AVERT_TO_HOLD
+        if before_s >= LEAST_PAUSE_S and random.random() < chance * lively * _eagerness(style):
+            timing = TIMINGS[cause]
+            start, end = (span.start_s + random.normal(*each) for each in (timing.start_s, timing.end_s))
+            away.append(Look(start, max(end, start + LEAST_DWELL_S), True, cause))
+        chance = RETURN_AT_TURN_END if after_s >= PLANNED_PAUSE_S else RETURN_AT_PAUSE
+        if after_s >= LEAST_PAUSE_S and random.random() < chance * style.coupling:
             back.append(span.end_s + random.uniform(*RETURN_LATENCY_S))
-    for pause in annotation.pauses:
-        if pause.end_s - pause.start_s >= LEAST_PAUSE_S and random.random() < AVERT_AT_PAUSE * style.coupling:
-            start = pause.start_s + random.normal(*PAUSE_LATENCY_S)
-            away.append(Look(start, start + _length(AVERSION_S, AVERSION_SPREAD, style, random), True))
     return Asked(tuple(sorted(away, key=lambda look: look.start_s)), tuple(sorted(back)))
 
 
 def looks(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> list[Look]:
     """Gaze states from before the clip (so that it starts amid a conversation) to its end, in turns."""
     asked = ask(annotation, style, random)
-    time, averted = -WARM_UP_S, bool(random.random() < 1.0 - style.look)
+    time = -WARM_UP_S
+    looking = style.look_listening if _listens(annotation.listening, time) else style.look
+    averted, cause = bool(random.random() > looking), _asked_cause(asked, time)
     states: list[Look] = []
     while time < seconds:
-        end = _end_away(time, asked, style, random) if averted else _end_looking(time, asked, style, random)
-        states.append(Look(time, end, averted))
+        listens = _listens(annotation.listening, time)
+        end = _end_away(time, asked, listens, random) if averted else _end_looking(time, asked, listens, style, random)
+        states.append(Look(time, end, averted, cause))
         time, averted = end, not averted
+        cause = _asked_cause(asked, time)
     return states
 
 
-def _end_looking(time_s: float, asked: Asked, style: Style, random: np.random.Generator) -> float:
-    """Until the speech asks to look away, or for no reason."""
+def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
+    """Whether the partner has the turn; before the clip whoever has it at its start."""
+    time_s = max(time_s, 0.0)
+    return any(span.start_s <= time_s < span.end_s for span in listening)
+
+
+def _asked_cause(asked: Asked, time_s: float) -> Cause:
+    """Why gaze goes away at a time: as the speech asks, else for no reason in it."""
+    for look in asked.away:
+        if look.start_s <= time_s < look.end_s:
+            return look.cause
+    return "intimacy"
+
+
+def _end_looking(time_s: float, asked: Asked, listens: bool, style: Style, random: np.random.Generator) -> float:
+    """Until the speech asks to look away, or for as long as people of this style hold a look."""
     earliest = time_s + LEAST_DWELL_S
-    unasked = time_s + random.exponential(1.0 / (HAZARD_PER_S * _odds(style) ** 0.8))
+    if listens:
+        odds = style.look_listening / (1.0 - style.look_listening)
+        mean_s = INTIMACY_LISTENING_S[0] * odds / style.liveliness
+        unasked = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * random.standard_normal())
+    else:
+        odds = style.look / (1.0 - style.look)
+        mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds**0.8 / style.liveliness
+        unasked = time_s + random.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
     return float(min([max(unasked, earliest), *(look.start_s for look in asked.away if look.start_s > earliest)]))
 
 
-def _end_away(time_s: float, asked: Asked, style: Style, random: np.random.Generator) -> float:
-    """As long as was asked for or as aversions last, unless the speech asks to look back before."""
+def _end_away(time_s: float, asked: Asked, listens: bool, random: np.random.Generator) -> float:
+    """As long as was asked for or as such aversions last, unless the speech asks to look back before."""
     earliest = time_s + LEAST_DWELL_S
-    end = max(earliest, time_s + _length(AVERSION_S, AVERSION_SPREAD, style, random))
+    end = max(earliest, time_s + random.normal(*(INTIMACY_LISTENING_S if listens else INTIMACY_TALKING_S)))
     for look in asked.away:
         if look.start_s <= time_s < look.end_s:
             end = max(earliest, look.end_s)
     return float(min([end, *(back for back in asked.back_s if back > earliest)]))
 
 
-def _odds(style: Style) -> float:
-    return (1.0 - style.look) / style.look
-
-
-def _length(median_s: float, spread: float, style: Style, random: np.random.Generator) -> float:
-    return float(median_s * _odds(style) ** 0.4 * np.exp(spread * random.standard_normal()))
+def _eagerness(style: Style) -> float:
+    """How much more readily people of a style look away than the average one, who looks 55 % of the time."""
+    return float(np.clip(1.0 + 1.2 * (0.55 - style.look), 0.6, 1.3))

@@ -33,11 +33,11 @@ class Band:
 # with frequency. The drift of posture goes on in silence, the rest comes with speech.
 BANDS = {
     "drift": Band((0.1, 0.42), (3.2, 1.6, 1.6), 8, 0.8),
-    "slow": Band((0.5, 1.8), (1.0, 0.8, 0.7), 6, 1.1),
+    "slow": Band((0.5, 1.8), (1.2, 1.0, 0.8), 6, 1.1),
     "ordinary": Band((1.8, 3.7), (0.11, 0.11, 0.07), 6, 0.8),
     "rapid": Band((3.7, 7.0), (0.055, 0.06, 0.04), 4, 0.6),
 }
-STILL, LEAST_SILENCE_S = 0.10, 0.4
+STILL, LEAST_SILENCE_S = 0.06, 0.4
 STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.85, 0.85, (1.0, 2.2, 1.2)
 NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.30, 0.44), 0.05
 PLAIN_SYLLABLE = 0.04

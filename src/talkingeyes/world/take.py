@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.motion import Blink, Events, Motion, Saccade
+from talkingeyes.motion import Blink, Events, Motion, Refocus, Saccade
 from talkingeyes.physiology import blinks, render
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.render import Continuous, Waves
@@ -24,10 +24,13 @@ from talkingeyes.world.looking import look_around
 from talkingeyes.world.speakers import Style
 
 LID_UNREST = 0.03  # closure; about 1.2 degrees of lid
-TOWARDS_PARTNER = 0.4  # how much rarer blinks are in shifts back to the partner (Williamson 2005)
+# How much rarer blinks are in shifts back to the partner: suppressed towards what matters (Williamson 2005). FACTS' .4
+# would leave shifts of 20 to 30 degrees, most of them ways back, far below Evinger's share of blinks.
+TOWARDS_PARTNER = 0.75
 EVOKED_FULL = 0.5
 LEAST_SPONTANEOUS = 0.25
 HEAD_GRID_S = 0.08
+BLINK_LAG_S, LONGEST_BLINK_LAG_S = 0.004, 0.010
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def perform(
     seen = tuple(each for each in shifts if each.onset_s + each.duration_s > 0)
     events = Events(
         saccades=seen,
+        refocuses=_from_the_start(looking.refocuses, seconds),
         head_moves=tuple(present),
         blinks=_blinks(annotation, style, seconds, seen, looking.partner_rad, random, profile),
     )
@@ -71,6 +75,12 @@ def perform(
     return Take(events, continuous, tuple(look for look in states if look.end_s > 0))
 
 
+def _from_the_start(refocuses: Sequence[Refocus], seconds: float) -> tuple[Refocus, ...]:
+    """What the eyes are set to from time 0 on: the last change before it, and those that follow."""
+    before = max((index for index, each in enumerate(refocuses) if each.onset_s <= 0), default=0)
+    return tuple(each for each in refocuses[before:] if each.onset_s < seconds)
+
+
 def _continuous(annotation: Annotation, style: Style, random: np.random.Generator) -> Continuous:
     posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * random.standard_normal(3)
     drift, *speaking = (gestures.unrest(band, style.head_scale, random) for band in gestures.BANDS.values())
@@ -79,6 +89,7 @@ def _continuous(annotation: Annotation, style: Style, random: np.random.Generato
     )
     return Continuous(
         gaze_rest_rad=(0.0, 0.0),
+        kappa_rad=np.array(style.kappa),
         head_rest=posture,
         head_waves=drift,
         head_speaking=gestures.joined(*speaking),
@@ -86,6 +97,7 @@ def _continuous(annotation: Annotation, style: Style, random: np.random.Generato
         translation=gestures.translation(random),
         lid_rest=style.lid_rest,
         lid_waves=unrest,
+        blink_lag_s=float(np.clip(BLINK_LAG_S * random.standard_normal(), -LONGEST_BLINK_LAG_S, LONGEST_BLINK_LAG_S)),
         phonemes=annotation.phonemes,
         jaw_scale=style.jaw_scale,
         jaw_asymmetry=style.jaw_asymmetry,
@@ -109,5 +121,5 @@ def _blinks(
         if shift.onset_s >= 0 and random.random() < chance * (TOWARDS_PARTNER if end < start else 1.0):
             evoked.append(blinks.draw_blink(profile, shift.onset_s + random.uniform(-0.03, 0.03), random, EVOKED_FULL))
     spontaneous = max(style.blinks_per_min - 60.0 * len(evoked) / seconds, LEAST_SPONTANEOUS * style.blinks_per_min)
-    others = blinks.draw_blinks(profile, seconds, random, annotation, rate_per_min=spontaneous)
-    return blinks.without_overlap([*evoked, *others])
+    others = blinks.draw_blinks(profile, seconds, random, annotation, spontaneous, style.blink_completeness)
+    return blinks.without_overlap(evoked, others)

@@ -1,0 +1,82 @@
+"""Two eyes on one target: vergence towards its distance, and each eye's own axis.
+
+Both eyes turn in by atan(half the distance of the eyes / distance of the target); people do so only in part (Malinov
+et al. 2000), slowly (some 200 ms), and every saccade carries a short divergence, as the abducting eye is the faster one
+(Collewijn, Erkelens & Steinman 1988). The pupil does not lie on the line of sight: the optical axis, which pupils, lids
+and cameras follow, stands off the visual axis by kappa, a constant of each eye. Motion.gaze is the optical axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import rotation
+from talkingeyes.motion import Refocus, Saccade
+
+HALF_EYE_DISTANCE_M = 0.03145
+GAIN = 0.7
+TIME_CONSTANT_S = 0.200
+# Of a saccade's horizontal part: 10 degrees diverge by half a degree in flight, none by more than 3.
+DIVERGENCE_SHARE, DIVERGENCE_LIMIT_RAD = 0.05, np.radians(3.0)
+DIVERGENCE_STRETCH = 1.6  # it is gone somewhat after the saccade
+
+
+def vergence_rad(distance_m: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
+    """The angle between the lines of sight of somebody who looks at a distance."""
+    return np.asarray(GAIN * 2.0 * np.arctan(HALF_EYE_DISTANCE_M / np.asarray(distance_m)))
+
+
+def vergence_path(
+    refocuses: Sequence[Refocus], saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]
+) -> Float[ndarray, " T"]:
+    """The angle between the lines of sight at ascending times; 0 without a target.
+
+    Each target is approached exponentially from wherever the last one has led until then; the first has been reached
+    long before.
+    """
+    path = np.zeros(len(times_s))
+    if refocuses:
+        onset_s = np.array([each.onset_s for each in refocuses])
+        target = vergence_rad(np.array([each.distance_m for each in refocuses]))
+        start = target.copy()
+        for index in range(1, len(target)):
+            left = np.exp(-(onset_s[index] - onset_s[index - 1]) / TIME_CONSTANT_S)
+            start[index] = target[index - 1] + (start[index - 1] - target[index - 1]) * left
+        now = np.maximum(np.searchsorted(onset_s, times_s, side="right") - 1, 0)
+        left = np.exp(-np.maximum(times_s - onset_s[now], 0.0) / TIME_CONSTANT_S)
+        path = target[now] + (start - target)[now] * left
+    return np.asarray(path - divergence(saccades, times_s))
+
+
+def divergence(saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+    """How far the eyes diverge for a moment in saccades: a raised cosine over each and shortly after."""
+    if not saccades:
+        return np.zeros(len(times_s))
+    onset, duration, start, end = np.array(
+        [(s.onset_s, s.duration_s, s.start_rad[0], s.end_rad[0]) for s in saccades]
+    ).T
+    size = np.minimum(DIVERGENCE_SHARE * np.abs(end - start), DIVERGENCE_LIMIT_RAD)
+    now = np.maximum(np.searchsorted(onset, times_s, side="right") - 1, 0)
+    phase = np.clip((times_s - onset[now]) / (DIVERGENCE_STRETCH * duration[now]), 0.0, 1.0)
+    return np.asarray(size[now] * 0.5 * (1.0 - np.cos(2.0 * np.pi * phase)))
+
+
+def lines_of_sight(one: Float[ndarray, "T 3"], vergence: Float[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
+    """Unit vectors from the left and the right eye to a target in direction `one` from between them, in the head.
+
+    The target's distance is given by the vergence that it would have straight ahead; beyond infinity they diverge.
+    """
+    aside = np.tan(vergence / 2.0)
+    both = np.stack([one, one], axis=1)
+    both[:, 0, 0] -= aside
+    both[:, 1, 0] += aside
+    return np.asarray(both / np.linalg.norm(both, axis=-1, keepdims=True))
+
+
+def optical_axes_rad(sight: Float[ndarray, "T 2 3"], kappa_rad: Float[ndarray, "2 2"]) -> Float[ndarray, "T 2 2"]:
+    """(yaw, pitch) of the optical axes of eyes whose lines of sight are given; `kappa_rad` is added to both angles."""
+    return np.asarray(rotation.angles_of_direction(sight) + kappa_rad)
