@@ -11,8 +11,9 @@ from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
+from talkingeyes.world.accents import VARIANTS, Voice, draw_voice
 from talkingeyes.world.text import Filler, Pause, Script, Sentence, Word, write_script
-from talkingeyes.world.voices import VARIANTS, Spoken, Voice, draw_voice, speak, speak_about
+from talkingeyes.world.voices import Spoken, speak, speak_about
 
 pytest.importorskip("espeakng_loader")
 VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
@@ -176,5 +177,5 @@ def test_unknown_voice_is_refused_in_one_line(name: str) -> None:
 
 
 def test_unknown_language_is_refused() -> None:
-    with pytest.raises(InputError, match="one of en, fr, got 'xx'"):
+    with pytest.raises(InputError, match="one of en, fr, de, es, it, pt, nl, got 'xx'"):
         draw_voice(np.random.default_rng(0), "xx")

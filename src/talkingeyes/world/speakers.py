@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
-from talkingeyes.world.voices import Voice, draw_voice
+from talkingeyes.world.accents import Voice, draw_voice
 
 LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
 BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)

@@ -99,7 +99,8 @@ SECONDS_PER_LETTER = 0.051
 SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
-NEAR_S = 0.3
+ANOTHER_S = 2.3  # what a short sentence needs
+NEAR_S = 0.2
 SLOT = re.compile(r"\{(\w+)\}")
 
 
@@ -146,14 +147,14 @@ def write_sentence(
     for _ in range(CANDIDATES):
         candidates.append(_sentence(kind, grammar, random, share))
         over_s = left_s - spoken_s(candidates[-1], pace)
-        if over_s > SHORTEST_SENTENCE_S or abs(over_s) < NEAR_S:
+        if over_s > ANOTHER_S or abs(over_s) < NEAR_S:
             return candidates[-1]
     return min(candidates, key=lambda each: abs(left_s - spoken_s(without_last_pause(each), pace)))
 
 
 def spoken_s(sentence: Sentence, pace: float = 1.0) -> float:
     """About how long a sentence takes, its pauses included."""
-    return sum(_part_s(part, pace) for part in sentence.parts)
+    return sum((_part_s(part, pace) for part in sentence.parts), 0.0)
 
 
 def _part_s(part: Part, pace: float) -> float:

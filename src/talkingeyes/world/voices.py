@@ -1,14 +1,15 @@
-"""Who says it: many voices of espeak-ng, with the times of words and phonemes.
+"""How it sounds: scripts in voices, one person alone or two in turns, with the times of all that is said.
 
-Pauses are not left to espeak: each run of words is spoken alone, trimmed, and set between silences of exactly the
-length that the script asks for. Pure: gives a sound and its annotation; nothing is read or written.
+The sound is put together at espeak's rate, phrase by phrase, and ends in whole frames of 25 a second. A turn is
+written while it is spoken, so that it ends in time: a sentence is chosen by how long this voice took so far.
+Pure: gives sounds and annotations; nothing is read or written.
 """
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,8 +19,21 @@ from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.audio.loudness import with_loudness
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
-from talkingeyes.world.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say, engine
-from talkingeyes.world.text import Filler, Pause, Script, Word, write_script
+from talkingeyes.world.accents import Voice
+from talkingeyes.world.espeak import NATIVE_HZ, Say, engine
+from talkingeyes.world.phrases import Run, Said, runs, said
+from talkingeyes.world.text import (
+    ALL_TEXT,
+    ANOTHER_S,
+    SHORTEST_SENTENCE_S,
+    Pause,
+    Script,
+    Sentence,
+    TextShare,
+    spoken_s,
+    without_last_pause,
+    write_sentence,
+)
 
 FRAME = 882  # native samples in a frame of 25 fps; resampled they are exactly 640
 LEVEL_RMS = 10 ** (-23 / 20)
@@ -27,205 +41,247 @@ PEAK = 0.97
 EDGE_SILENCE_S = (0.2, 0.6)
 SPEAKING_GAP_S = 0.25
 JOINT_S = 0.03
-FADE_S = 0.004
-TRIM_LEVEL = 10 ** (-42 / 20)
-FILLER_RATE = 0.7  # an um is drawn out
 USUAL_RATE_WPM = 170
-
-ACCENTS: dict[str, tuple[str, ...]] = {
-    "en": ("en-us", "en", "en-gb-scotland", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-x-gbcwmd", "en-029", "en-us-nyc"),
-    "fr": ("fr", "fr-be", "fr-ch"),
-}
-VARIANTS = ("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "f1", "f2", "f3", "f4", "f5", "Andy", "Alicia", "Annie")
-RATES_WPM = (145, 195)
-PITCHES = (30, 70)
-PITCH_RANGES = (35, 80)
-
-
-@dataclass(frozen=True)
-class Voice:
-    """A voice of espeak-ng: `espeak_voice` is accent+variant; pitch and pitch_range are espeak's 0 to 99."""
-
-    name: str
-    language: str
-    espeak_voice: str
-    rate_wpm: int
-    pitch: int
-    pitch_range: int
+# How long espeak takes in a language against text.SECONDS_PER_LETTER, over 30 voices each.
+PACES = {"en": 0.97, "fr": 0.91, "de": 1.02, "es": 1.16, "it": 1.10, "pt": 1.15, "nl": 1.10}
+PACE_PRIOR_S = 2.0  # so much speech at the usual pace a voice's own pace is averaged with
+LEAST_HASTE, MOST_HASTE = 0.9, 1.12  # the last sentence of a turn is slower or faster, to end in time
+ATTEMPTS = 50
+TURN_S = 6.0  # of a conversation, on average
+TURN_SPREAD = 0.35
+SPEAKERS_PART = 1.5  # the speaker's turns against the partner's
+# From the end of a turn to the start of the next: median .2 s in ten languages (Stivers et al. 2009, PNAS 106(26)).
+CHANGE_S = (0.2, 0.6, 0.05, 1.2)
 
 
 @dataclass(frozen=True)
 class Spoken:
-    """A spoken script: sound at 16 kHz (a whole number of frames at 25 fps), what is known about it, its text."""
+    """A sound at 16 kHz (a whole number of frames at 25 fps), what is known about it, and what was said.
+
+    `partner` is what the partner says meanwhile, as long as the sound; None where nobody else speaks.
+    """
 
     sound: Float[ndarray, " N"]
     annotation: Annotation
-    text: str
+    script: Script
+    partner: Float[ndarray, " N"] | None = None
+    partner_script: Script | None = None
 
     @property
     def seconds(self) -> float:
         return len(self.sound) / SAMPLE_RATE
 
+    @property
+    def text(self) -> str:
+        """What the speaker says, hesitations included."""
+        return self.script.text
 
-def draw_voice(random: np.random.Generator, language: str) -> Voice:
-    """A new voice for a language. Raises InputError if there is none."""
-    if language not in ACCENTS:
-        raise InputError(f"voices: language should be one of {', '.join(ACCENTS)}, got {language!r}")
-    espeak_voice = f"{random.choice(ACCENTS[language])}+{random.choice(VARIANTS)}"
-    rate, pitch, pitch_range = (int(random.integers(a, b + 1)) for a, b in (RATES_WPM, PITCHES, PITCH_RANGES))
-    return Voice(f"{espeak_voice}-{rate}-{pitch}-{pitch_range}", language, espeak_voice, rate, pitch, pitch_range)
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All sentences of both, without hesitations."""
+        return self.script.sentences_text + (self.partner_script.sentences_text if self.partner_script else ())
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who is heard: the speaker, and the partner where there is one."""
+
+    speaker: Voice
+    partner: Voice | None = None
 
 
 def speak_about(
     voice: Voice, shortest_s: float, longest_s: float, random: np.random.Generator
 ) -> tuple[Script, Spoken]:
-    """A new script whose sound, in this voice, lasts between two lengths (scripts of other lengths are dropped)."""
-    for _ in range(200):
-        target_s = random.uniform(shortest_s, longest_s) - sum(EDGE_SILENCE_S)
-        script = write_script(voice.language, target_s * voice.rate_wpm / USUAL_RATE_WPM, random)
-        spoken = speak(script, voice)
+    """One person alone, on anything, for a time between two lengths."""
+    spoken = converse(Cast(voice), shortest_s, longest_s, random)
+    return spoken.script, spoken
+
+
+def converse(
+    cast: Cast, shortest_s: float, longest_s: float, random: np.random.Generator, share: TextShare = ALL_TEXT
+) -> Spoken:
+    """New talk of sentences from a share of all text, between two lengths (what missed them is dropped)."""
+    for _ in range(ATTEMPTS):
+        seconds = float(np.exp(random.uniform(np.log(shortest_s), np.log(longest_s))))
+        spoken = _talk(cast, seconds, random, share)
         if shortest_s <= spoken.seconds <= longest_s:
-            return script, spoken
-    raise InputError(f"voices: no script of {shortest_s} to {longest_s} s in 200 draws; widen the range")
+            return spoken
+    raise InputError(f"voices: no talk of {shortest_s} to {longest_s} s in {ATTEMPTS} draws; widen the range")
 
 
 def speak(script: Script, voice: Voice) -> Spoken:
     """The sound of a script. The same script and voice give the same bytes, whatever was said before."""
-    edges = np.random.default_rng(zlib.crc32(repr((script, voice)).encode())).uniform(*EDGE_SILENCE_S, size=2)
+    edges_s = np.random.default_rng(zlib.crc32(repr((script, voice)).encode())).uniform(*EDGE_SILENCE_S, size=2)
+    track = Track(voice, round(edges_s[0] * NATIVE_HZ))
     with engine(voice.espeak_voice) as say:
-        runs = [run if isinstance(run, Pause) else _said(say, run, voice) for run in _runs(script)]
-    return _joined(runs, edges[0], edges[1], script.text)
+        for sentence in script.sentences:
+            track.put(sentence, say)
+    return _spoken(track, None, track.at_s + edges_s[1])
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Words without a pause between them, or one filler."""
+@dataclass
+class Track:
+    """What one person says, put down piece by piece; `at` is the native sample where the next piece comes."""
 
-    text: str
-    filler: bool = False
+    voice: Voice
+    at: int = 0
+    pieces: list[tuple[int, ndarray]] = field(default_factory=list)
+    words: list[Span] = field(default_factory=list)
+    phonemes: list[Phoneme] = field(default_factory=list)
+    voiced: list[Span] = field(default_factory=list)
+    pauses: list[Span] = field(default_factory=list)
+    fillers: list[Span] = field(default_factory=list)
+    spans: list[Span] = field(default_factory=list)
+    turns: list[Span] = field(default_factory=list)
+    sentences: list[Sentence] = field(default_factory=list)
+
+    @property
+    def at_s(self) -> float:
+        return self.at / NATIVE_HZ
+
+    @property
+    def script(self) -> Script:
+        return Script(self.voice.language, tuple(self.sentences))
+
+    @property
+    def pace(self) -> float:
+        """How long this voice takes against the usual rate, by what it said so far."""
+        usual = PACES[self.voice.language] * USUAL_RATE_WPM / self.voice.rate_wpm
+        silent = _seconds(self.pauses)
+        written_s = sum(map(spoken_s, self.sentences), 0.0) - silent
+        return (usual * PACE_PRIOR_S + _seconds(self.voiced)) / (PACE_PRIOR_S + written_s)
+
+    def put(self, sentence: Sentence, say: Say, haste: float = 1.0) -> None:
+        """Speak a sentence, faster than usual by a factor."""
+        start_s, joint = self.at_s, 0
+        voice = replace(self.voice, rate_wpm=round(self.voice.rate_wpm * haste))
+        for run in runs(sentence.parts):
+            if isinstance(run, Run):
+                self.at += joint
+                self._sound(said(say, run, voice))
+                joint = round(JOINT_S * NATIVE_HZ)
+            else:
+                self._silence(run)
+                joint = 0
+        self.spans.append(Span(start_s, self.voiced[-1].end_s, sentence.kind))
+        self.sentences.append(sentence)
+
+    def go_on(self, pause: Pause) -> None:
+        """A silence between the sentence just said, whose last part it becomes, and the next."""
+        last = self.sentences[-1]
+        self.sentences[-1] = Sentence(last.text, last.kind, (*last.parts, pause))
+        self._silence(pause)
+
+    def _silence(self, pause: Pause) -> None:
+        start_s = self.at_s
+        self.at += round(pause.seconds * NATIVE_HZ)
+        self.pauses.append(Span(start_s, self.at_s, pause.kind))
+
+    def _sound(self, run: Said) -> None:
+        start_s = self.at_s
+        self.pieces.append((self.at, run.sound))
+        self.at += len(run.sound)
+        self.voiced.append(Span(start_s, self.at_s))
+        self.words += [Span(start_s + each.start_s, start_s + each.end_s, each.label) for each in run.words]
+        self.phonemes += [_moved(each, start_s) for each in run.phonemes]
+        self.fillers += [Span(start_s, self.at_s, run.filler)] * bool(run.filler)
+
+    def waveform(self, samples: int) -> Float[ndarray, " N"]:
+        """The track at 16 kHz and one level while speech sounds, less only where a peak would clip."""
+        import soxr
+
+        sound = np.zeros(samples)
+        for start, piece in self.pieces:
+            sound[start : start + len(piece)] = piece
+        power = sum(float(piece @ piece) for _, piece in self.pieces) / sum(len(piece) for _, piece in self.pieces)
+        gain = LEVEL_RMS * 10 ** (self.voice.level_db / 20) / np.sqrt(power)
+        sound *= min(gain, PEAK / max(float(sound.max()), -float(sound.min())))
+        resampled = soxr.resample(sound, NATIVE_HZ, SAMPLE_RATE, quality="HQ")
+        return np.asarray(resampled[: len(resampled) // 640 * 640], np.float32)
 
 
-@dataclass(frozen=True)
-class _Said:
-    """A spoken run, times counted in seconds from its own start."""
-
-    sound: Float[ndarray, " N"]
-    words: tuple[Span, ...]
-    phonemes: tuple[Phoneme, ...]
-    filler: str
+def _moved(phoneme: Phoneme, by_s: float) -> Phoneme:
+    start_s, end_s = by_s + phoneme.start_s, by_s + phoneme.end_s
+    return Phoneme(start_s, end_s, phoneme.symbol, phoneme.stressed, phoneme.prominence)
 
 
-def _runs(script: Script) -> list[_Run | Pause]:
-    """The script as runs of words, fillers and pauses. A run broken off gets a comma, so the voice stays up."""
-    runs: list[_Run | Pause] = []
-    words: list[str] = []
-
-    def flush() -> None:
-        if words:
-            text = " ".join(words)
-            runs.append(_Run(text if text[-1] in ".,?!" else text + ","))
-            words.clear()
-
-    for part in script.parts:
-        if isinstance(part, Word):
-            words.append(part.text)
-            continue
-        flush()
-        runs.append(_Run(part.text + ",", filler=True) if isinstance(part, Filler) else part)
-    flush()
-    return runs
+def _talk(cast: Cast, seconds: float, random: np.random.Generator, share: TextShare) -> Spoken:
+    """Turns that fill a time; the silence at the end makes up for what is missing."""
+    before_s, after_s = random.uniform(*EDGE_SILENCE_S, size=2)
+    track = Track(cast.speaker)
+    partner = Track(cast.partner) if cast.partner else None
+    at_s = before_s
+    for who, end_s in _turns(track, partner, before_s, seconds - after_s, random):
+        who.at = round(at_s * NATIVE_HZ)
+        _turn(who, end_s, random, share)
+        at_s = who.at_s + _drawn_change_s(random)
+    end_s = max(each.at_s for each in (track, partner) if each)
+    silence_s = min(max(seconds - end_s, EDGE_SILENCE_S[0]), EDGE_SILENCE_S[1])
+    return _spoken(track, partner, end_s + silence_s)
 
 
-def _said(say: Say, run: _Run, voice: Voice) -> _Said:
-    """Speak a run and cut espeak's own padding off by level, so that silence outside it is the script's alone."""
-    rate_wpm = round(voice.rate_wpm * (FILLER_RATE if run.filler else 1))
-    raw = say(run.text, rate_wpm, voice.pitch, voice.pitch_range)
-    loud = np.flatnonzero(np.abs(raw.sound) > TRIM_LEVEL * np.abs(raw.sound).max(initial=1e-6))
-    fade = round(FADE_S * NATIVE_HZ)
-    start, stop = max(int(loud[0]) - fade, 0), min(int(loud[-1]) + fade, len(raw.sound))
-    sound = raw.sound[start:stop].copy()
-    ramp = np.sin(np.linspace(0, np.pi / 2, fade)) ** 2
-    sound[:fade] *= ramp
-    sound[-fade:] *= ramp[::-1]
-    phonemes, words = _timed(raw, run.text, start, stop)
-    return _Said(sound, words, phonemes, run.text.strip(".,?!") if run.filler else "")
+def _turns(
+    track: Track, partner: Track | None, start_s: float, end_s: float, random: np.random.Generator
+) -> list[tuple[Track, float]]:
+    """Who speaks until when: alone, or by turns that either may begin."""
+    if partner is None:
+        return [(track, end_s)]
+    count = max(2, round((end_s - start_s) / TURN_S))
+    first = int(random.integers(2))
+    who = [(track, partner)[(first + index) % 2] for index in range(count)]
+    part = np.exp(TURN_SPREAD * random.standard_normal(count)) * [SPEAKERS_PART if w is track else 1.0 for w in who]
+    ends = start_s + (end_s - start_s) * np.cumsum(part) / part.sum()
+    return [(each, float(end)) for each, end in zip(who, ends, strict=True)]
 
 
-def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
-    """Phonemes and words in seconds from sample `start`. A word lasts from its first phoneme to its last."""
-    ends = [*[event.sample for event in raw.events if event.kind == PHONEME][1:], stop]
-    phonemes: list[Phoneme] = []
-    positions: list[int] = []
-    first_of: list[int] = []
-    following = iter(ends)
-    for event in raw.events:
-        if event.kind == WORD:
-            positions.append(event.text_position - 1)
-            first_of.append(len(phonemes))
-            continue
-        begin_s, end_s = ((min(max(at, start), stop) - start) / NATIVE_HZ for at in (event.sample, next(following)))
-        symbol = event.symbol.lstrip("',%=")
-        if symbol == ";" and phonemes:  # a palatal glide into the next sound: no phoneme of its own
-            phonemes[-1] = Phoneme(phonemes[-1].start_s, end_s, phonemes[-1].symbol, phonemes[-1].stressed)
-        elif end_s > begin_s and not symbol.startswith(("_", "|")) and symbol:
-            phonemes.append(Phoneme(begin_s, end_s, symbol, event.symbol.startswith("'")))
-    words = []
-    for (i, j), (a, b) in zip(pairwise([*first_of, len(phonemes)]), pairwise([*positions, len(text)]), strict=True):
-        if j > i:
-            words.append(Span(phonemes[i].start_s, phonemes[j - 1].end_s, text[a:b].strip(" .,?!")))
-    return tuple(phonemes), tuple(words)
+def _turn(track: Track, end_s: float, random: np.random.Generator, share: TextShare) -> None:
+    """Sentences until a time, never less than one."""
+    start_s = track.at_s
+    with engine(track.voice.espeak_voice) as say:
+        while True:
+            left_s = end_s - track.at_s
+            sentence = write_sentence(track.voice.language, left_s, random, share, track.pace)
+            pause = sentence.parts[-1]
+            sentence = without_last_pause(sentence)
+            needed_s = spoken_s(sentence, track.pace)
+            haste = needed_s / max(left_s, 0.1) if left_s - needed_s < ANOTHER_S else 1.0
+            track.put(sentence, say, min(max(haste, LEAST_HASTE), MOST_HASTE))
+            if not isinstance(pause, Pause) or end_s - track.at_s - pause.seconds < SHORTEST_SENTENCE_S:
+                break
+            track.go_on(pause)
+    track.turns.append(Span(start_s, track.at_s))
 
 
-def _joined(runs: list[_Said | Pause], before_s: float, after_s: float, text: str) -> Spoken:
-    """Runs and silences in a row, with every time shifted to its place; one level for all voices."""
-    import soxr
+def _drawn_change_s(random: np.random.Generator) -> float:
+    median_s, sigma, shortest_s, longest_s = CHANGE_S
+    return float(min(max(random.lognormal(np.log(median_s), sigma), shortest_s), longest_s))
 
-    pieces = [np.zeros(round(before_s * NATIVE_HZ))]
-    words: list[Span] = []
-    phonemes: list[Phoneme] = []
-    voiced: list[Span] = []
-    pauses: list[Span] = []
-    fillers: list[Span] = []
-    at = len(pieces[0])
-    for run, after in zip(runs, [*runs[1:], None], strict=True):
-        start_s = at / NATIVE_HZ
-        if isinstance(run, Pause):
-            pieces.append(np.zeros(round(run.seconds * NATIVE_HZ)))
-            pauses.append(Span(start_s, (at + len(pieces[-1])) / NATIVE_HZ, run.kind))
-        else:
-            pieces.append(run.sound)
-            voiced.append(Span(start_s, (at + len(run.sound)) / NATIVE_HZ))
-            words += [Span(start_s + w.start_s, start_s + w.end_s, w.label) for w in run.words]
-            phonemes += [Phoneme(start_s + p.start_s, start_s + p.end_s, p.symbol, p.stressed) for p in run.phonemes]
-            fillers += [Span(voiced[-1].start_s, voiced[-1].end_s, run.filler)] * bool(run.filler)
-            if isinstance(after, _Said):
-                pieces.append(np.zeros(round(JOINT_S * NATIVE_HZ)))
-                at += len(pieces[-1])
-        at += len(pieces[-1]) if isinstance(run, Pause) else len(run.sound)
-    length = at + round(after_s * NATIVE_HZ)
-    pieces.append(np.zeros(-(-length // FRAME) * FRAME - at))
-    sound = soxr.resample(_levelled(np.concatenate(pieces), voiced), NATIVE_HZ, SAMPLE_RATE, quality="HQ")
-    sound = sound[: len(sound) // 640 * 640].astype(np.float32)
+
+def _spoken(track: Track, partner: Track | None, seconds: float) -> Spoken:
+    samples = -(-round(seconds * NATIVE_HZ) // FRAME) * FRAME
+    sound = track.waveform(samples)
     annotation = Annotation(
-        words=tuple(words),
-        phonemes=tuple(phonemes),
-        speaking=_merged(voiced),
-        pauses=tuple(pauses),
-        fillers=tuple(fillers),
+        words=tuple(track.words),
+        phonemes=tuple(track.phonemes),
+        speaking=_merged(track.voiced),
+        listening=tuple(partner.turns) if partner else (),
+        pauses=tuple(track.pauses),
+        fillers=tuple(track.fillers),
+        sentences=tuple(track.spans),
+        partner=_merged(partner.voiced) if partner else (),
     )
-    return Spoken(sound, with_loudness(annotation, sound), text)
+    annotation = with_loudness(annotation, sound)
+    if partner is None:
+        return Spoken(sound, annotation, track.script)
+    return Spoken(sound, annotation, track.script, partner.waveform(samples), partner.script)
 
 
-def _levelled(sound: Float[ndarray, " N"], voiced: list[Span]) -> Float[ndarray, " N"]:
-    """At the level LEVEL_RMS while speech sounds; less only where a peak would clip."""
-    power = sum(float(np.sum(sound[round(v.start_s * NATIVE_HZ) : round(v.end_s * NATIVE_HZ)] ** 2)) for v in voiced)
-    seconds = sum(v.end_s - v.start_s for v in voiced)
-    gain = LEVEL_RMS / np.sqrt(power / (seconds * NATIVE_HZ))
-    levelled: ndarray = sound * min(gain, PEAK / np.abs(sound).max())
-    return levelled
+def _seconds(spans: Sequence[Span]) -> float:
+    return sum((span.end_s - span.start_s for span in spans), 0.0)
 
 
-def _merged(voiced: list[Span]) -> tuple[Span, ...]:
+def _merged(voiced: Sequence[Span]) -> tuple[Span, ...]:
     """Runs of speech; gaps below SPEAKING_GAP_S do not end one."""
     spans: list[Span] = []
     for each in voiced:
