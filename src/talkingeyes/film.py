@@ -39,32 +39,53 @@ def render(
     camera: str = "head",
     sound: Path | str | None = None,
     size: int = 512,
+    keys: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
     """Film the motion of a file on a head; returns the motion that was filmed.
 
+    `keys`: its saccades and blinks as somebody edited them (`talkingeyes export -f events`).
+
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers;
     angles are degrees, the camera moves to the subject's left and up. Raises InputError (one line) for a mistake.
     """
+    target = target_file(Path(out), ".mp4", force)
+    _within("size", size, PICTURE_PX)
+    framing_of(camera).view(size, size)  # refused before anything is read
+    shown = Motion.load(Path(motion))
+    if keys is not None:
+        from talkingeyes.performance.keys import edited, load_keys
+
+        shown = edited(shown, load_keys(Path(keys)))
+    return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size)
+
+
+def film(
+    motion: Motion,
+    target: Path,
+    *,
+    head: str = "anny",
+    model: Path | str | None = None,
+    camera: str = "head",
+    sound: Path | str | None = None,
+    size: int = 512,
+) -> Motion:
+    """Film a motion on a head, as `render` does that of a file; returns the motion as the head shows it."""
     from talkingeyes.audio.waveform import read_speech
     from talkingeyes.export.video import write_video
     from talkingeyes.head.render import Painter
     from talkingeyes.run import progress
 
-    target = _target(Path(out), ".mp4", force)
-    _within("size", size, PICTURE_PX)
-    framing = framing_of(camera)
-    framing.view(size, size)  # refused before anything is read
-    shown = Motion.load(Path(motion))
     heard = None if sound is None else read_speech(sound)
     drawn = open_named(head, model)
-    played = on_head(shown, drawn, model)
+    played = on_head(motion, drawn, model)
+    framing = framing_of(camera)
     view = framing.on(drawn.eye_centres).view(size, size)
     pictures = iter(progress(Painter(drawn, view).draw(played), target.name, len(played)))
     try:
         write_video(target, pictures, played.fps, heard)
     except OSError as error:
-        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
+        raise InputError(f"{target}: should be a file that can be written, got: {error.strerror or error}") from None
     return played
 
 
@@ -76,7 +97,7 @@ def picture(
 
     from talkingeyes.head.sheet import eyes_sheet
 
-    target = _target(Path(out), ".png", force)
+    target = target_file(Path(out), ".png", force)
     _within("size", size, SHEET_PX)
     image = Image.fromarray(eyes_sheet(open_named(head, model), size))
     partial = target.with_name(f".{target.name}.partial")
@@ -152,7 +173,7 @@ def _within(name: str, value: int, bounds: tuple[int, int]) -> None:
         raise InputError(f"{name}: should be {bounds[0]} to {bounds[1]} pixels, got {value}")
 
 
-def _target(out: Path, suffix: str, force: bool) -> Path:
+def target_file(out: Path, suffix: str, force: bool) -> Path:
     """The file to write, checked before any work is done."""
     if out.suffix != suffix:
         raise InputError(f"{out}: should be a name that ends in {suffix}")

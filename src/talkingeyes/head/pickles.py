@@ -7,8 +7,10 @@ taken out of it.
 
 from __future__ import annotations
 
+import io
 import pickle
 from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,6 +25,16 @@ ARRAYS = (
     ("numpy", "dtype"),
     *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
 )
+STORAGES = {
+    "Float": "<f4",
+    "Double": "<f8",
+    "Half": "<f2",
+    "Long": "<i8",
+    "Int": "<i4",
+    "Short": "<i2",
+    "Byte": "u1",
+    "Bool": "?",
+}
 PYTHON2 = {"copy_reg": "copyreg", "__builtin__": "builtins"}
 CHUMPY = (("chumpy.ch", "Ch"), ("chumpy", "Ch"))
 SPARSE = tuple((f"scipy.sparse{at}", f"{kind}_matrix") for kind in ("csc", "csr") for at in (f".{kind}", f"._{kind}"))
@@ -67,14 +79,55 @@ class _Restricted(pickle.Unpickler):
         return State.__new__(kind)
 
 
+class _Tensors(_Restricted):
+    """Knows torch's tensors too, and makes arrays of them."""
+
+    def __init__(self, file: IO[bytes], memory: Callable[[str], bytes]) -> None:
+        super().__init__(file)
+        self._memory = memory
+        self._harmless |= {
+            **{("torch", f"{name}Storage"): np.dtype(kind) for name, kind in STORAGES.items()},
+            ("torch._utils", "_rebuild_tensor_v2"): _tensor,
+            ("torch._utils", "_rebuild_parameter"): lambda data, *_: data,
+        }
+
+    def persistent_load(self, pid: Any) -> ndarray:
+        """The memory of a storage: ("storage", its kind, its key, where it was, how many)."""
+        _, kind, key, _, count = pid
+        return np.frombuffer(self._memory(str(key)), kind, int(count))
+
+
+def _tensor(storage: ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *_: Any) -> ndarray:
+    """A copy of a view into a storage, which checks that the view lies in it."""
+    last = offset + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
+    if 0 in shape:
+        return np.zeros(shape, storage.dtype)
+    if min(offset, *strides, 0) < 0 or last >= len(storage):
+        raise pickle.UnpicklingError(f"a tensor of shape {shape} reaches out of its memory")
+    steps = tuple(step * storage.itemsize for step in strides)
+    return np.array(np.lib.stride_tricks.as_strided(storage[offset:], shape, steps))
+
+
 def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
     """The content of a pickle, all names in it harmless. Raises InputError in one line for anything else."""
     try:
         with path.open("rb") as file:
             file.seek(skip_bytes)
-            return _Restricted(file).load()
+            return _loaded(path, _Restricted(file))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def read_tensors(path: Path, pickled: bytes, memory: Callable[[str], bytes]) -> Any:
+    """The same for the pickle in a file that torch saved; `memory` gives the bytes of a tensor's storage."""
+    return _loaded(path, _Tensors(io.BytesIO(pickled), memory))
+
+
+def _loaded(path: Path, reader: _Restricted) -> Any:
+    try:
+        return reader.load()
     except (EOFError, pickle.UnpicklingError) as error:
         raise InputError(f"{path}: not a readable pickle of arrays ({_line(error)})") from None
     except Exception as error:  # what a broken pickle raises is not limited: numpy, memory, recursion

@@ -1,0 +1,60 @@
+"""The saccades and blinks of a motion as sparse keys for editing: those it was made with, or else those found in it.
+
+`talkingeyes animate` writes the events of a motion beside it (NAME.events.json); a motion without them is searched by
+the benchmark's detectors (metrics.detectors). `talkingeyes render MOTION --keys FILE` plays the edited keys.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes import rotation
+from talkingeyes.export.whole import written
+from talkingeyes.metrics.detectors.blinks import detect_blinks
+from talkingeyes.metrics.detectors.saccades import detect_saccades
+from talkingeyes.motion import Blink, Events, Motion, Saccade
+from talkingeyes.performance.events import find_saccades
+from talkingeyes.performance.keys import save_keys
+from talkingeyes.physiology import saccades as law
+
+FRAMES_HOLD_COURSE_FPS = 60.0  # from here, frames hold the course of a saccade
+SHUT_SHARE = 0.3  # of a blink's time that the lids close in, where only its peak is known
+
+
+def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None:
+    """Write keys: `events` if they are known."""
+    with written(path) as partial:
+        save_keys(partial, found_events(motion) if events is None else events, motion.fps)
+
+
+def found_events(motion: Motion) -> Events:
+    """Saccades of gaze in space and blinks, as far as frames show them."""
+    space = rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
+    if motion.fps < FRAMES_HOLD_COURSE_FPS:
+        saccades = find_saccades(space, motion.fps)
+    else:
+        seen = detect_saccades(space, motion.fps, motion.valid)
+        saccades = tuple(
+            Saccade(
+                float(onset),
+                float(offset - onset),
+                _pair(start),
+                _pair(start + step),
+                float(law.skew(float(np.linalg.norm(step)))),
+            )
+            for onset, offset, start, step in zip(
+                seen.onset_s, seen.offset_s, seen.start_rad, seen.displacement_rad, strict=True
+            )
+        )
+    shut = detect_blinks(motion.lid, motion.fps, motion.valid)
+    blinks = tuple(
+        Blink(float(on), max(float(peak - on), 1e-3), 0.0, max(float(off - peak), 1e-3), float(depth))
+        for on, peak, off, depth in zip(shut.onset_s, shut.peak_s, shut.offset_s, shut.depth, strict=True)
+    )
+    return Events(saccades=saccades, blinks=blinks)
+
+
+def _pair(angles: np.ndarray) -> tuple[float, float]:
+    return float(angles[0]), float(angles[1])

@@ -1,0 +1,90 @@
+"""ARKit's 52 coefficients: a Motion composed into them, and taken out of them again.
+
+    eyeLookOut (left eye) = eyeLookIn (right eye) = max(yaw, 0) / LOOK_RAD        In = toward the nose
+
+Yaw is positive to the subject's left, so the left eye looks outward then. Coefficients run from 0 to 1; a look of 1 is
+37 degrees, the median over eleven recordings of Live Link Face (34 to 42 degrees of yaw; for pitch none was measured,
+the same is taken). `eyeBlink` is the closure of the lids, `eyeWide` what they are wider than gaze alone makes them. The
+other 38 are `Motion.expression` of the open head. What is lost: angles beyond 37 degrees, roll of the jaw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import rotation
+from talkingeyes.head.anny_build import JAW_OPEN_RAD
+from talkingeyes.head.drive import DRIVEN, DRIVEN_JAW, SIDE_RAD, SIDES
+from talkingeyes.motion import Motion
+
+LOOK_RAD = float(np.radians(37.0))
+WIDE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go
+EYES = ("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide")
+_FACE = """jawForward jawLeft jawRight jawOpen mouthClose mouthFunnel mouthPucker mouthLeft mouthRight mouthSmileLeft
+mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight mouthStretchLeft mouthStretchRight
+mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper mouthPressLeft mouthPressRight mouthLowerDownLeft
+mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight browDownLeft browDownRight browInnerUp browOuterUpLeft
+browOuterUpRight cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut"""
+NAMES = (*(f"{what}{side}" for side in SIDES for what in EYES), *_FACE.split())  # Live Link's order
+EXPRESSION = tuple(name for name in NAMES if name not in DRIVEN + DRIVEN_JAW)  # what a Motion carries as expression
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What coefficients say: eye-in-head rotation vectors, closure, jaw, and the other 38."""
+
+    gaze: Float[ndarray, "T 2 3"]
+    lid: Float[ndarray, "T 2"]
+    jaw: Float[ndarray, "T 3"]
+    expression: Float[ndarray, "T 38"]
+
+
+def coefficients(motion: Motion) -> Float[ndarray, "T 52"]:
+    """The 52 of a motion whose expression, if it has any, is that of the open head; in the order of NAMES, 0 to 1."""
+    columns = {
+        **_looks(rotation.angles_of_gaze(motion.gaze)),
+        "jawOpen": motion.jaw[:, 0] / JAW_OPEN_RAD,
+        "jawLeft": motion.jaw[:, 1] / SIDE_RAD,
+        "jawRight": -motion.jaw[:, 1] / SIDE_RAD,
+    }
+    for eye, side in enumerate(SIDES):
+        columns[f"eyeBlink{side}"] = motion.lid[:, eye]
+        columns[f"eyeWide{side}"] = -motion.lid[:, eye] / WIDE
+    table = np.zeros((len(motion), len(NAMES)))
+    for name, column in columns.items():
+        table[:, NAMES.index(name)] = np.maximum(column, 0.0)
+    for name, column in zip(motion.expression_names, motion.expression.T, strict=True):
+        table[:, NAMES.index(name)] += column
+    return np.clip(table, 0.0, 1.0)
+
+
+def taken(table: Float[ndarray, "T 52"]) -> Taken:
+    """The inverse of `coefficients`; eyeWide becomes closure below 0, so it is 0 in the expression."""
+    column = dict(zip(NAMES, table.T, strict=True))
+    looks, lids = [], []
+    for side, outward in zip(SIDES, (1.0, -1.0), strict=True):
+        yaw = outward * (column[f"eyeLookOut{side}"] - column[f"eyeLookIn{side}"])
+        looks.append(np.stack([yaw, column[f"eyeLookUp{side}"] - column[f"eyeLookDown{side}"]], axis=-1))
+        lids.append(column[f"eyeBlink{side}"] - WIDE * column[f"eyeWide{side}"])
+    jaw = [JAW_OPEN_RAD * column["jawOpen"], SIDE_RAD * (column["jawLeft"] - column["jawRight"])]
+    expression = [np.zeros(len(table)) if "eyeWide" in name else column[name] for name in EXPRESSION]
+    return Taken(
+        gaze=rotation.gaze_of_angles(LOOK_RAD * np.stack(looks, axis=1)),
+        lid=np.stack(lids, axis=1),
+        jaw=np.stack([*jaw, np.zeros(len(table))], axis=1),
+        expression=np.stack(expression, axis=1),
+    )
+
+
+def _looks(angles_rad: Float[ndarray, "T 2 2"]) -> dict[str, Float[ndarray, " T"]]:
+    columns = {}
+    for eye, side in enumerate(SIDES):
+        yaw, pitch = angles_rad[:, eye].T / LOOK_RAD
+        outward = yaw if side == "Left" else -yaw
+        columns[f"eyeLookOut{side}"], columns[f"eyeLookIn{side}"] = outward, -outward
+        columns[f"eyeLookUp{side}"], columns[f"eyeLookDown{side}"] = pitch, -pitch
+    return columns

@@ -1,0 +1,75 @@
+"""Forms in which files hold rotations, to rotation vectors and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from talkingeyes import rotation
+from talkingeyes.errors import InputError
+
+WIDTHS = {"rotation_vector": 3, "six_d": 6, "quaternion_xyzw": 4, "quaternion_wxyz": 4, "matrix": 9, "yaw_pitch": 2}
+EULER = "euler_"  # and three letters: capital ones turn with the body (XYZ), small ones about fixed axes
+
+
+def width_of(form: str) -> int:
+    """How many numbers a rotation of this form takes."""
+    letters = form.removeprefix(EULER)
+    if (
+        form.startswith(EULER)
+        and sorted(letters.lower()) == ["x", "y", "z"]
+        and (letters.isupper() or letters.islower())
+    ):
+        return 3
+    if form not in WIDTHS:
+        raise InputError(f"form: should be one of {', '.join(WIDTHS)} or {EULER}XYZ (any order), got {form!r}")
+    return WIDTHS[form]
+
+
+def as_vectors(values: Float[ndarray, "T C"], form: str) -> Float[ndarray, "T 3"]:
+    """Rotation vectors (radians). `six_d` is the first two rows of the matrix; angles are radians."""
+    if form == "rotation_vector":
+        return np.asarray(values)
+    if form == "yaw_pitch":
+        return rotation.gaze_of_angles(values)
+    if form.startswith(EULER):
+        return np.asarray(Rotation.from_euler(form.removeprefix(EULER), values).as_rotvec())
+    if form == "six_d":
+        return rotation.vectors(_orthonormal(values))
+    if form == "matrix":
+        return rotation.vectors(values.reshape(-1, 3, 3))
+    return np.asarray(Rotation.from_quat(values, scalar_first=form == "quaternion_wxyz").as_rotvec())
+
+
+def turns(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+    """Angles about +y, then the new +x, then the new +z (radians): yaw to the left, down, to the right shoulder."""
+    return np.asarray(Rotation.from_rotvec(vectors).as_euler("YXZ"))
+
+
+def of_turns(angles_rad: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+    """The inverse of `turns`."""
+    return np.asarray(Rotation.from_euler("YXZ", angles_rad).as_rotvec())
+
+
+def quaternions(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 4"]:
+    """Unit quaternions x, y, z, w; neighbours on the same side, so that players do not go the long way round."""
+    found = Rotation.from_rotvec(vectors).as_quat()
+    flips = np.sign(np.einsum("tc,tc->t", found[1:], found[:-1]))
+    flips[flips == 0] = 1.0
+    return np.asarray(found * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
+
+
+def composed(first: Float[ndarray, "T 3"], second: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+    """The rotation vectors of R(first) R(second)."""
+    return rotation.vectors(rotation.matrices(first) @ rotation.matrices(second))
+
+
+def _orthonormal(values: Float[ndarray, "T 6"]) -> Float[ndarray, "T 3 3"]:
+    """Gram and Schmidt on two rows (Zhou et al. 2019, as pytorch3d writes them)."""
+    first, second = values[:, :3], values[:, 3:]
+    one = first / np.linalg.norm(first, axis=1, keepdims=True)
+    two = second - np.einsum("tc,tc->t", one, second)[:, None] * one
+    two = two / np.linalg.norm(two, axis=1, keepdims=True)
+    return np.stack([one, two, np.cross(one, two)], axis=1)
