@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import output
+from talkingeyes import conversion, output
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.errors import InputError
 from talkingeyes.motion import Motion
@@ -28,7 +29,7 @@ MODEL = Path("data", "train", "talkingeyes")
 PICTURE_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
 MOST_SAMPLES = 1000
-OWN_FILES = re.compile(r"sample_\d+\.(npz|events\.json|mp4)|(traces|sheet)\.png")
+OWN_FILES = re.compile(r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png")
 SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
 
 
@@ -41,22 +42,25 @@ def animate(
     fps: float = 25.0,
     blinks: str = "physio",
     model: Path | str = MODEL,
+    formats: Sequence[str] = (),
     force: bool = False,
 ) -> list[Motion]:
     """`samples` motions for the speech in a file; the same seed gives the same motions.
 
     `blinks` is the profile of their rate: physio, paper or corpus (that of the training data).
-    With `out`, they are also written there, with a drawing and a plot; `force` replaces what an earlier call wrote.
+    With `out`, they are also written there, with a drawing and a plot, and in the formats of `conversion.FORMATS` that
+    are asked for; `force` replaces what an earlier call wrote.
     Raises InputError (one line) for a sound, a model, a number or a folder that will not do.
     """
     _check(samples, seed, fps)
+    conversion.check_formats(formats)
     target = None if out is None else output.target(Path(out), OWN_FILES, force)
     sound = read_speech(speech)
     performances = _perform(Path(model), sound, samples, seed, float(fps), blinks)
     if target is not None:
         try:
             with output.appearing(target) as folder:
-                _write(folder, performances, sound)
+                _write(folder, performances, sound, formats)
         except OSError as error:
             raise InputError(f"{out}: should be a folder that can be written, got: {error.strerror or error}") from None
     return [performance.motion for performance in performances]
@@ -81,7 +85,7 @@ def _perform(
     return Performer.load(model).perform(sound, samples, seed, fps, blinks)
 
 
-def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"]) -> None:
+def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"], formats: Sequence[str]) -> None:
     from PIL import Image
 
     from talkingeyes.export.traces import plot_traces
@@ -96,6 +100,8 @@ def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, 
         motion, name = performance.motion, f"sample_{index:02d}"
         motion.save(folder / f"{name}.npz")
         performance.events.save(folder / f"{name}.events.json")
+        for format in formats:
+            conversion.write(motion, performance.events, format, conversion.beside(folder / name, format))
         pictures = iter(progress(painter.draw(motion), f"{name}.mp4", len(motion)))
         write_video(folder / f"{name}.mp4", pictures, motion.fps, sound)
     motions = [performance.motion for performance in performances]

@@ -38,12 +38,17 @@ def animate(
     model: Annotated[Path, typer.Option(help="A trained model; `make repro` makes this one.")] = Path(
         "data/train/talkingeyes"
     ),
+    formats: Annotated[
+        list[str] | None, typer.Option("-f", "--format", help="Another format for each motion, as `export` has them.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
 ) -> None:
     """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
     from talkingeyes.animation import animate as make
 
-    motions = make(speech, out, samples=samples, seed=seed, fps=fps, blinks=blinks, model=model, force=force)
+    motions = make(
+        speech, out, samples=samples, seed=seed, fps=fps, blinks=blinks, model=model, formats=formats or (), force=force
+    )
     count = "1 motion" if samples == 1 else f"{samples} motions"
     typer.echo(f"{out}: {count} of {motions[0].seconds:.2f} s at {fps:g} frames a second")
 

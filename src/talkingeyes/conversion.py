@@ -50,6 +50,9 @@ FORMATS = {
 }
 
 
+ANIMATED = tuple(name for name in FORMATS if name != "mp4")  # what `animate -f` writes; it always films
+
+
 @dataclass(frozen=True)
 class Imported:
     """A motion that was read, and where it was written."""
@@ -119,6 +122,20 @@ def write(
         "events": lambda: keys.write_keys(shown, path, events),
     }
     writers[format]()
+
+
+def check_formats(formats: Sequence[str]) -> None:
+    """Raises InputError for a format that `animate -f` does not know."""
+    for format in formats:
+        if format not in ANIMATED:
+            raise InputError(f"format: should be one of {', '.join(ANIMATED)}, got {format!r}")
+
+
+def beside(stem: Path, format: str) -> Path:
+    """What a file of a format is called beside the motion: sample_00.flame.npz, sample_00.keys.json, sample_00.glb."""
+    suffix = FORMATS[format].suffix
+    alone = [name for name in FORMATS if FORMATS[name].suffix == suffix] == [format] and format != "vocaset"
+    return stem.with_name(stem.name + ("" if alone else f".{'keys' if format == 'events' else format}") + suffix)
 
 
 def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | str | None) -> Motion:
