@@ -109,8 +109,10 @@ def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, .
     following = iter(ends)
     for event in raw.events:
         if event.kind == WORD:
-            positions.append(event.text_position - 1)
-            first_of.append(len(phonemes))
+            at = event.text_position - 1
+            if not text[max(at - 1, 0) : at].isalnum():  # espeak reports "most of" as m, ost, of
+                positions.append(at)
+                first_of.append(len(phonemes))
             continue
         begin_s, end_s = ((min(max(at, start), stop) - start) / NATIVE_HZ for at in (event.sample, next(following)))
         symbol = event.symbol.lstrip("',%=")
