@@ -24,6 +24,7 @@ from talkingeyes.metrics.contrast import CriticSettings
 from talkingeyes.metrics.evaluation import EvaluateSettings
 from talkingeyes.models.baselines import BaselineSettings
 from talkingeyes.settings import Settings, validated
+from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.world.plan import SynthesizeSettings
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -62,6 +63,7 @@ class Composition(Settings):
     objective: ObjectiveSettings
     study: str
     machine: MachineSettings
+    track: TrackSettings
     synthesize: SynthesizeSettings
     fit: FitSettings
     embed: EmbedSettings

@@ -1,0 +1,31 @@
+"""Stage `track`: a corpus from videos, as `talkingeyes track` makes it. Outside the chain: it needs somebody's videos.
+
+Reads   a folder of videos (or one video)
+Writes  data/track/: a corpus without truth (docs/conventions.md), tracked.csv, rejected.csv, retry.csv, yield.json,
+        thumbnails.html (docs/data.md)
+Run     python -m pipelines.track VIDEOS && make repro corpus=data/track
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from talkingeyes.footage import track
+from talkingeyes.run import SUMS, Report, Workspace, main, sums
+from talkingeyes.tracking.settings import TrackSettings
+from talkingeyes.tracking.yields import summary
+
+
+def run(workspace: Workspace, videos: str) -> Report:
+    """Track all videos; goes on where an earlier run was interrupted."""
+    settings = workspace.settings("track", TrackSettings)
+    folder = workspace.data("track")
+    tracked = track([Path(videos)], folder, settings, jobs=workspace.jobs)
+    (folder / SUMS).unlink(missing_ok=True)
+    (folder / SUMS).write_text(sums(folder))
+    total = summary(tracked.outcomes)
+    return Report(metrics={name: float(value) for name, value in total.items() if name != "rejected"})
+
+
+if __name__ == "__main__":
+    main(run)

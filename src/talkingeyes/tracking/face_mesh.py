@@ -1,0 +1,253 @@
+"""Landmarks and iris centres of one face, frame after frame: MediaPipe 0.10.21 FaceMesh with refined landmarks.
+
+The 45 points of the open head (head/face_points.NAMES) are taken from the 478 of MediaPipe by the table below, chosen
+by what a point is called, and where the name leaves a choice, by what lies nearest on the mean of 16 real faces. The
+mesh looks into a square window around the face, so a small face in a large picture is seen as well as a large one, and
+MediaPipe's assumption of square regions holds. Kartynnik et al. 2019 (arXiv 1907.06724), Grishchenko et al. 2020 (arXiv
+2006.10962).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.errors import InputError
+from talkingeyes.head.face_points import EYE_POINTS, NAMES
+from talkingeyes.settings import Settings
+
+# The subject's left, then right, in the order of EYE_POINTS; MediaPipe's own "left" is the subject's too.
+_EYES = {"left": (263, 387, 385, 362, 380, 373), "right": (33, 160, 158, 133, 153, 144)}
+_PAIRED = {
+    "brow_outer": (293, 63),
+    "brow_middle": (334, 105),
+    "brow_inner": (336, 107),
+    "nose_wing": (327, 98),
+    "mouth_corner": (291, 61),
+    "outline_temple": (389, 162),
+    "outline_ear": (356, 127),
+    "outline_lobe": (323, 93),
+    "outline_angle": (288, 58),
+    "outline_jaw_back": (397, 172),
+    "outline_jaw": (379, 150),
+    "outline_jaw_front": (400, 176),
+}
+_MIDDLE = {
+    "nose_bridge": 168,
+    "nose_middle": 195,
+    "nose_tip": 1,
+    "nose_base": 2,
+    "upper_lip": 0,
+    "upper_lip_inner": 13,
+    "lower_lip_inner": 14,
+    "lower_lip": 17,
+    "outline_chin": 152,
+}
+MESH_POINTS: dict[str, int] = {
+    **{f"{side}_eye_{point}": at for side, row in _EYES.items() for point, at in zip(EYE_POINTS, row, strict=True)},
+    **{f"left_{name}": left for name, (left, _) in _PAIRED.items()},
+    **{f"right_{name}": right for name, (_, right) in _PAIRED.items()},
+    **_MIDDLE,
+}
+ORDER = np.array([MESH_POINTS[name] for name in NAMES])
+IRISES = np.array([473, 468])  # centres: left, right
+LARGEST_PX = 512  # of the side of a window, and of the picture in which faces are looked for
+MARGIN = 0.04  # of a window: a face nearer to its edge has moved out of it
+
+
+class FaceSettings(Settings):
+    """When a face counts as one. Sizes are shares of the main face's, windows multiples of its width."""
+
+    least_score: Annotated[float, Field(gt=0, lt=1)]
+    window: Annotated[float, Field(ge=1.2, le=5)]
+    check_s: Annotated[float, Field(gt=0)]
+    second_size: Annotated[float, Field(gt=0, le=1)]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A square in a picture: its corner and side in pixels."""
+
+    x: float
+    y: float
+    side: float
+
+    @property
+    def centre(self) -> Float[ndarray, " 2"]:
+        """Its middle."""
+        return np.array([self.x, self.y]) + self.side / 2
+
+
+@dataclass(frozen=True)
+class Face:
+    """One face in the picture's pixels; `faces` is how many were counted when it was last looked (0: not this time)."""
+
+    landmarks: Float[ndarray, "L 2"]
+    pupils: Float[ndarray, "2 2"]
+    faces: int
+
+    @property
+    def width_px(self) -> float:
+        """The larger side of the box around all landmarks."""
+        return float(np.ptp(self.landmarks, axis=0).max())
+
+
+class FaceMesh:
+    """MediaPipe's two networks and where they looked last. What it gives depends on nothing before `forget`."""
+
+    def __init__(self, settings: FaceSettings) -> None:
+        self._settings = settings
+        self._has_seen = False
+        with _hushed(), _unwarned():
+            self._load(_mediapipe())
+        self.forget()
+
+    def _load(self, solutions: Any) -> None:
+        self._mesh = solutions.face_mesh.FaceMesh(refine_landmarks=True, max_num_faces=1)
+        # The first is for faces at any distance and misses some that fill the picture, the second is for those.
+        score = self._settings.least_score
+        self._detectors = [solutions.face_detection.FaceDetection(score, range_) for range_ in (1, 0)]
+
+    def forget(self) -> None:
+        """Look for the face anew: the next frame belongs to another shot."""
+        self._window: Box | None = None
+        self._checked_s = -np.inf
+
+    def see(self, picture: UInt8[ndarray, "H W 3"], time_s: float) -> Face | None:
+        """The face of a frame, if there is one."""
+        if self._has_seen:
+            return self._seen(picture, time_s)
+        with _hushed(), _unwarned():  # the networks say what they are when they first see a face
+            return self._seen(picture, time_s)
+
+    def _seen(self, picture: UInt8[ndarray, "H W 3"], time_s: float) -> Face | None:
+        counted = 0
+        if self._window is None or time_s >= self._checked_s + self._settings.check_s:
+            boxes = self.boxes(picture)
+            if not boxes and self._window is None:
+                return None
+            self._checked_s, counted = time_s, _visible(boxes, self._settings.second_size)
+            if boxes and (self._window is None or not _near(self._window, boxes[0])):
+                self._look_at(boxes[0])
+        face = self._in_window(picture, counted)
+        if face is None:
+            self.forget()
+        elif _leaves(face, self._window):
+            span = np.stack([face.landmarks.min(axis=0), face.landmarks.max(axis=0)])
+            corner = span.mean(axis=0) - face.width_px / 2
+            self._look_at(Box(float(corner[0]), float(corner[1]), face.width_px))
+        return face
+
+    def boxes(self, picture: UInt8[ndarray, "H W 3"]) -> list[Box]:
+        """Squares around the faces of a picture, the largest first."""
+        height, width = picture.shape[:2]
+        small = _smaller(picture, LARGEST_PX)
+        squares: list[Box] = []
+        for detection in next(filter(None, (each.process(small).detections for each in self._detectors)), []):
+            at = detection.location_data.relative_bounding_box
+            side = max(at.width * width, at.height * height)
+            middle = ((at.xmin + at.width / 2) * width, (at.ymin + at.height / 2) * height)
+            squares.append(Box(middle[0] - side / 2, middle[1] - side / 2, side))
+        return sorted(squares, key=lambda box: -box.side)
+
+    def close(self) -> None:
+        """Give back the networks' memory."""
+        for network in (self._mesh, *self._detectors):
+            network.close()
+
+    def _look_at(self, box: Box) -> None:
+        side = box.side * self._settings.window
+        corner = box.centre - side / 2
+        self._window = Box(float(corner[0]), float(corner[1]), side)
+        # The mesh starts where it saw the face last; a picture without a face makes it look for one again.
+        self._mesh.process(np.zeros((64, 64, 3), np.uint8))
+
+    def _in_window(self, picture: UInt8[ndarray, "H W 3"], counted: int) -> Face | None:
+        window = self._window
+        assert window is not None
+        found = self._mesh.process(_cut(picture, window)).multi_face_landmarks
+        if not found:
+            return None
+        self._has_seen = True
+        points = np.array([(point.x, point.y) for point in found[0].landmark])
+        points = points * window.side + (window.x, window.y)
+        return Face(points[ORDER], points[IRISES], counted)
+
+
+def _visible(boxes: list[Box], second_size: float) -> int:
+    return sum(box.side >= second_size * boxes[0].side for box in boxes)
+
+
+def _near(window: Box, box: Box) -> bool:
+    """Whether a window still shows the face of a box whole and large enough."""
+    inside = np.abs(box.centre - window.centre).max() + box.side / 2 <= window.side / 2
+    return bool(inside) and box.side * 5 > window.side
+
+
+def _leaves(face: Face, window: Box | None) -> bool:
+    assert window is not None
+    corner = np.array([window.x, window.y])
+    low, high = corner + MARGIN * window.side, corner + (1 - MARGIN) * window.side
+    return bool((face.landmarks < low).any() or (face.landmarks > high).any())
+
+
+def _cut(picture: UInt8[ndarray, "H W 3"], box: Box) -> UInt8[ndarray, "S S 3"]:
+    """The square of a picture at its own resolution, or at LARGEST_PX; black where it leaves the picture."""
+    import cv2
+
+    side = min(max(round(box.side), 16), LARGEST_PX)
+    scale = box.side / side
+    onto = np.array([[scale, 0, box.x + (scale - 1) / 2], [0, scale, box.y + (scale - 1) / 2]])
+    how = cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.warpAffine(picture, onto, (side, side), flags=how | cv2.WARP_INVERSE_MAP))
+
+
+def _smaller(picture: UInt8[ndarray, "H W 3"], largest_px: int) -> UInt8[ndarray, "h w 3"]:
+    import cv2
+
+    scale = largest_px / max(picture.shape[:2])
+    if scale >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def _mediapipe() -> Any:
+    """The legacy solutions, which carry their models. Raises InputError if the extra is not installed."""
+    try:
+        from mediapipe.python import solutions
+    except ImportError as error:
+        raise InputError(f"track: needs mediapipe 0.10.21 and OpenCV (`make setup`), got none ({error})") from None
+    return solutions
+
+
+@contextlib.contextmanager
+def _unwarned() -> Iterator[None]:
+    """Without protobuf's warnings about itself."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@contextlib.contextmanager
+def _hushed() -> Iterator[None]:
+    """Without what MediaPipe's C++ writes to stderr, which no level of logging stops."""
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(nowhere)
+        os.close(stderr)

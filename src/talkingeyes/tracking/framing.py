@@ -1,0 +1,116 @@
+"""A shot as an observation: resampled by time stamps, in the pixels of a crop of standard size around the face.
+
+The crop stands still during a shot and is as large as the synthetic one, so that everything that counts in pixels (the
+tolerances of `fit`, Table VIII) means the same for a film of 224 and of 2160 lines. What lens took a video is not
+known: the camera is assumed to look at the middle of the crop from `distance_m`. The size of the face comes from the
+rigid landmarks by scaled orthography, which a turned head does not shrink; a clip's own head size is left to `fit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.head.camera import Camera
+from talkingeyes.head.landmarks import EYE_CENTRES, RIGID, rest_points
+from talkingeyes.head.observation import Observation
+from talkingeyes.settings import Settings
+from talkingeyes.tracking.shots import Shot
+from talkingeyes.tracking.visibility import EyeSettings, openings, turned_away
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class CropSettings(Settings):
+    """The crop that landmarks are written in; frames further apart than `longest_gap_s` are not joined."""
+
+    size_px: Annotated[int, Field(ge=32, le=4096)]
+    scale_px_per_mm: Annotated[float, Field(gt=0, le=100)]
+    distance_m: Annotated[float, Field(ge=0.3, le=10)]
+    longest_gap_s: Positive
+
+
+@dataclass(frozen=True)
+class Crop:
+    """Pixels of the crop are (pixels of the video - corner) * zoom."""
+
+    x: float
+    y: float
+    zoom: float
+
+    def onto(self, points: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
+        """From the video's pixels to the crop's."""
+        return np.asarray((points - (self.x, self.y)) * self.zoom)
+
+
+@dataclass(frozen=True)
+class Framed:
+    """What is written of a shot, and where its crop lies."""
+
+    observation: Observation
+    crop: Crop
+
+
+def frame_count(shot: Shot, fps: float) -> int:
+    """How many frames of `fps` begin while the shot lasts."""
+    return int((shot.stop_s - shot.start_s) * fps + 1e-6) + 1
+
+
+def framed(shot: Shot, fps: float, settings: CropSettings, eyes: EyeSettings) -> Framed:
+    """Landmarks and pupils at the times start + t / fps; no pupil where its eye is hidden."""
+    seen = [look for look in shot.looks if look.face is not None]
+    times_s = np.array([look.time_s for look in seen])
+    points = np.array([np.concatenate([look.face.landmarks, look.face.pupils]) for look in seen if look.face])
+    crop = crop_of(points[:, :-2], settings)
+    wanted_s = shot.start_s + np.arange(frame_count(shot, fps)) / fps
+    resampled = at_times(crop.onto(points), times_s, wanted_s, settings.longest_gap_s)
+    landmarks, pupils = resampled[:, :-2], resampled[:, -2:]
+    opening = openings(landmarks, eyes.open_percentile)
+    hidden = ~(opening >= eyes.hidden_below) | turned_away(landmarks, eyes)
+    confidence = np.clip(np.nan_to_num(opening.min(axis=1)) / max(eyes.hidden_below, 1e-9), 0.0, 1.0)
+    pupils = np.where(hidden[..., None], np.nan, pupils)
+    return Framed(Observation(fps, landmarks, pupils, confidence, camera_of(settings)), crop)
+
+
+def at_times(
+    points: Float[ndarray, "F L 2"], times_s: Float[ndarray, " F"], wanted_s: Float[ndarray, " T"], longest_gap_s: float
+) -> Float[ndarray, "T L 2"]:
+    """Linear between the frames around a moment; NaN where they are further apart than `longest_gap_s`."""
+    after = np.clip(np.searchsorted(times_s, wanted_s), 1, max(len(times_s) - 1, 1))
+    if len(times_s) == 1:
+        return np.repeat(points, len(wanted_s), axis=0)
+    before = after - 1
+    gap_s = times_s[after] - times_s[before]
+    share = np.clip((wanted_s - times_s[before]) / gap_s, 0.0, 1.0)[:, None, None]
+    between = points[before] * (1 - share) + points[after] * share
+    exact = (share == 0) | (share == 1)
+    return np.where((gap_s[:, None, None] <= longest_gap_s + 1e-6) | exact, between, np.nan)
+
+
+def crop_of(landmarks: Float[ndarray, "F L 2"], settings: CropSettings) -> Crop:
+    """The crop in whose middle the face stands (the median of its boxes), at the standard size."""
+    zoom = settings.scale_px_per_mm / float(np.median(scales(landmarks)))
+    boxes = (landmarks.min(axis=1) + landmarks.max(axis=1)) / 2
+    corner = np.median(boxes, axis=0) - settings.size_px / 2 / zoom
+    return Crop(float(corner[0]), float(corner[1]), zoom)
+
+
+def scales(landmarks: Float[ndarray, "F L 2"]) -> Float[ndarray, " F"]:
+    """Pixels a millimetre of each frame: the rigid points as a parallel projection of the head, turned anyhow."""
+    rest = rest_points()[RIGID] * 1000.0
+    rest = rest - rest.mean(axis=0)
+    seen = landmarks[:, RIGID] - landmarks[:, RIGID].mean(axis=1, keepdims=True)
+    affine = np.einsum("kr,frc->fkc", np.linalg.pinv(rest), seen)
+    return np.asarray(np.linalg.svd(affine, compute_uv=False).mean(axis=1))
+
+
+def camera_of(settings: CropSettings) -> Camera:
+    """The camera that a crop is thought to be taken with."""
+    half = settings.size_px / 2.0
+    focal_px = 1000.0 * settings.scale_px_per_mm * (settings.distance_m - float(EYE_CENTRES[0, 2]))
+    return Camera(focal_px, (half, half), settings.distance_m, settings.size_px, settings.size_px)

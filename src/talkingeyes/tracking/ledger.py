@@ -1,0 +1,90 @@
+"""What is known of one video so far: a line a shot, written when its clip is, so that a crash loses the shot in hand.
+
+JSON lines. While a video is being tracked each attempt adds `begin`; when it is done the file is written anew without
+them, so an interrupted run ends with the bytes of one that was not.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from talkingeyes.tracking.framing import Crop
+from talkingeyes.tracking.judgement import Measures
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A shot: kept if there is no reason against it. `next_s` is where tracking goes on after it, null at the end."""
+
+    id: str
+    start_s: float
+    stop_s: float
+    next_s: float | None
+    ended: str
+    reason: str
+    crop: Crop
+    fingerprint: str
+    content_hash: str
+    measures: Measures
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """All of a video: its shots, how often it was begun, and how it ended; `seconds` is where its last frame is."""
+
+    entries: tuple[Entry, ...] = ()
+    begun: int = 0
+    done: bool = False
+    failed: str = ""
+    seconds: float = 0.0
+
+    @property
+    def next_s(self) -> float:
+        """Where tracking goes on."""
+        following = self.entries[-1].next_s if self.entries else None
+        return -1e9 if following is None else following
+
+
+def read(path: Path) -> Ledger:
+    """The ledger of a file; an empty one if there is none. A last line that was cut off is left out."""
+    if not path.exists():
+        return Ledger()
+    entries: list[Entry] = []
+    begun, failed, done, seconds = 0, "", False, 0.0
+    for line in path.read_text().splitlines():
+        try:
+            kind, content = next(iter(json.loads(line).items()))
+        except ValueError:
+            break
+        if kind == "shot":
+            entries.append(_entry(content))
+            begun = 0
+        begun = 0 if kind == "failed" else begun + (kind == "begin")
+        failed = content if kind == "failed" else ""
+        done, seconds = (True, content) if kind == "end" else (False, seconds)
+    return Ledger(tuple(entries), begun, done, failed, seconds)
+
+
+def add(path: Path, kind: str, content: Any) -> None:
+    """Add a line: begin, shot, failed."""
+    if path.exists() and not path.read_bytes().endswith(b"\n"):  # cut off by a crash
+        path.write_text("".join(line + "\n" for line in path.read_text().splitlines()[:-1]))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        file.write(json.dumps({kind: asdict(content) if isinstance(content, Entry) else content}) + "\n")
+
+
+def finish(path: Path, seconds: float) -> None:
+    """Write the ledger of a video that is done: its shots and its end."""
+    lines = [json.dumps({"shot": asdict(entry)}) for entry in read(path).entries]
+    partial = path.with_suffix(".partial")
+    partial.write_text("".join(line + "\n" for line in [*lines, json.dumps({"end": seconds})]))
+    partial.replace(path)
+
+
+def _entry(content: dict[str, Any]) -> Entry:
+    parts = {"crop": Crop(**content["crop"]), "measures": Measures(**content["measures"])}
+    return Entry(**{**content, **parts})

@@ -1,0 +1,30 @@
+"""The section `track`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from talkingeyes.settings import Settings
+from talkingeyes.tracking.face_mesh import FaceSettings
+from talkingeyes.tracking.framing import CropSettings
+from talkingeyes.tracking.judgement import KeepSettings
+from talkingeyes.tracking.shots import ShotSettings
+from talkingeyes.tracking.visibility import EyeSettings
+
+
+class TrackSettings(Settings):
+    """From video to a corpus. `seed` is that of the splits; `thumbnails` are small pictures of real faces."""
+
+    fps: Annotated[float, Field(ge=10, le=120)]
+    fastest_fps: Annotated[float, Field(ge=10, le=240)]
+    seed: Annotated[int, Field(ge=0)]
+    thumbnails: bool
+    licence: str
+    attempts: Annotated[int, Field(ge=1)]
+    face: FaceSettings
+    shot: ShotSettings
+    crop: CropSettings
+    eyes: EyeSettings
+    keep: KeepSettings

@@ -1,0 +1,85 @@
+"""The sound of a video on the clock of its pictures: 16 kHz mono, kept on the disk while its shots are cut out.
+
+Decoded once, block by block, into a temporary file, so that memory does not grow and any stretch can be had without
+trusting a container's index. Where time stamps leave a gap there is silence: lips and voice stay together.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.tracking.video import opened
+
+GAP_S = 0.1  # time stamps jitter by less
+
+
+@dataclass(frozen=True)
+class Soundtrack:
+    """Samples from `start_s` on; none where the video has no sound."""
+
+    samples: Float[ndarray, " N"]
+    start_s: float
+
+    def cut(self, start_s: float, count: int) -> Float[ndarray, " C"]:
+        """`count` samples from a moment on; silence where the track has none."""
+        first = round((start_s - self.start_s) * SAMPLE_RATE)
+        piece = np.zeros(count, np.float32)
+        begin, end = max(first, 0), min(first + count, len(self.samples))
+        if end > begin:
+            piece[begin - first : end - first] = self.samples[begin:end]
+        return piece
+
+
+@contextlib.contextmanager
+def soundtrack(path: Path) -> Iterator[Soundtrack]:
+    """The first sound stream of a video; its temporary file goes when the block ends."""
+    with tempfile.TemporaryFile() as file, opened(path) as container:
+        start_s = _decode(container, file) if container.streams.audio else 0.0
+        size = file.tell() // 4
+        yield Soundtrack(np.memmap(file, np.float32, "r", shape=(size,)) if size else np.zeros(0, np.float32), start_s)
+
+
+def _decode(container: Any, file: IO[bytes]) -> float:
+    """Write all samples; returns when the first one sounds."""
+    import av
+
+    resampler = av.AudioResampler(format="flt", layout="mono", rate=SAMPLE_RATE)
+    start_s: float | None = None
+    heard_s = 0.0  # what came in so far, by its own length
+    for frame in _frames(container):
+        start_s = frame.time if start_s is None else start_s
+        missing_s = frame.time - start_s - heard_s
+        if missing_s > GAP_S:
+            file.write(np.zeros(round(missing_s * SAMPLE_RATE), np.float32).tobytes())
+            heard_s += missing_s
+        heard_s += frame.samples / frame.sample_rate
+        frame.pts = None  # the resampler would stretch what lies between stamps
+        for part in resampler.resample(frame):
+            file.write(np.nan_to_num(part.to_ndarray()).astype(np.float32).tobytes())
+    for part in resampler.resample(None):
+        file.write(part.to_ndarray().astype(np.float32).tobytes())
+    file.flush()
+    return start_s or 0.0
+
+
+def _frames(container: Any) -> Iterator[Any]:
+    import av
+
+    packets = container.demux(container.streams.audio[0])
+    while True:
+        try:
+            packet = next(packets)
+        except (StopIteration, av.FFmpegError):
+            return
+        with contextlib.suppress(av.FFmpegError):
+            yield from (frame for frame in packet.decode() if frame.time is not None)

@@ -1,0 +1,75 @@
+"""Which videos are tracked, what they are called in the corpus, and who speaks in them.
+
+A video is called by its path below the folder that was named, so the corpus holds no absolute path. Its speaker is the
+first folder of that path (VoxCeleb2 and its like lie so), else the video is a speaker of its own; a map says otherwise.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from talkingeyes.errors import InputError
+from talkingeyes.tracking.video import SUFFIXES
+
+
+@dataclass(frozen=True)
+class Source:
+    """A video: where it lies, its name in the corpus, the beginning of its clips' ids, its speaker."""
+
+    path: Path
+    name: str
+    id: str
+    speaker: str
+
+
+def sources(videos: Sequence[Path], speakers: Path | None) -> list[Source]:
+    """All videos of files and folders, by name. Raises InputError for none, for a name met twice, for a bad map."""
+    named = _named(videos)
+    if not named:
+        raise InputError(f"videos: should be files or folders with videos ({' '.join(SUFFIXES)}), got none in them")
+    known = {} if speakers is None else _read_map(speakers)
+    missing = next((name for name in named if speakers is not None and name not in known), None)
+    if missing is not None:
+        raise InputError(f"{speakers}: should name the speaker of every video, got none for {missing}")
+    return [Source(path, name, _id(name), known.get(name) or _speaker(name)) for name, path in sorted(named.items())]
+
+
+def _named(videos: Sequence[Path]) -> Mapping[str, Path]:
+    named: dict[str, Path] = {}
+    for given in videos:
+        if given.is_dir():
+            found = sorted(path for path in given.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+            below = {path.relative_to(given).as_posix(): path for path in found}
+        elif given.is_file():
+            below = {given.name: given}
+        else:
+            raise InputError(f"{given}: should be a video or a folder of videos, got nothing there")
+        for name, path in below.items():
+            if named.setdefault(name, path).resolve() != path.resolve():
+                raise InputError(f"{path}: another video is called {name} too; should be named by a folder above both")
+    return named
+
+
+def _id(name: str) -> str:
+    """What a file name may hold, and six digits of a hash that tell apart what looks alike then."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "-", name.rsplit(".", 1)[0]).strip("-")[-48:]
+    return f"{plain}-{hashlib.blake2b(name.encode(), digest_size=3).hexdigest()}"
+
+
+def _speaker(name: str) -> str:
+    first, slash, _ = name.partition("/")
+    return first if slash else name.rsplit(".", 1)[0]
+
+
+def _read_map(path: Path) -> dict[str, str]:
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        return {row["video"]: row["speaker"] for row in rows if row["speaker"]}
+    except (OSError, KeyError, csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: should be a CSV with the columns video and speaker, got: {error!r}") from None

@@ -1,0 +1,58 @@
+"""Which eyes a camera could see: lids open, and the face not turned so far that an eye is behind it.
+
+The paper (III-A1) leaves out clips with a "significant disparity in the distances from the left and right eye corners
+to the two sides of the face". Here the disparity is |l - r| / (l + r), l and r counted from the outer corner of each
+eye to the outline beside it: 0 from the front, 1 when the outline is over the corner (24 degrees), more beyond.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.head.face_points import EYES, NAMES
+from talkingeyes.settings import Settings
+
+_CORNERS = [NAMES.index(f"{side}_eye_outer") for side in ("left", "right")]
+_OUTLINE = [NAMES.index(f"{side}_outline_ear") for side in ("left", "right")]
+
+
+class EyeSettings(Settings):
+    """An eye is hidden below a share of its open height (`open_percentile` of the clip), or beyond a disparity."""
+
+    hidden_below: Annotated[float, Field(ge=0, lt=1)]
+    open_percentile: Annotated[float, Field(ge=50, le=100)]
+    disparity: Annotated[float, Field(gt=0, le=10)]
+
+
+def openings(landmarks: Float[ndarray, "T L 2"], open_percentile: float) -> Float[ndarray, "T 2"]:
+    """How far each eye is open, 1 at the clip's own open level: height over width of the lids (EAR)."""
+    p1, p2, p3, p4, p5, p6 = np.moveaxis(landmarks[:, EYES], 2, 0)
+    height = np.linalg.norm(p2 - p6, axis=-1) + np.linalg.norm(p3 - p5, axis=-1)
+    ratio = height / (2 * np.linalg.norm(p1 - p4, axis=-1))
+    return np.asarray(ratio / np.nanpercentile(ratio, open_percentile, axis=0))
+
+
+def side_distances(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
+    """From the outer corner of each eye to the outline beside it, along the line of the eyes; negative if passed."""
+    corners, outline = landmarks[:, _CORNERS], landmarks[:, _OUTLINE]
+    across = corners[:, 0] - corners[:, 1]  # to the subject's left
+    across = across / np.linalg.norm(across, axis=-1, keepdims=True)
+    return np.asarray(np.einsum("tec,tc->te", outline - corners, across) * [1.0, -1.0])
+
+
+def disparity(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
+    """|l - r| / (l + r)."""
+    left, right = side_distances(landmarks).T
+    return np.asarray(np.abs(left - right) / np.maximum(np.abs(left + right), 1e-6))
+
+
+def turned_away(landmarks: Float[ndarray, "T L 2"], settings: EyeSettings) -> Bool[ndarray, "T 2"]:
+    """The far eye of frames whose disparity is too large; none where there is no face."""
+    sides = side_distances(landmarks)
+    far = sides < sides[:, ::-1]
+    return np.asarray(far & (disparity(landmarks) > settings.disparity)[:, None])
