@@ -12,7 +12,10 @@ from scipy.stats import kstest
 from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.motion import Blink, Events, HeadMove, Refocus, Saccade
-from talkingeyes.physiology import articulation, blinks, eye_head, render, saccades, vergence
+from talkingeyes.physiology import blinks, eye_head, render, saccades, vergence
+from talkingeyes.physiology.articulation import MouthHabit
+from talkingeyes.physiology.face import BrowRaise, Face
+from talkingeyes.physiology.lids import LidHabit
 
 
 def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
@@ -221,16 +224,6 @@ def test_closure_reaches_the_depth_and_opens_again():
     assert np.allclose(shut, [0.0, 0.8, 0.8, 0.0], atol=1e-9)
 
 
-def test_jaw_opens_for_vowels_and_closes_for_lips():
-    phonemes = [Phoneme(i * 0.1, (i + 1) * 0.1, symbol) for i, symbol in enumerate(["m", "a", "m", "a", "m"])]
-    jaw = articulation.jaw_opening(phonemes, np.array([0.05, 0.15, 0.25, 0.35, 0.45, 3.0]))
-    assert jaw[1] > 2 * jaw[2] and jaw[3] > 2 * jaw[4] and jaw[5] < 0.01
-    assert articulation.target_of("aI@") == articulation.target_of("a")
-    assert articulation.target_of("tS") != articulation.target_of("t")
-    assert np.array_equal(articulation.jaw_opening([], np.zeros(3)), np.zeros(3))
-    assert articulation.jaw_opening(phonemes, np.array([0.15]), scale=50.0)[0] == articulation.JAW_LIMIT_RAD
-
-
 @pytest.fixture
 def continuous():
     random = np.random.default_rng(3)
@@ -243,12 +236,14 @@ def continuous():
         head_speaking=waves,
         activity=render.Curve(np.array([0.5, 1.0]), np.array([0.1, 1.0])),
         translation=waves,
+        lids=LidHabit(),
         lid_rest=0.02,
-        lid_waves=render.Waves(np.array([0.3]), np.full((1, 2), 0.03), np.array([[0.0, 1.0]])),
+        lid_unrest=render.Waves(np.array([0.3]), np.full((1, 2), 0.02), np.array([[0.0, 1.0]])),
         blink_lag_s=0.006,
         phonemes=(Phoneme(0.2, 0.4, "a", True), Phoneme(0.4, 0.5, "t")),
-        jaw_scale=1.0,
-        jaw_asymmetry=0.1,
+        mouth=MouthHabit(jaw_asymmetry=0.1),
+        face=Face("happy", 0.7, (BrowRaise(0.3, 0.2, 0.1, 0.3, 0.5),)),
+        face_tide=render.Waves(np.array([0.2]), np.full((1, 1), 0.2), np.array([[0.4]])),
     )
 
 
@@ -263,7 +258,7 @@ EVENTS = Events(
 def test_any_frame_rate_is_the_same_performance(continuous):
     slow = render.render_at(EVENTS, continuous, 25.0, 50)
     fast = render.render_at(EVENTS, continuous, 100.0, 200)
-    for name in ("head", "gaze", "lid", "jaw", "translation"):
+    for name in ("head", "gaze", "lid", "jaw", "expression", "translation"):
         assert np.allclose(getattr(slow, name), getattr(fast, name)[::4], atol=1e-9), name
 
 

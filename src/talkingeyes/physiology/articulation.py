@@ -129,11 +129,6 @@ def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: Mou
     return Mouth(jaw, shapes, np.maximum(closed, tucked))
 
 
-def jaw_opening(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], scale: float = 1.0) -> Float[ndarray, " T"]:
-    """Jaw rotation about x (positive opens), radians."""
-    return mouth(phonemes, times_s, MouthHabit(jaw_scale=scale)).jaw[:, 0]
-
-
 def lip_and_jaw_fields(
     phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: MouthHabit
 ) -> Float[ndarray, "T 4"]:

@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes import rotation
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.motion import Events, Motion
-from talkingeyes.physiology import articulation, blinks, eye_head, saccades, vergence
+from talkingeyes.physiology import articulation, blinks, eye_head, face, lids, saccades, vergence
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class Continuous:
     """What moves all the time, beside the events.
 
     `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speaking` is the unrest of the
-    head that grows with `activity` (0 still, 1 speaking); `lid_rest` and `lid_waves` are closures beside the blinks;
+    head that grows with `activity` (0 still, 1 speaking); `lid_rest` is a closure beside the blinks, `lid_unrest` the
+    slow motion of the lids (radians), `face_tide` how much more or less of an emotion shows;
     `kappa_rad` is what each eye's optical axis (yaw, pitch) has over its line of sight, `blink_lag_s` how much later
     the right lid moves than the left.
     """
@@ -63,12 +65,14 @@ class Continuous:
     head_speaking: Waves
     activity: Curve
     translation: Waves
+    lids: lids.LidHabit
     lid_rest: float
-    lid_waves: Waves
+    lid_unrest: Waves
     blink_lag_s: float
     phonemes: Sequence[Phoneme]
-    jaw_scale: float
-    jaw_asymmetry: float
+    mouth: articulation.MouthHabit
+    face: face.Face
+    face_tide: Waves
 
 
 def head(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
@@ -82,19 +86,38 @@ def render(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"]
     """The state at each of the ascending times; `fps` is what the Motion says of itself."""
     turned = head(events, continuous, times_s)
     gaze_space = saccades.path(events.saccades, continuous.gaze_rest_rad, times_s)
-    unrest = continuous.lid_rest + continuous.lid_waves.at(times_s)
     lags_s = (-continuous.blink_lag_s / 2.0, continuous.blink_lag_s / 2.0)
     shut = np.stack([blinks.closure(events.blinks, times_s - lag) for lag in lags_s], axis=-1)
     turned_in = vergence.vergence_path(events.refocuses, events.saccades, times_s)
-    jaw = articulation.jaw_opening(continuous.phonemes, times_s, continuous.jaw_scale)
+    gaze = eye_head.eyes(turned, gaze_space, turned_in, continuous.kappa_rad, blinks.eye_shift_rad(shut))
+    mouth = articulation.mouth(continuous.phonemes, times_s, continuous.mouth)
+    tide = 1.0 + continuous.face_tide.at(times_s)[:, 0]
+    behind = gaze_space - saccades.path(events.saccades, continuous.gaze_rest_rad, times_s - lids.LATE_S)
     return Motion.of(
         fps=fps,
         head=turned,
-        gaze=eye_head.eyes(turned, gaze_space, turned_in, continuous.kappa_rad, blinks.eye_shift_rad(shut)),
+        gaze=gaze,
         translation=continuous.translation.at(times_s),
-        lid=np.clip(unrest + (1.0 - unrest) * shut, -0.3, 1.0),
-        jaw=np.stack([jaw, continuous.jaw_asymmetry * jaw, np.zeros_like(jaw)], axis=-1),
+        lid=lids.blinking(_open_lids(continuous, gaze, behind[:, 1], times_s, tide), shut),
+        jaw=mouth.jaw,
+        expression=face.expression(continuous.face, mouth, times_s, tide),
+        expression_names=face.FACE_SHAPES,
     )
+
+
+def _open_lids(
+    continuous: Continuous,
+    gaze: Float[ndarray, "T 2 3"],
+    behind_rad: Float[ndarray, " T"],
+    times_s: Float[ndarray, " T"],
+    tide: Float[ndarray, " T"],
+) -> Float[ndarray, "T 2"]:
+    """Lids without blinks: they follow the eyes, `behind_rad` late; person and mood say where they rest."""
+    angles = rotation.angles_of_gaze(gaze)
+    followed = angles[..., 1] - behind_rad[:, None]
+    open_ = lids.open_lids(angles, followed, continuous.lid_unrest.at(times_s), continuous.lids)
+    rest = continuous.lid_rest + continuous.face.feeling.lid * continuous.face.share * tide[:, None]
+    return np.clip(open_ + rest, lids.WIDEST, lids.OPEN_MOST)
 
 
 def render_at(events: Events, continuous: Continuous, fps: float, frames: int) -> Motion:

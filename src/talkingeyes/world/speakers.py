@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
+from talkingeyes.physiology.lids import LidHabit, draw_habit
 from talkingeyes.world.accents import Voice, draw_voice
 
 LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
@@ -46,6 +48,9 @@ class Style:
     lid_rest: float
     jaw_scale: float
     jaw_asymmetry: float
+    lip_scale: float
+    expressiveness: float
+    lids: LidHabit
     kappa: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -65,7 +70,7 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, livel
         liveliness=liveliness,
         look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
         side=float(random.normal(0.0, 0.25)),
-        aversion_scale=float(0.88 * np.exp(0.25 * random.standard_normal())),
+        aversion_scale=float(np.exp(0.25 * random.standard_normal())),
         saccade_rate=float(np.exp(0.20 * random.standard_normal())),
         coupling=float(random.beta(5.0, 2.0)),
         head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
@@ -79,6 +84,9 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, livel
         lid_rest=float(np.clip(random.normal(0.0, 0.04), -0.1, 0.12)),
         jaw_scale=float(np.exp(0.15 * random.standard_normal())),
         jaw_asymmetry=float(random.normal(0.0, 0.12)),
+        lip_scale=float(np.exp(0.12 * random.standard_normal())),
+        expressiveness=float(np.exp(0.2 * random.standard_normal())),
+        lids=draw_habit(random),
         look_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
         blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
         kappa=_kappa(random),
@@ -98,7 +106,8 @@ def draw_speaker(
     random: np.random.Generator,
     blinks: BlinkProfile = PHYSIO,
     liveliness: float = 1.0,
+    voices: Sequence[str] = (),
 ) -> Speaker:
-    """A person who speaks `language`."""
-    voice, style = draw_voice(random, language), draw_style(random, blinks, liveliness)
+    """A person who speaks `language`, in one of the named voices if any are."""
+    voice, style = draw_voice(random, language, voices), draw_style(random, blinks, liveliness)
     return Speaker(name, voice, style, tuple(map(float, random.standard_normal(IDENTITY_SHAPES))))

@@ -15,15 +15,19 @@ from numpy import ndarray
 from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.motion import Blink, Events, Motion, Refocus, Saccade
-from talkingeyes.physiology import blinks, render
+from talkingeyes.physiology import blinks, face, render
+from talkingeyes.physiology.articulation import MouthHabit
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.render import Continuous, Waves
 from talkingeyes.world import gestures
+from talkingeyes.world.brows import draw_brow_raises
 from talkingeyes.world.conversation import WARM_UP_S, Look, looks
 from talkingeyes.world.looking import look_around
 from talkingeyes.world.speakers import Style
 
-LID_UNREST = 0.03  # closure; about 1.2 degrees of lid
+LID_UNREST_RAD = np.radians(1.2)  # with a memory of half a second, up to 5 degrees; the eyes differ by a part of it
+LID_UNREST_HZ, LID_WAVES, LID_DIFFERENCE_RAD = (0.04, 1.6), 12, 0.35
+MOOD_TIDE, MOOD_HZ = 0.2, (0.05, 0.3)
 # How much rarer blinks are in shifts back to the partner: suppressed towards what matters (Williamson 2005). FACTS' .4
 # would leave shifts of 20 to 30 degrees, most of them ways back, far below Evinger's share of blinks.
 TOWARDS_PARTNER = 0.75
@@ -50,7 +54,7 @@ def perform(
     annotation: Annotation, style: Style, seconds: float, random: np.random.Generator, profile: BlinkProfile
 ) -> Take:
     """Draw a take of a sound that is `seconds` long."""
-    continuous = _continuous(annotation, style, random)
+    continuous = _continuous(annotation, style, seconds, random)
     gestured = gestures.posture_shifts(annotation, style, random) + gestures.nods(annotation, style, random)
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
     head = render.head(Events(head_moves=tuple(gestured)), continuous, head_s)
@@ -81,12 +85,9 @@ def _from_the_start(refocuses: Sequence[Refocus], seconds: float) -> tuple[Refoc
     return tuple(each for each in refocuses[before:] if each.onset_s < seconds)
 
 
-def _continuous(annotation: Annotation, style: Style, random: np.random.Generator) -> Continuous:
+def _continuous(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> Continuous:
     posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * random.standard_normal(3)
     drift, *speaking = (gestures.unrest(band, style.head_scale, random) for band in gestures.BANDS.values())
-    unrest = Waves(
-        random.uniform(0.1, 0.8, 4), np.full((4, 2), LID_UNREST / np.sqrt(2.0)), random.uniform(0, 2 * np.pi, (4, 2))
-    )
     return Continuous(
         gaze_rest_rad=(0.0, 0.0),
         kappa_rad=np.array(style.kappa),
@@ -95,13 +96,51 @@ def _continuous(annotation: Annotation, style: Style, random: np.random.Generato
         head_speaking=gestures.joined(*speaking),
         activity=gestures.activity(annotation),
         translation=gestures.translation(random),
+        lids=style.lids,
         lid_rest=style.lid_rest,
-        lid_waves=unrest,
+        lid_unrest=_lid_unrest(random),
         blink_lag_s=float(np.clip(BLINK_LAG_S * random.standard_normal(), -LONGEST_BLINK_LAG_S, LONGEST_BLINK_LAG_S)),
         phonemes=annotation.phonemes,
-        jaw_scale=style.jaw_scale,
-        jaw_asymmetry=style.jaw_asymmetry,
+        mouth=_mouth_habit(annotation, style),
+        face=_face(annotation, style, seconds, random),
+        face_tide=_mood_tide(random),
     )
+
+
+def _mood_tide(random: np.random.Generator) -> Waves:
+    """How an emotion comes and goes, about 0."""
+    amplitude = np.full((3, 1), MOOD_TIDE * np.sqrt(2.0 / 3.0))
+    return Waves(random.uniform(*MOOD_HZ, 3), amplitude, random.uniform(0, 2 * np.pi, (3, 1)))
+
+
+def _lid_unrest(random: np.random.Generator) -> Waves:
+    """Slow lid motion on still eyes: a spectrum flat up to the memory's corner and falling beyond, both eyes alike."""
+    low, high = np.log(LID_UNREST_HZ)
+    frequency = np.exp(random.uniform(low, high, LID_WAVES))
+    power = frequency / (1.0 + (2.0 * np.pi * 0.5 * frequency) ** 2)
+    amplitude = LID_UNREST_RAD * np.sqrt(2.0 * power / power.sum())
+    phase = random.uniform(0, 2 * np.pi, (LID_WAVES, 1)) + random.normal(0.0, LID_DIFFERENCE_RAD, (LID_WAVES, 2))
+    return Waves(frequency, np.repeat(amplitude[:, None], 2, axis=1), phase)
+
+
+def _share(annotation: Annotation, style: Style) -> float:
+    """How much of the emotion shows in this face."""
+    return float(min(face.SHARE_OF_INTENSITY[annotation.intensity] * style.expressiveness, 1.2))
+
+
+def _mouth_habit(annotation: Annotation, style: Style) -> MouthHabit:
+    feeling, share = face.FEELINGS[annotation.emotion], _share(annotation, style)
+    return MouthHabit(
+        jaw_scale=style.jaw_scale * (1.0 + share * (feeling.jaw_scale - 1.0)),
+        lip_scale=style.lip_scale,
+        jaw_asymmetry=style.jaw_asymmetry,
+        jaw_rest_rad=share * feeling.jaw_rest_rad,
+    )
+
+
+def _face(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> face.Face:
+    brows = draw_brow_raises(annotation, style.coupling, seconds, random)
+    return face.Face(annotation.emotion, _share(annotation, style), brows)
 
 
 def _blinks(
