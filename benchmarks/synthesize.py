@@ -10,9 +10,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
-from pipelines.synthesize import Order, perform_sound, say_sound
+from pipelines.synthesize import perform_sound, say_sound
 from talkingeyes.config import compose
 from talkingeyes.corpus.store import SAMPLE_RATE
 from talkingeyes.run import quiet
@@ -20,7 +21,6 @@ from talkingeyes.world import plan
 from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import SynthesizeSettings
 from talkingeyes.world.take import perform
-from talkingeyes.world.voices import speak_about
 
 
 def main() -> None:
@@ -33,6 +33,9 @@ def main() -> None:
     print(f"{'step':<34}{'ms a sound':>12}{'times real time':>18}")
     for step, spent in spent_s.items():
         print(f"{step:<34}{1000 * spent / len(sounds):>12.1f}{seconds / spent:>18.0f}")
+    takes = sum(sound.takes for sound in plan.sounds(settings)) / settings.clips
+    speak, move = list(spent_s.values())[:2]
+    print(f"a sound with its {takes:.2f} takes: {seconds * takes / (speak + takes * move):.0f} times real time")
 
 
 def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: Counter[str]) -> float:
@@ -43,27 +46,25 @@ def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: Counter[st
         spent_s[step] += time.process_time() - start
         start = time.process_time()
 
-    speaker = plan.speaker_of(settings, sound)
-    random = plan.generator(settings.seed, "sound", sound.index)
-    start = time.process_time()
-    spoken = speak_about(speaker.voice, settings.shortest_s, settings.longest_s, random)[1]
-    lap("speak")
+    with tempfile.TemporaryDirectory() as folder:
+        speaker = plan.speaker_of(settings, sound)
+        start = time.process_time()
+        spoken = say_sound(Path(folder), settings, sound)
+        lap("speak, and write it")
+        perform_sound(Path(folder), settings, replace(sound, takes=1), spoken)
+        lap("move, observe and write one take")
     motion_random = plan.generator(settings.seed, "motion", sound.index)
+    start = time.process_time()
     take = perform(spoken.annotation, speaker.style, spoken.seconds, motion_random, settings.blink_profile)
-    lap("draw a take")
+    lap("  draw a take")
     motion = take.motion(settings.fps, len(spoken.sound) * 25 // SAMPLE_RATE)
-    lap("render at 25 frames a second")
-    take.motion(500.0, round(500 * spoken.seconds))
-    lap("render at 500 frames a second")
+    lap("  render at 25 frames a second")
     random = plan.generator(settings.seed, "noise", sound.index)
     identity = head_shape(speaker.identity, settings.camera)
     observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
-    lap("observe")
-    with tempfile.TemporaryDirectory() as folder:
-        start = time.process_time()
-        said = say_sound(Path(folder), settings, sound)
-        perform_sound(Path(folder), settings, Order(said, "train", 1))
-        lap("all of it, files included")
+    lap("  observe")
+    take.motion(500.0, round(500 * spoken.seconds))
+    lap("(render at 500 frames a second)")
     return spoken.seconds
 
 

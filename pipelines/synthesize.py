@@ -1,17 +1,21 @@
 """Stage `synthesize`: a synthetic corpus of spoken text with true motion and what a camera sees of it.
 
-Reads nothing (text, voices and motion are the project's own) Writes data/synthesize/: clips.parquet, speech/,
-annotations/, observations/, truth/ (docs/conventions.md) Run python -m pipelines.synthesize
+Reads   nothing (text, voices and motion are the project's own)
+Writes  data/synthesize/: clips.parquet, speech/, partner/, annotations/, observations/, truth/ (docs/conventions.md),
+        table1.md
+Run     python -m pipelines.synthesize
 
-Splits are known before any motion is drawn: 15 % of the speakers are unseen, the rest 8:1:1 by sentence. Some sounds of
-test and unseen have several takes: one sound, motion drawn again, for the one-to-many tests.
+Splits are known before anything is said: 15 % of the speakers are unseen, the sounds of the rest are dealt 8:1:1. Some
+sounds of test and unseen have several takes: one sound, motion drawn again, for the one-to-many tests. A run that is
+cut off goes on with the sound that it was at.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import json
+import shutil
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,120 +25,97 @@ from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import SPLITS, Clip
-from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
+from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
+from talkingeyes.corpus.table1 import row_of, table
 from talkingeyes.motion import Motion
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.run import Report, Workspace, code_digest, each, main
 from talkingeyes.world import plan
+from talkingeyes.world.acoustics import heard
 from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import Sound, SynthesizeSettings
 from talkingeyes.world.take import perform
-from talkingeyes.world.voices import speak_about
+from talkingeyes.world.voices import Spoken, converse
 
-
-@dataclass(frozen=True)
-class Said:
-    """What came of speaking a sound: what the splits and the index need."""
-
-    sound: Sound
-    sentences: tuple[str, ...]
-    text: str
-    seconds: float
-    language: str
-
-
-@dataclass(frozen=True)
-class Order:
-    """A spoken sound to perform, in its split, so many times."""
-
-    said: Said
-    split: str
-    takes: int
+# The code that a corpus is made by: a run that was cut off goes on only under the same.
+ROOMS = ("audio", "corpus", "head", "physiology", "world", "motion.py", "rotation.py")
 
 
 def run(workspace: Workspace) -> Report:
-    """Speak all sounds, split them, then perform them, each with all its takes."""
+    """Speak and perform all sounds."""
     settings = workspace.settings("synthesize", SynthesizeSettings)
-    with workspace.output("synthesize") as folder:
-        say = partial(say_sound, folder, settings)
-        said = list(each(say, plan.sounds(settings), workspace.jobs, "synthesize: speak"))
-        move = partial(perform_sound, folder, settings)
-        made = each(move, orders(said, settings), workspace.jobs, "synthesize: move")
+    sounds = plan.sounds(settings)
+    with workspace.output("synthesize", made_of=f"{settings.model_dump_json()} {code_digest(ROOMS)}") as folder:
+        made = each(partial(make_sound, folder, settings), sounds, workspace.jobs, "synthesize")
         clips = [clip for takes in made for clip in takes]
+        shutil.rmtree(folder / "rows")
         Corpus(folder).write_index(clips)
+        row = table("synthesize", row_of(clips), "synthesised")
+        (folder / "table1.md").write_text(row)
+    print(row, end="")
     return Report(metrics=_summary(clips))
 
 
-def say_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> Said:
-    """Speak one sound and write it with its annotation."""
-    voice = plan.speaker_of(settings, sound).voice
-    random = plan.generator(settings.seed, "sound", sound.index)
-    script, spoken = speak_about(voice, settings.shortest_s, settings.longest_s, random)
-    Corpus(root).write_sound(sound.id, spoken.sound, spoken.annotation)
-    return Said(sound, script.sentences_text, spoken.text, spoken.seconds, voice.language)
-
-
-def orders(said: Sequence[Said], settings: SynthesizeSettings) -> list[Order]:
-    """Sounds with their splits and takes. Raises InputError when a split stays empty."""
-    split = split_sounds(
-        {each.sound.id: plan.speaker_name(each.sound.speaker) for each in said},
-        {each.sound.id: each.sentences for each in said},
-        settings.seed,
-    )
-    several = _with_takes(split, settings)
-    return [Order(x, split[x.sound.id], settings.takes if x.sound.id in several else 1) for x in said]
-
-
-def _with_takes(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
-    chosen: set[str] = set()
-    for name in SPLITS:
-        members = sorted(sound for sound, where in split.items() if where == name)
-        if not members:
-            raise InputError(
-                f"synthesize.clips: should be enough for every split ({name} has none), got {settings.clips}"
-            )
-        if name in ("test", "unseen"):
-            random = plan.generator(settings.seed, "takes", SPLITS.index(name))
-            count = min(settings.multi_take_sounds, len(members))
-            chosen.update(str(sound) for sound in random.choice(members, count, replace=False))
-    return chosen
-
-
-def perform_sound(root: Path, settings: SynthesizeSettings, order: Order) -> list[Clip]:
-    """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
-    corpus, sound = Corpus(root), order.said.sound
-    speaker = plan.speaker_of(settings, sound)
-    identity = head_shape(speaker.identity, settings.camera)
-    clips = []
-    for number in range(order.takes):
-        clip = _row(order, number, settings.fps)
-        annotation, speech = corpus.annotation(clip), corpus.speech(clip)
-        random = plan.generator(settings.seed, "motion", sound.index, number)
-        take = perform(annotation, speaker.style, clip.seconds, random, settings.blink_profile)
-        motion = take.motion(settings.fps, int(len(speech) * settings.fps) // SAMPLE_RATE)
-        random = plan.generator(settings.seed, "noise", sound.index, number)
-        seen = observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
-        corpus.write_clip(clip.id, seen, motion, take.events)
-        clips.append(replace(clip, content_hash=_content_hash(speech, motion)))
+def make_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> list[Clip]:
+    """One sound with all its takes, written; its rows of the index. What an earlier run finished is taken as it is."""
+    rows = sharded(root / "rows", sound.id, ".json")
+    if rows.exists():
+        return [Clip(**row) for row in json.loads(rows.read_text())]
+    spoken = say_sound(root, settings, sound)
+    clips = perform_sound(root, settings, sound, spoken)
+    unfinished = sharded_for_writing(root / "rows", sound.id, ".unfinished")
+    unfinished.write_text(json.dumps([asdict(clip) for clip in clips]))
+    unfinished.replace(rows)
     return clips
 
 
-def _row(order: Order, take: int, fps: float) -> Clip:
-    said = order.said
+def say_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> Spoken:
+    """Speak one sound and write it with its annotation; noise and room change what is written, not what is known."""
+    source = settings.sources[sound.source]
+    random = plan.generator(settings.seed, "sound", sound.index)
+    cast, share = plan.cast_of(settings, sound), plan.TEXT[sound.split]
+    spoken = converse(cast, source.shortest_s, source.longest_s, random, share)
+    random = plan.generator(settings.seed, "acoustics", sound.index)
+    spoken = replace(
+        spoken,
+        sound=heard(spoken.sound, settings.acoustics, random),
+        annotation=replace(spoken.annotation, emotion=sound.emotion, intensity=sound.intensity),
+        partner=None if spoken.partner is None else heard(spoken.partner, settings.acoustics, random),
+    )
+    Corpus(root).write_sound(sound.id, spoken.sound, spoken.annotation, spoken.partner)
+    return spoken
+
+
+def perform_sound(root: Path, settings: SynthesizeSettings, sound: Sound, spoken: Spoken) -> list[Clip]:
+    """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
+    speaker = plan.speaker_of(settings, sound)
+    identity = head_shape(speaker.identity, settings.camera)
+    clips = []
+    for number in range(sound.takes):
+        clip = _row(sound, spoken, number, settings.fps)
+        random = plan.generator(settings.seed, "motion", sound.index, number)
+        take = perform(spoken.annotation, speaker.style, clip.seconds, random, settings.blink_profile)
+        motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
+        random = plan.generator(settings.seed, "noise", sound.index, number)
+        seen = observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
+        Corpus(root).write_clip(clip.id, seen, motion, take.events)
+        clips.append(replace(clip, content_hash=_content_hash(spoken.sound, motion)))
+    return clips
+
+
+def _row(sound: Sound, spoken: Spoken, take: int, fps: float) -> Clip:
     return Clip(
-        id=f"{said.sound.id}-t{take}",
-        sound=said.sound.id,
+        id=f"{sound.id}-t{take}",
+        sound=sound.id,
         take=take,
-        speaker=plan.speaker_name(said.sound.speaker),
-        split=order.split,
-        seconds=said.seconds,
+        speaker=plan.speaker_name(sound.speaker),
+        split=sound.split,
+        seconds=spoken.seconds,
         fps=fps,
-        emotion="neutral",
-        intensity=0,
-        language=said.language,
-        text=said.text,
-        source="talkingeyes synthesize",
+        emotion=sound.emotion,
+        intensity=sound.intensity,
+        language=spoken.script.language,
+        text=spoken.text,
+        source=f"synthetic {sound.source}",
         licence="CC0-1.0",
         content_hash="",
     )
@@ -142,7 +123,7 @@ def _row(order: Order, take: int, fps: float) -> Clip:
 
 def _content_hash(sound: Float[ndarray, " N"], motion: Motion) -> str:
     content = hashlib.blake2b(digest_size=16)
-    for array in (sound, motion.head, motion.gaze, motion.lid):
+    for array in (sound, motion.head, motion.gaze, motion.lid, motion.jaw, motion.expression):
         content.update(np.ascontiguousarray(array, np.float32).tobytes())
     return content.hexdigest()
 

@@ -1,19 +1,26 @@
 """Stage `synthesize`: a whole corpus, the same for any number of processes, and settings refused before writing."""
 
+import re
+import subprocess
+import sys
+import time
 from collections import Counter
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipelines import synthesize
-from talkingeyes.config import compose
+from talkingeyes.audio.annotation import EMOTIONS
+from talkingeyes.config import compose, write_params
 from talkingeyes.corpus.index import SPLITS
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.errors import InputError
 from talkingeyes.run import Workspace
 from talkingeyes.world import plan
 from talkingeyes.world.plan import SynthesizeSettings
+from talkingeyes.world.voices import converse
 from tests.fixtures_corpus import make_tiny_corpus
 
 
@@ -73,10 +80,19 @@ def test_two_processes_make_the_same_bytes(tmp_path):
         ({"clips": 0}, "synthesize.clips"),
         ({"speakers": 1}, "synthesize.speakers"),
         ({"shortest_s": 3.0}, "synthesize.shortest_s"),
-        ({"shortest_s": 9.5}, "longest_s should be at least"),
+        ({"shortest_s": 9.5}, r"longest_s should be at least shortest_s \+ 0.5 \(10.0\), got 9.6"),
         ({"fps": -1.0}, "synthesize.fps"),
-        ({"speakers": 300}, "clips should be at least speakers"),
-        ({"languages": ["xx"]}, "languages should be among"),
+        ({"longest_s": 601.0}, "synthesize.longest_s: Input should be less than or equal to 600, got 601.0"),
+        ({"neutral_share": -0.1}, "synthesize.neutral_share"),
+        ({"liveliness": -1.0}, "synthesize.liveliness"),
+        ({"listening_share": 1.5}, "synthesize.listening_share"),
+        ({"acoustics.noise_share": -1}, "synthesize.acoustics.noise_share"),
+        ({"acoustics.decay_least_s": 2.0}, r"decay_most_s should be at least decay_least_s \(2.0\), got 0.6"),
+        ({"voices": ["en-us+nobody"]}, "voices should be accent.variant, of the accents en-us, .*, got en-us.nobody"),
+        ({"voices": ["fr+f1"]}, r"voices should have one for en \(en-us, .*, got fr.f1"),
+        ({"further_sources": {"interview": {}}}, "synthesize.further_sources.interview.clips"),
+        ({"speakers": 300}, r"clips should be at least speakers \(300\), got 24"),
+        ({"languages": ["xx"]}, "languages should be among en, fr, de, es, it, pt, nl, got xx"),
         ({"blinks": "never"}, "synthesize.blinks"),
         ({"noise.pupil.white_least_px": 9.0}, "white_most_px should be at least"),
         ({"colour": "red"}, "synthesize.colour"),
@@ -95,21 +111,154 @@ def test_settings_out_of_range_are_refused_before_anything_is_written(tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_corpus_too_small_for_its_splits_is_refused():
-    settings = SynthesizeSettings(**compose(["synthesize=tiny"])["synthesize"])
-    said = [synthesize.Said(sound, ("The same sentence.",), "", 8.0, "en") for sound in plan.sounds(settings)]
-    with pytest.raises(InputError, match="every split"):
-        synthesize.orders(said, settings)
-
-
 def test_other_frame_rates(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.fps=50"])["synthesize"])
-    said = synthesize.say_sound(tmp_path, settings, plan.sounds(settings)[3])
-    (clip,) = synthesize.perform_sound(tmp_path, settings, synthesize.Order(said, "train", 1))
+    clip = synthesize.make_sound(tmp_path, settings, plan.sounds(settings)[3])[0]
     corpus = Corpus(tmp_path)
     assert len(corpus.truth(clip)) == round(clip.seconds * 50) and corpus.observation(clip).fps == 50.0
 
 
-def test_paper_is_as_large_as_the_paper():
+def test_no_text_voice_or_sound_is_in_two_splits(corpus):
+    said, speakers, sounds = ({split: set() for split in SPLITS} for _ in range(3))
+    for clip in corpus.clips:
+        said[clip.split] |= set(re.findall(r"[^.?]+[.?]", clip.text))
+        speakers[clip.split].add(clip.speaker)
+        sounds[clip.split].add(clip.sound)
+    for one, other in combinations(SPLITS, 2):
+        assert not said[one] & said[other] and not sounds[one] & sounds[other]
+        assert "unseen" not in (one, other) or not speakers[one] & speakers[other]
+
+
+def test_sentences_of_both_people_are_of_the_share_of_their_split():
+    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
+    for sound in [one for split in SPLITS for one in plan.sounds(settings) if one.split == split][::8]:
+        spoken = converse(plan.cast_of(settings, sound), 8.0, 9.6, np.random.default_rng(0), plan.TEXT[sound.split])
+        assert len(spoken.sentences) >= 2
+        assert all(text in plan.TEXT[sound.split] for text in spoken.sentences)
+
+
+def test_shares_of_text_do_not_overlap():
+    shares = sorted((share.start, share.stop) for share in plan.TEXT.values())
+    assert set(plan.TEXT) == set(SPLITS) and shares[0][0] == 0.0
+    assert all(one[1] <= other[0] for one, other in pairwise(shares))
+
+
+def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
+    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
+    clip = synthesize.make_sound(tmp_path, settings, plan.sounds(settings)[0])[0]
+    corpus = Corpus(tmp_path)
+    own, partner, known = corpus.speech(clip), corpus.partner(clip), corpus.annotation(clip)
+    assert partner.shape == own.shape and known.speaking and known.listening and known.partner
+    for sound, silent, heard in ((own, known.listening, known.speaking), (partner, known.speaking, known.partner)):
+        for span in silent:
+            assert np.abs(sound[round(span.start_s * 16000) + 80 : round(span.end_s * 16000) - 80]).max() < 1e-3
+        for span in heard:
+            assert np.abs(sound[round(span.start_s * 16000) : round(span.end_s * 16000)]).max() > 0.05
+
+
+def test_the_share_of_listening_and_of_emotions_is_what_was_asked_for():
+    overrides = ["synthesize.clips=2000", "synthesize.listening_share=0.3", "synthesize.neutral_share=0.6"]
+    sounds = plan.sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))
+    assert np.mean([sound.listening for sound in sounds]) == pytest.approx(0.3, abs=0.05)
+    moods = Counter((sound.emotion, sound.intensity) for sound in sounds)
+    assert moods.pop(("neutral", 0)) / 2000 == pytest.approx(0.6, abs=0.05)
+    assert len(moods) == 21 and {intensity for _, intensity in moods} == {1, 2, 3} and min(moods.values()) > 15
+
+
+def test_the_index_knows_mood_and_source(corpus):
+    for clip in corpus.clips:
+        known = corpus.annotation(clip)
+        assert (known.emotion, known.intensity) == (clip.emotion, clip.intensity)
+        assert clip.source == "synthetic interview" and clip.emotion in EMOTIONS
+    assert len({clip.emotion for clip in corpus.clips}) > 2
+
+
+def test_table_1_is_kept(corpus):
+    rows = (corpus.root / "table1.md").read_text().splitlines()
+    cells = [cell.strip() for cell in rows[-1].split("|")]
+    hours = sum(clip.seconds for clip in corpus.clips) / 3600
+    assert cells[5:8] == [str(len(corpus.clips)), "4", f"{hours:.3g}"]
+
+
+def test_noise_and_room_change_the_sound_alone(tmp_path):
+    loud = ["synthesize.acoustics.noise_share=1", "synthesize.acoustics.room_share=1"]
+    plain, noisy = (SynthesizeSettings(**compose(["synthesize=tiny", *more])["synthesize"]) for more in ([], loud))
+    sound = plan.sounds(plain)[0]
+    for name, settings in (("plain", plain), ("noisy", noisy), ("again", noisy)):
+        synthesize.make_sound(tmp_path / name, settings, sound)
+    content = {name: files(tmp_path / name) for name in ("plain", "noisy", "again")}
+    assert content["noisy"] == content["again"]
+    differing = {path.parts[0] for path, data in content["plain"].items() if content["noisy"][path] != data}
+    assert differing == {"speech", "rows"}  # rows hold a hash of the sound
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path):
+    few = ("synthesize.clips=10", "synthesize.takes=2")
+    whole = files(make_tiny_corpus(tmp_path / "whole", *few))
+    root = tmp_path / "killed"
+    write_params(root / "params.yaml", compose(["experiment=tiny", *few]))
+    rows = root / "data" / ".synthesize.partial" / "rows"
+    with subprocess.Popen([sys.executable, "-m", "pipelines.synthesize"], cwd=root, stderr=subprocess.DEVNULL) as run:
+        while len(list(rows.rglob("*.json"))) < 3:
+            assert run.poll() is None, "ended before anything could be killed"
+            time.sleep(0.005)
+        run.kill()
+    assert run.returncode == -9
+    partial = root / "data" / ".synthesize.partial"
+    done = [path.relative_to(partial) for path in partial.rglob("*.events.json")]
+    finished = {path.stem for path in rows.rglob("*.json")}
+    before = {path: (partial / path).stat().st_mtime_ns for path in done if path.name[:12] in finished}
+    assert before and not (root / "data" / "synthesize").exists()
+    synthesize.run(Workspace.open(root))
+    assert files(root / "data" / "synthesize") == whole
+    assert all((root / "data" / "synthesize" / path).stat().st_mtime_ns == time_ns for path, time_ns in before.items())
+
+
+def test_an_unfinished_run_of_other_settings_is_not_gone_on_with(tmp_path):
+    unfinished = tmp_path / "data" / ".synthesize.partial"
+    (unfinished / "rows").mkdir(parents=True)
+    (unfinished / "rows" / "stale").write_text("")
+    (unfinished / "MADE_OF").write_text("something else")
+    root = make_tiny_corpus(tmp_path, "synthesize.clips=10", "synthesize.takes=1")
+    assert not list(root.rglob("stale")) and not unfinished.exists()
+
+
+def test_a_corpus_too_small_for_its_splits_is_refused(tmp_path):
+    params = compose(["synthesize=tiny", "synthesize.clips=10", "synthesize.speakers=10"])
+    params["synthesize"] |= {"clips": 10, "speakers": 4}
+    with pytest.raises(InputError, match="every split"):
+        plan.sounds(SynthesizeSettings(**params["synthesize"]).model_copy(update={"clips": 4}))
+
+
+def test_paper_is_as_large_as_the_paper_and_of_two_sources():
     settings = SynthesizeSettings(**compose(["synthesize=paper"])["synthesize"])
-    assert (settings.clips, settings.speakers) == (5982, 669)
+    sounds = plan.sounds(settings)
+    assert Counter(sound.source for sound in sounds) == {"interview": 5912, "monologue": 70}
+    assert len({sound.speaker for sound in sounds}) == 669
+    random = np.random.default_rng(0)
+    hours = {
+        name: each.clips * np.exp(random.uniform(np.log(each.shortest_s), np.log(each.longest_s), 9999)).mean() / 3600
+        for name, each in settings.sources.items()
+    }
+    assert hours["interview"] == pytest.approx(12, abs=0.2) and hours["monologue"] == pytest.approx(2, abs=0.1)
+    lively, quiet = (plan.speaker_of(settings, sound).style.liveliness for sound in (sounds[0], sounds[-1]))
+    assert quiet < 0.5 < lively
+
+
+def test_personal_has_clips_of_every_person_in_every_split():
+    settings = SynthesizeSettings(**compose(["synthesize=personal"])["synthesize"])
+    sounds = plan.sounds(settings)
+    people = {speaker: Counter(s.split for s in sounds if s.speaker == speaker) for speaker in range(6)}
+    unseen = [speaker for speaker, splits in people.items() if splits == {"unseen": 10}]
+    assert len(sounds) == 60 and len(unseen) == 1
+    assert all(splits == {"train": 8, "val": 1, "test": 1} for s, splits in people.items() if s not in unseen)
+
+
+def test_every_language_has_speakers(tmp_path):
+    settings = SynthesizeSettings(**compose(["synthesize=languages"])["synthesize"])
+    sounds = plan.sounds(settings)[:7]
+    texts = {}
+    for sound in sounds[1:]:
+        (clip, *_) = synthesize.make_sound(tmp_path, settings, sound)
+        texts[clip.language] = clip.text
+    assert set(texts) == {"fr", "de", "es", "it", "pt", "nl"} and len(set(texts.values())) == 6

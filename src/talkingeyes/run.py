@@ -86,23 +86,39 @@ class Workspace:
         return self.root.joinpath("data", *parts)
 
     @contextmanager
-    def output(self, *parts: str) -> Iterator[Path]:
+    def output(self, *parts: str, made_of: str | None = None) -> Iterator[Path]:
         """A new folder that becomes data/<parts> only when the block ends well: never a half-made output.
 
         SHA256SUMS in it stands for all its files: DVC looks at one file for each stage that reads thousands.
+        A stage that says what it is `made_of` finds again what a run of the very same left when it was cut off.
         """
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        mark = partial / "MADE_OF"
+        if made_of is None or not mark.is_file() or mark.read_text() != made_of:
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True)
+            if made_of is not None:
+                mark.write_text(made_of)
         try:
             yield partial
+            mark.unlink(missing_ok=True)
             (partial / SUMS).write_text(sums(partial))
         except BaseException:
-            shutil.rmtree(partial, ignore_errors=True)
+            if made_of is None:
+                shutil.rmtree(partial, ignore_errors=True)
             raise
         shutil.rmtree(final, ignore_errors=True)
         partial.rename(final)
+
+
+def code_digest(rooms: Iterable[str]) -> str:
+    """A hash of the package's own code in these rooms and files: what an unfinished output may have been made by."""
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    for room in rooms:
+        for path in sorted([package / room] if room.endswith(".py") else (package / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def sums(folder: Path) -> str:

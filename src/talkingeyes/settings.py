@@ -29,6 +29,12 @@ class PartSettings(Settings):
 S = TypeVar("S", bound=Settings)
 
 
+def out_of_bounds(what: str, came: object) -> PydanticCustomError:
+    """The error of a validator that looks at several keys: `what` names key and bound, `came` is the value."""
+    # Braces would be taken for a template.
+    return PydanticCustomError("bounds", "{what}, got {came}", {"what": what, "came": str(came)})
+
+
 @dataclass(frozen=True)
 class Role:
     """A part that can be exchanged: classes that do the same in different ways, one of which a section's `kind` names.
@@ -89,6 +95,6 @@ def _line(section: str, error: pydantic.ValidationError) -> str:
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if isinstance(inner, pydantic.ValidationError):
         return _line(key, inner) + more
-    if first["type"] == "kind":
+    if first["type"] in ("kind", "bounds"):
         return f"{key}: {first['msg']}{more}"
     return f"{key}: {first['msg']}, got {first['input']!r}{more}"

@@ -145,7 +145,8 @@ def _angles_rad(left: Float[ndarray, " T"], up: Float[ndarray, " T"], distance: 
 
 def _table(path: Path) -> pa.Table:
     try:
-        return csv.read_csv(path)
+        table = csv.read_csv(path)
+        return table.rename_columns([name.strip() for name in table.column_names])  # OpenFace puts spaces before names
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"{path}: not a readable CSV table ({error})") from None
 

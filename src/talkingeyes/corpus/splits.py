@@ -14,7 +14,8 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
     """Split of each sound.
 
     Sounds that share a sentence stay together among the seen speakers. Groups go, largest first, to the split that is
-    furthest below its share, so a corpus of few sentences still gets all three splits.
+    furthest below its share, so a corpus of few sentences still gets all three splits; sounds that share none are
+    dealt out speaker by speaker.
     """
     random = np.random.default_rng(seed)
     speakers = sorted(set(speaker_of.values()))
@@ -26,10 +27,24 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
     groups.sort(key=len, reverse=True)
     total = sum(map(len, groups))
     filled = dict.fromkeys(SHARES, 0)
-    for group in groups:
+    single = sorted((group[0] for group in groups if len(group) == 1), key=lambda sound: speaker_of[sound])
+    for group in groups[: len(groups) - len(single)]:
         name = max(SHARES, key=lambda each: SHARES[each] * total - filled[each])
         filled[name] += len(group)
         split.update(dict.fromkeys(group, name))
+    wanted = {name: max(SHARES[name] * total - filled[name], 0.0) for name in SHARES}
+    return split | _dealt(single, wanted)
+
+
+def _dealt(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:
+    """Sounds in the order of their speakers, so that every speaker has some in each split, if there are enough."""
+    split: dict[str, str] = {}
+    given = dict.fromkeys(wanted, 0)
+    per_sound = {name: count / max(sum(wanted.values()), 1e-9) for name, count in wanted.items()}
+    for index, sound in enumerate(sounds):
+        name = max(wanted, key=lambda each: per_sound[each] * (index + 1) - given[each])
+        given[name] += 1
+        split[sound] = name
     return split
 
 

@@ -35,6 +35,16 @@ def sharded_for_writing(folder: Path, name: str, suffix: str) -> Path:
     return path
 
 
+def _sound(path: Path) -> Float[ndarray, " N"]:
+    try:
+        sound, rate = soundfile.read(path, dtype="float32")
+    except (OSError, soundfile.LibsndfileError) as error:
+        raise InputError(f"{path}: not a readable sound ({error})") from None
+    if rate != SAMPLE_RATE or sound.ndim != 1:
+        raise InputError(f"{path}: corpus sound should be 16 kHz mono, got {rate} Hz, shape {sound.shape}")
+    return np.asarray(sound)
+
+
 @dataclass(frozen=True)
 class Corpus:
     """A corpus folder, as `synthesize` and `track` both write it. Sound: 16 kHz mono. `truth` is there if synthetic."""
@@ -51,15 +61,13 @@ class Corpus:
         return [clip for clip in self.clips if clip.split in splits and (take is None or clip.take == take)]
 
     def speech(self, clip: Clip) -> Float[ndarray, " N"]:
-        """The clip's sound, float32 at 16 kHz."""
-        path = sharded(self.root / "speech", clip.sound, ".flac")
-        try:
-            sound, rate = soundfile.read(path, dtype="float32")
-        except (OSError, soundfile.LibsndfileError) as error:
-            raise InputError(f"{path}: not a readable sound ({error})") from None
-        if rate != SAMPLE_RATE or sound.ndim != 1:
-            raise InputError(f"{path}: corpus sound should be 16 kHz mono, got {rate} Hz, shape {sound.shape}")
-        return np.asarray(sound)
+        """The clip's sound, float32 at 16 kHz: what the subject says."""
+        return _sound(sharded(self.root / "speech", clip.sound, ".flac"))
+
+    def partner(self, clip: Clip) -> Float[ndarray, " N"] | None:
+        """What the partner says meanwhile, as long as `speech`, or None where nobody else speaks."""
+        path = sharded(self.root / "partner", clip.sound, ".flac")
+        return _sound(path) if path.exists() else None
 
     def annotation(self, clip: Clip) -> Annotation:
         """Words, phonemes and spans of the clip's sound."""
@@ -84,8 +92,17 @@ class Corpus:
 
     # Writing: per sound, per clip, and last the index, which makes the corpus whole.
 
-    def write_sound(self, sound: str, samples: Float[ndarray, " N"], annotation: Annotation) -> None:
-        """Write speech and annotation of a sound that several takes may share."""
+    def write_sound(
+        self,
+        sound: str,
+        samples: Float[ndarray, " N"],
+        annotation: Annotation,
+        partner: Float[ndarray, " N"] | None = None,
+    ) -> None:
+        """Write speech and annotation of a sound that several takes may share, and the partner's channel if any."""
+        if partner is not None:
+            path = sharded_for_writing(self.root / "partner", sound, ".flac")
+            soundfile.write(path, partner, SAMPLE_RATE, subtype="PCM_16")
         path = sharded_for_writing(self.root / "speech", sound, ".flac")
         soundfile.write(path, samples, SAMPLE_RATE, subtype="PCM_16")
         annotation.save(sharded_for_writing(self.root / "annotations", sound, ".json"))

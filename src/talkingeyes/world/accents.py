@@ -24,6 +24,10 @@ ACCENTS: dict[str, tuple[str, ...]] = {
     "nl": ("nl",),
 }
 VARIANTS = ("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "f1", "f2", "f3", "f4", "f5", "Andy", "Alicia", "Annie")
+VOICE_NAMES = (
+    f"accent+variant, of the accents {', '.join(accent for accents in ACCENTS.values() for accent in accents)} and "
+    f"the variants {', '.join(VARIANTS)}"
+)
 RATES_WPM = (145, 195)
 PITCHES = (30, 70)
 PITCH_RANGES = (35, 80)
@@ -80,13 +84,10 @@ def draw_voice(random: np.random.Generator, language: str, among: Sequence[str] 
     return Voice(f"{espeak_voice}-{rate}-{pitch}-{pitch_range}", language, espeak_voice, rate, pitch, pitch_range)
 
 
-def unknown_voice(espeak_voice: str) -> str:
-    """What is wrong with the name of a voice, or nothing."""
+def is_voice(espeak_voice: str) -> bool:
+    """Whether this is the name of a voice."""
     accent, _, variant = espeak_voice.partition("+")
-    accents = [each for several in ACCENTS.values() for each in several]
-    if accent in accents and variant in VARIANTS:
-        return ""
-    return f"an accent ({', '.join(accents)}) + a variant ({', '.join(VARIANTS)}), got {espeak_voice!r}"
+    return variant in VARIANTS and any(accent in accents for accents in ACCENTS.values())
 
 
 def in_mood(voice: Voice, emotion: str, intensity: int) -> Voice:

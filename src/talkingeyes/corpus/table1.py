@@ -1,0 +1,40 @@
+"""A corpus as a row of the paper's Table I: motion types, sequences, subjects, hours, and where it comes from.
+
+Written to table1.md beside the index, and printed, by every stage that makes a corpus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from talkingeyes.corpus.index import Clip
+
+HEADER = "| corpus | face | head | eyes | sequences | subjects | hours | acquisition | sources |"
+PAPER = "| TKED (the paper's) | ✓ | ✓ | ✓ | 5982 | 669 | 14.0 | generated from video | VoxCeleb2, HDTF |"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What Table I says of a corpus."""
+
+    sequences: int
+    subjects: int
+    hours: float
+    sources: tuple[str, ...]
+
+
+def row_of(clips: Sequence[Clip]) -> Row:
+    """Sequences are clips, every take counted."""
+    return Row(
+        len(clips),
+        len({clip.speaker for clip in clips}),
+        sum((clip.seconds for clip in clips), 0.0) / 3600.0,
+        tuple(sorted({clip.source for clip in clips})),
+    )
+
+
+def table(name: str, row: Row, acquisition: str) -> str:
+    """The row in Markdown under that of the paper's own corpus. All corpora here hold face, head and eyes."""
+    own = f"| {name} | ✓ | ✓ | ✓ | {row.sequences} | {row.subjects} | {row.hours:.3g} | {acquisition} |"
+    return "\n".join([HEADER, "|" + "---|" * 9, PAPER, f"{own} {', '.join(row.sources)} |", ""])
