@@ -20,6 +20,7 @@ from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio
 from talkingeyes.fitting.gaps import bridged, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
+from talkingeyes.fitting.person import Person, PersonSettings, person
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
 from talkingeyes.head.observation import Observation
 from talkingeyes.motion import Motion
@@ -49,6 +50,7 @@ class Table8Settings(Settings):
 class FitSettings(Settings):
     """The section `fit`."""
 
+    person: PersonSettings
     head_pose: HeadPoseSettings
     lightgazefit: LightGazeFitSettings
     blink: BlinkSettings
@@ -63,6 +65,7 @@ class Fit:
 
     motion: Motion
     per_frame: Motion
+    person: Person
     pose: HeadPose
     lids: Lids
     solution: Solution
@@ -72,7 +75,8 @@ class Fit:
 def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     """Motion from landmarks and pupils of one clip."""
     camera = observation.camera
-    pose = head_pose(observation.landmarks, camera, settings.head_pose, observation.identity)
+    who = person(observation.landmarks, camera, settings.head_pose, settings.person)
+    pose = head_pose(observation.landmarks, camera, settings.head_pose, who.face)
     sight = Sight(observation.pupils, pose.head, pose.translation, camera)
     solution = solve(sight, settings.lightgazefit)
     seen = sight.seen & pose.seen[:, None]
@@ -90,7 +94,7 @@ def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
         valid=pose.seen & ~_long_gaps(open_, settings.reject.longest_gap_s * raw.fps),
     )
     return Fit(
-        motion, raw, pose, eyelids, solution, rejection(motion, pose, visible | eyelids.blinking, settings.reject)
+        motion, raw, who, pose, eyelids, solution, rejection(motion, pose, visible | eyelids.blinking, settings.reject)
     )
 
 

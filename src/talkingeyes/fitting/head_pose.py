@@ -8,7 +8,6 @@ order 2 keeps .71 and leaves a tenth of the power above 5 Hz.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -22,7 +21,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.face_points import NAMES
-from talkingeyes.head.landmarks import RIGID, rest_points
+from talkingeyes.head.landmarks import RIGID
 from talkingeyes.rotation import matrices, vectors
 from talkingeyes.settings import Settings
 
@@ -55,23 +54,23 @@ class HeadPose:
 
 
 def head_pose(
-    observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings, identity: Sequence[float] = ()
+    observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings, face: Float[ndarray, "L 3"]
 ) -> HeadPose:
     """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed.
 
-    `identity`: the shape of the head, as far as it is known (`Observation.identity`).
+    `face`: where this person's points are in head coordinates when the face rests (`person`, or `rest_points`).
     """
     if observed.shape[1] != len(NAMES):
         raise InputError(f"landmarks should be the {len(NAMES)} of head.face_points.NAMES, got {observed.shape[1]}")
-    points, rest = observed[:, RIGID], rest_points(identity)[RIGID]
+    points, rest = observed[:, RIGID], face[RIGID]
     visible = np.isfinite(points).all(axis=-1)
     seen = visible.sum(axis=1) >= settings.least_points
     frames = len(observed)
     head, translation, residual = np.zeros((frames, 3)), np.zeros((frames, 3)), np.full(frames, np.nan)
     if seen.any():
-        turn, translation[seen] = _solve(points[seen], visible[seen], camera, settings, rest)
+        turn, translation[seen] = solve_poses(points[seen], visible[seen], camera, settings, rest)
         head[seen] = vectors(turn)
-        distance = _residual(turn, translation[seen], points[seen], visible[seen], camera, rest)
+        distance = pose_residual(turn, translation[seen], points[seen], visible[seen], camera, rest)
         residual[seen] = np.sqrt(np.sum(distance**2, axis=(1, 2)) / visible[seen].sum(axis=1))
     pose = np.concatenate([head, translation], axis=1)
     pose = smoothed(bridged(pose, seen), settings)
@@ -86,7 +85,7 @@ def smoothed(pose: Float[ndarray, "T C"], settings: HeadPoseSettings) -> Float[n
     return np.asarray(savgol_filter(pose, window, settings.order, axis=0))
 
 
-def _solve(
+def solve_poses(
     points: Float[ndarray, "T K 2"],
     visible: Bool[ndarray, "T K"],
     camera: Camera,
@@ -98,10 +97,10 @@ def _solve(
     turn = np.tile(np.eye(3), (frames, 1, 1))
     translation = _first_translation(points, visible, camera, rest)
     for _ in range(settings.steps):
-        residual = _residual(turn, translation, points, visible, camera, rest)
+        residual = pose_residual(turn, translation, points, visible, camera, rest)
         distance = np.linalg.norm(residual, axis=-1, keepdims=True)
         weight = np.minimum(1.0, settings.huber_px / np.maximum(distance, 1e-9)) * visible[..., None]
-        jacobian = _jacobian(turn, translation, camera, rest).reshape(frames, -1, 6)
+        jacobian = pose_jacobian(turn, translation, camera, rest).reshape(frames, -1, 6)
         weighted = jacobian * np.repeat(weight, 2, axis=-1).reshape(frames, -1, 1)
         hessian = weighted.swapaxes(1, 2) @ jacobian + 1e-9 * np.eye(6)
         step = -np.linalg.solve(hessian, weighted.swapaxes(1, 2) @ residual.reshape(frames, -1, 1))[..., 0]
@@ -126,7 +125,7 @@ def _first_translation(
     return np.stack([offset[:, 0] - middle[:, 0], -offset[:, 1] - middle[:, 1], np.zeros(len(points))], axis=1)
 
 
-def _residual(
+def pose_residual(
     turn: Float[ndarray, "T 3 3"],
     translation: Float[ndarray, "T 3"],
     points: Float[ndarray, "T K 2"],
@@ -139,19 +138,24 @@ def _residual(
     return np.where(visible[..., None], camera.project(placed) - points, 0.0)
 
 
-def _jacobian(
+def pose_jacobian(
     turn: Float[ndarray, "T 3 3"], translation: Float[ndarray, "T 3"], camera: Camera, rest: Float[ndarray, "K 3"]
 ) -> Float[ndarray, "T K 2 6"]:
     """Derivative of projected points by a rotation vector applied after `turn`, and by translation."""
     turned = np.einsum("tij,kj->tki", turn, rest)
-    placed = turned + translation[:, None]
+    by_place = projection_jacobian(turned + translation[:, None], camera)
+    x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
+    none = np.zeros_like(x)
+    by_turn = np.stack([none, z, -y, -z, none, x, y, -x, none], axis=-1).reshape(*x.shape, 3, 3)
+    return np.concatenate([by_place @ by_turn, by_place], axis=-1)
+
+
+def projection_jacobian(placed: Float[ndarray, "*N 3"], camera: Camera) -> Float[ndarray, "*N 2 3"]:
+    """Derivative of projected points by where they are."""
     scale = camera.focal_px / (camera.distance_m - placed[..., 2])
     by_place = np.zeros((*scale.shape, 2, 3))
     by_place[..., 0, 0] = scale
     by_place[..., 1, 1] = -scale
     by_place[..., 0, 2] = placed[..., 0] * scale**2 / camera.focal_px
     by_place[..., 1, 2] = -placed[..., 1] * scale**2 / camera.focal_px
-    x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
-    none = np.zeros_like(x)
-    by_turn = np.stack([none, z, -y, -z, none, x, y, -x, none], axis=-1).reshape(*x.shape, 3, 3)
-    return np.concatenate([by_place @ by_turn, by_place], axis=-1)
+    return by_place
