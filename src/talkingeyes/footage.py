@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -27,20 +28,25 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.splits import split_sounds
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
 from talkingeyes.errors import InputError
+from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.head.observation import Observation
 from talkingeyes.output import target
-from talkingeyes.run import each
+from talkingeyes.overlay import Place
+from talkingeyes.overlay import overlay as film
+from talkingeyes.run import clip_parallel, each
+from talkingeyes.settings import validated
 from talkingeyes.tracking import ledger
 from talkingeyes.tracking.face_mesh import FaceMesh, FaceSettings
 from talkingeyes.tracking.framing import framed
 from talkingeyes.tracking.judgement import differing, fingerprint, measured, rejection
 from talkingeyes.tracking.ledger import Entry, Ledger
+from talkingeyes.tracking.plan import plan
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import Shot, shots
 from talkingeyes.tracking.soundtrack import Soundtrack, soundtrack
 from talkingeyes.tracking.sources import Source, sources
 from talkingeyes.tracking.video import Frame, frames
-from talkingeyes.tracking.yields import COPY, Outcome, write_lists, write_page, write_yield
+from talkingeyes.tracking.yields import COPY, Outcome, as_text, write_lists, write_page, write_yield
 
 OWN_FILES = re.compile(
     r"clips\.parquet|(tracked|rejected|retry)\.csv|yield\.json|thumbnails(\.html)?|SHA256SUMS"
@@ -56,6 +62,38 @@ class Tracked:
 
     corpus: Corpus
     outcomes: list[Outcome]
+
+
+def command(
+    videos: Sequence[Path],
+    out: Path,
+    changes: Sequence[str],
+    *,
+    speakers: Path | None,
+    jobs: int,
+    only_plan: bool,
+    overlay: bool,
+    force: bool,
+) -> Iterator[str]:
+    """`talkingeyes track`: what it says, line by line. `changes` are overrides of conf/."""
+    from talkingeyes.config import compose
+
+    if jobs < 1:
+        raise InputError(f"jobs: should be 1 or more, got {jobs}")
+    params = compose(changes)
+    settings = validated("track", TrackSettings, params["track"])
+    if only_plan:
+        yield plan(sources(videos, speakers), settings).text(jobs)
+        return
+    root = target(out, OWN_FILES, force=True)
+    if force:
+        shutil.rmtree(root, ignore_errors=True)
+    with clip_parallel({**params["machine"], "jobs": jobs}):
+        tracked = track(videos, out, settings, speakers=speakers, jobs=jobs)
+        yield as_text(tracked.outcomes)
+        if overlay:
+            fit = validated("fit", FitSettings, params["fit"])
+            yield from map(str, each(partial(film, root, fit), places(tracked), jobs, "overlay"))
 
 
 def track(
@@ -116,6 +154,16 @@ def track_one(root: Path, settings: TrackSettings, source: Source) -> Ledger:
         return ledger.read(path)
     ledger.finish(path, round(clock.last_s, 3))
     return ledger.read(path)
+
+
+def places(tracked: Tracked) -> list[tuple[Clip, Place]]:
+    """Where each clip of a corpus lies in the videos."""
+    where = {
+        entry.id: Place(outcome.source.path, entry.start_s, entry.crop)
+        for outcome in tracked.outcomes
+        for entry in outcome.entries
+    }
+    return [(clip, where[clip.id]) for clip in tracked.corpus.clips]
 
 
 def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound: Soundtrack) -> Entry:

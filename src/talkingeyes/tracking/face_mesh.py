@@ -117,6 +117,8 @@ class FaceMesh:
         # The first is for faces at any distance and misses some that fill the picture, the second is for those.
         score = self._settings.least_score
         self._detectors = [solutions.face_detection.FaceDetection(score, range_) for range_ in (1, 0)]
+        for network in (self._mesh, *self._detectors):  # it starts, and talks, in threads of its own
+            network.process(np.zeros((64, 64, 3), np.uint8))
 
     def forget(self) -> None:
         """Look for the face anew: the next frame belongs to another shot."""
