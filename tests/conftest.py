@@ -28,10 +28,16 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope="session")
-def tiny(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace in which the whole chain has run on the tiny corpus, once for all processes of a test run."""
+def common(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this test run that all its processes share."""
     own = tmp_path_factory.getbasetemp()
-    root = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "tiny"
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def tiny(repository: Path, common: Path) -> Path:
+    """A workspace in which the whole chain has run on the tiny corpus, once for all processes of a test run."""
+    root = common / "tiny"
     with FileLock(root.with_suffix(".lock")):
         if not (root / "data" / "report" / "table3.md").exists():
             command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}"]

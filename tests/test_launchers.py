@@ -19,9 +19,9 @@ CODES = "pretrain.gaze_patches.network.quantiser.codes"
 
 
 @pytest.fixture(scope="module")
-def workspace(tmp_path_factory):
+def workspace(common):
     """One folder for all processes that run these tests: the store sees to it that nothing is made twice."""
-    return tmp_path_factory.getbasetemp().parent / "launchers"
+    return common / "launchers"
 
 
 def sweep(repository, workspace, *arguments):
