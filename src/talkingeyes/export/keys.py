@@ -31,7 +31,7 @@ def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None
 
 def found_events(motion: Motion) -> Events:
     """Saccades of gaze in space and blinks, as far as frames show them."""
-    space = rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
+    space = rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)).astype(np.float64)
     if motion.fps < FRAMES_HOLD_COURSE_FPS:
         saccades = find_saccades(space, motion.fps)
     else:
@@ -48,7 +48,7 @@ def found_events(motion: Motion) -> Events:
                 seen.onset_s, seen.offset_s, seen.start_rad, seen.displacement_rad, strict=True
             )
         )
-    shut = detect_blinks(motion.lid, motion.fps, motion.valid)
+    shut = detect_blinks(motion.lid.astype(np.float64), motion.fps, motion.valid)
     blinks = tuple(
         Blink(float(on), max(float(peak - on), 1e-3), 0.0, max(float(off - peak), 1e-3), float(depth))
         for on, peak, off, depth in zip(shut.onset_s, shut.peak_s, shut.offset_s, shut.depth, strict=True)

@@ -96,8 +96,7 @@ def read_gltf(path: Path, fps: float | None = None) -> Motion:
 
 def _opened(path: Path) -> Document:
     data = path.read_bytes()
-    magic, version, _ = struct.unpack_from("<4sII", data)
-    if magic != b"glTF" or version != 2:
+    if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
         raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
     length = struct.unpack_from("<I", data, 12)[0]
     return Document(path, json.loads(data[20 : 20 + length]), data[20 + length + 8 :])

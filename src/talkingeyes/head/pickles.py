@@ -50,7 +50,7 @@ class State:
 class _Restricted(pickle.Unpickler):
     """Resolves the names of the lists above, and no other."""
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: IO[bytes] | io.BytesIO) -> None:
         super().__init__(file, encoding="latin1")
         # A class of its own for every file: a hostile pickle can set attributes on what it is given.
         self._chumpy = type("ChumpyValue", (State,), {})
@@ -82,7 +82,7 @@ class _Restricted(pickle.Unpickler):
 class _Tensors(_Restricted):
     """Knows torch's tensors too, and makes arrays of them."""
 
-    def __init__(self, file: IO[bytes], memory: Callable[[str], bytes]) -> None:
+    def __init__(self, file: io.BytesIO, memory: Callable[[str], bytes]) -> None:
         super().__init__(file)
         self._memory = memory
         self._harmless |= {
