@@ -113,7 +113,7 @@ def fingerprint(landmarks: Float[ndarray, "T L 2"]) -> str:
     place differs in half of the bits.
     """
     nose = landmarks[:, NAMES.index("nose_tip")]
-    eye = openings(landmarks, 50).mean(axis=1)
+    eye = openings(landmarks, 50.0).mean(axis=1)
     course = np.stack([nose[:, 0], nose[:, 1], lip_gap(landmarks), np.nan_to_num(eye)], axis=1)
     chosen = np.linspace(0, len(course) - 1, FINGERPRINT_FRAMES).round().astype(int)
     bits = course[chosen] > np.nanmedian(course, axis=0)

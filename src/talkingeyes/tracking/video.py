@@ -67,7 +67,7 @@ def frames(path: Path, fastest_fps: float, from_s: float = -np.inf) -> Iterator[
         raise InputError(f"{path.name}: should hold frames that can be decoded, got none")
 
 
-def upright(picture: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "H W 3"]:
+def upright(picture: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
     """The picture turned counter-clockwise by a display rotation, of which quarter turns are known."""
     return np.ascontiguousarray(np.rot90(picture, k=round(rotation_deg / 90) % 4))
 
