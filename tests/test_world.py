@@ -1,6 +1,6 @@
 """The synthetic world: takes within FACTS' bands, weakly coupled to speech, and detector noise as it was asked for."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +11,7 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.config import compose
 from talkingeyes.motion import Motion
 from talkingeyes.physiology.blinks import PAPER, PHYSIO
-from talkingeyes.world import noise, plan
-from talkingeyes.world.observations import exact_landmarks_px, exact_pupils_px, make_camera, observe
+from talkingeyes.world import plan
 from talkingeyes.world.speakers import Style, draw_style
 from talkingeyes.world.take import Take, perform
 from talkingeyes.world.voices import speak_about
@@ -187,71 +186,3 @@ def test_silence_can_be_performed_too():
     take = perform(Annotation(), draw_style(np.random.default_rng(0)), 8.0, np.random.default_rng(1), PAPER)
     motion = take.motion(25.0, 200)
     assert np.array_equal(motion.jaw, np.zeros((200, 3))) and len(take.looks) > 0
-
-
-def motion_ahead(frames, yaw_rad=0.0):
-    """Looking up and aside with open eyes, the head turned."""
-    gaze = np.broadcast_to(rotation.gaze_of_angles(np.array([0.3, 0.2])), (frames, 2, 3)).copy()
-    return Motion.of(FPS, np.tile([0.0, yaw_rad, 0.0], (frames, 1)), gaze)
-
-
-def test_the_camera_has_the_scale_asked_for():
-    camera = make_camera(SETTINGS.camera, np.random.default_rng(0))
-    motion = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))
-    pupils = exact_pupils_px(motion, camera)[0]
-    assert pupils[0, 0] - pupils[1, 0] == pytest.approx(62.9 * 1.154, rel=0.02)
-    points = exact_landmarks_px(motion, camera)[0]
-    assert points.min() > 10 and points.max() < 214
-    assert points[:, 1].min() + points[:, 1].max() == pytest.approx(224, abs=8)
-
-
-def test_noise_of_zero_is_exact():
-    silent = {name: 0.0 for name in ("bias_px", "slow_px", "white_least_px", "white_most_px", "burst_share")}
-    unit = {f"gain_{axis}_{end}": 1.0 for axis in "xy" for end in ("least", "most")}
-    pupil = SETTINGS.noise.pupil.model_copy(update={**silent, **unit})
-    landmark = SETTINGS.noise.landmark.model_copy(update={"bias_px": 0.0, "slow_px": 0.0, "white_px": 0.0})
-    settings = SETTINGS.noise.model_copy(update={"pupil": pupil, "landmark": landmark})
-    camera = make_camera(SETTINGS.camera, np.random.default_rng(0))
-    motion = motion_ahead(50)
-    seen = observe(motion, camera, settings, np.random.default_rng(0))
-    assert np.allclose(seen.pupils, exact_pupils_px(motion, camera))
-    assert np.allclose(seen.landmarks, exact_landmarks_px(motion, camera))
-    assert (seen.confidence == 1.0).all()
-
-
-def test_pupil_noise_is_slow_and_hidden_by_lids():
-    camera, settings = make_camera(SETTINGS.camera, np.random.default_rng(0)), SETTINGS.noise
-    motion = motion_ahead(400)
-    motion = replace(motion, lid=np.where(np.arange(400)[:, None] < 20, 0.9, 0.0) * np.ones((1, 2)))
-    exact = exact_pupils_px(motion, camera)
-    errors = np.stack([observe(motion, camera, settings, np.random.default_rng(i)).pupils - exact for i in range(60)])
-    assert np.isnan(errors[:, :20]).all() and not np.isnan(errors[:, 20:]).any()
-    errors = errors[:, 20:]
-    centred = errors - np.median(errors, axis=(0, 1))
-    usual = np.abs(centred).max(axis=-1) < 2.5
-    assert 0.95 < usual.mean() < 1.0
-    step = np.median(np.abs(np.diff(errors, axis=1)))
-    assert step < 0.7 * np.median(np.abs(centred))
-    ahead = exact_pupils_px(replace(motion, gaze=0 * motion.gaze), camera)
-    gain = 1 + np.median(errors, axis=(0, 1, 2)) / (exact - ahead)[0, 0]
-    assert gain == pytest.approx([0.96, 0.875], abs=0.05)
-    bias = np.median(errors, axis=1)
-    assert np.corrcoef(bias[:, 0, 0], bias[:, 1, 0])[0, 1] > 0.25
-
-
-def test_autoregressive_noise_is_stationary_at_any_rate():
-    for fps in (25.0, 100.0):
-        drawn = noise.autoregressive((400, 500), 0.5, 0.95, fps, np.random.default_rng(0))
-        assert drawn[0].std() == pytest.approx(0.5, rel=0.1) and drawn[-1].std() == pytest.approx(0.5, rel=0.1)
-        lag = round(0.04 * fps)
-        assert np.mean(drawn[:-lag] * drawn[lag:]) / np.mean(drawn**2) == pytest.approx(0.95, abs=0.02)
-
-
-def test_noise_grows_with_the_head_turned():
-    settings = SETTINGS.noise.landmark
-    exact = np.zeros((300, 40, 2))
-    near, far = (
-        noise.noisy_landmarks(exact, np.full(300, yaw), FPS, settings, np.random.default_rng(0)).std()
-        for yaw in (0.0, np.radians(30))
-    )
-    assert far / near == pytest.approx(1.5)
