@@ -154,6 +154,15 @@ def test_openface_counts_eyes_in_the_picture(tmp_path: Path, vectors: bool) -> N
     assert motion.lid[2].tolist() == [1.0, 1.0]
 
 
+def test_openface_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
+    openface(tmp_path / "a.csv", True)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join(lines[:3] + lines[4:]))
+    motion = read_motion(tmp_path / "a.csv").motion
+    assert motion.valid.tolist() == [True, True, False, True, True]
+    assert motion.fps == pytest.approx(30.0, abs=1e-3)
+
+
 def test_live_link_headers_differ_and_times_have_holes(tmp_path: Path) -> None:
     """As in other recordings: another order of columns, capital letters, a frame missing, a time of day."""
     made = moving.motion(60.0, 2.5)

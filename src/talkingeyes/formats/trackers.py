@@ -30,8 +30,12 @@ MM = 1e-3
 
 
 def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
-    """A table of OpenFace as a motion; frames that it is not sure of hold the value before."""
+    """A table of OpenFace as a motion; frames that are missing or that it is not sure of hold the value before."""
     table, recording = tables.read(path), read_openface(path)
+    times_s = table.column("timestamp")
+    rate = float(1 / np.median(np.diff(times_s))) if fps is None else fps
+    place = np.rint((times_s - times_s[0]) * rate).astype(int)
+    row = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1  # the last row at or before each frame
     space = np.repeat(recording.gaze_in_space_rad[:, None], 2, axis=1)
     if all(name in table.names for eye in EYE_VECTORS for name in eye):
         vectors = [np.stack([table.column(name) for name in eye], axis=1) * TO_OURS for eye in EYE_VECTORS]
@@ -42,13 +46,15 @@ def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
         shift -= shift[recording.valid].mean(axis=0) if recording.valid.any() else 0.0
     shut = table.column("AU45_r") / STRONGEST_AU if "AU45_r" in table.names else np.zeros(len(table))
     seen = recording.valid
+    there = np.zeros(len(row), bool)
+    there[place] = seen
     return Motion.of(
-        fps or recording.fps,
-        _held(recording.head, seen),
-        _held(rotation.eye_in_head(recording.head, space), seen),
-        translation=_held(shift, seen),
-        lid=np.repeat(_held(np.clip(shut, 0.0, 1.0), seen)[:, None], 2, axis=1),
-        valid=seen,
+        round(rate, 3),
+        _held(recording.head, seen)[row],
+        _held(rotation.eye_in_head(recording.head, space), seen)[row],
+        translation=_held(shift, seen)[row],
+        lid=np.repeat(_held(np.clip(shut, 0.0, 1.0), seen)[row, None], 2, axis=1),
+        valid=there,
     )
 
 

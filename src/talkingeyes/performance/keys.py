@@ -30,6 +30,7 @@ from talkingeyes.physiology import blinks, saccades
 
 SCHEMA = "talkingeyes.keys/1"
 KINDS = ("saccades", "blinks")
+DIGITS = 6
 USUAL_BLINK = {"closing_s": 0.085, "hold_s": 0.025, "opening_s": 0.21, "depth": 1.0}
 
 Key = TypeVar("Key", Saccade, Blink)
@@ -44,10 +45,17 @@ class Keys:
 
 
 def save_keys(path: Path, events: Events, fps: float) -> None:
-    """Write keys that nobody has edited yet."""
-    plain = {kind: asdict(events)[kind] for kind in KINDS}
-    content = {"schema": SCHEMA, "fps": fps, **plain, "original": plain}
-    path.write_text(json.dumps(content, indent=1))
+    """Write keys that nobody has edited yet, a line each."""
+    parts = [f'"schema": "{SCHEMA}"', f'"fps": {fps}', *(f'"{kind}": {_lines(events, kind)}' for kind in KINDS)]
+    original = ", ".join(f'"{kind}": {_lines(events, kind)}' for kind in KINDS)
+    path.write_text("{\n" + ",\n".join([*parts, f'"original": {{{original}}}']) + "\n}\n")
+
+
+def _lines(events: Events, kind: str) -> str:
+    rows = [
+        {name: np.round(value, DIGITS).tolist() for name, value in asdict(key).items()} for key in getattr(events, kind)
+    ]
+    return "[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]"
 
 
 def load_keys(path: Path) -> Keys:
