@@ -5,15 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from talkingeyes.head.eyelid.anatomy import Person, upper_turn_rad
 from talkingeyes.head.eyelid.construction import predictors
 from talkingeyes.head.face_points import EYES
 from talkingeyes.head.landmarks import EYE_CENTRES, landmarks
 from talkingeyes.physiology import lids
-from talkingeyes.physiology.lids import LidHabit, blinking, draw_habit, open_lids, upper_lid_rad
+from talkingeyes.physiology.lids import MEAN_EYES, blinking, draw_eyes, open_lids
 from talkingeyes.rotation import gaze_of_angles
 from talkingeyes.world.take import _lid_unrest
 
-USUAL = LidHabit()
+USUAL = MEAN_EYES[0]
 STILL = np.zeros((1, 2))
 
 
@@ -30,28 +31,28 @@ def upper_deg(angles, lid):
     return np.degrees(np.arcsin((points[..., 1] - EYE_CENTRES[:, 1]) / arm_m))
 
 
-def followed(angles, habit=USUAL, unrest=STILL):
-    return open_lids(angles, angles[..., 1], np.broadcast_to(unrest, angles.shape[:2]), habit)
+def followed(angles, eyes=MEAN_EYES, unrest=STILL):
+    return open_lids(angles, angles[..., 1], np.broadcast_to(unrest, angles.shape[:2]), eyes)
 
 
 def test_the_lid_of_the_head_stands_where_the_persons_does():
     angles = looking([0, -20, -10, 10, 18])
     lid = followed(angles)
     turned = upper_deg(angles, lid) - upper_deg(angles, lid)[0]
-    expected = np.degrees(upper_lid_rad(angles[..., 1], USUAL))
+    expected = np.degrees(upper_turn_rad(angles[..., 1], USUAL))
     assert turned == pytest.approx(expected, abs=0.8)
     assert np.abs(lid[0]).max() < 1e-9 and np.abs(lid).max() < 0.15
 
 
 def test_gains_are_those_of_becker_and_fuchs():
     down, up = np.radians([-2.0, -20.0]), np.radians([2.0, 14.0])
-    habits = [draw_habit(np.random.default_rng(seed)) for seed in range(200)]
-    gains_down = [np.diff(upper_lid_rad(down, habit))[0] / np.diff(down)[0] for habit in habits]
-    gains_up = [np.diff(upper_lid_rad(up, habit))[0] / np.diff(up)[0] for habit in habits]
+    habits = [draw_eyes(np.random.default_rng(seed))[0] for seed in range(200)]
+    gains_down = [np.diff(upper_turn_rad(down, habit))[0] / np.diff(down)[0] for habit in habits]
+    gains_up = [np.diff(upper_turn_rad(up, habit))[0] / np.diff(up)[0] for habit in habits]
     assert 0.92 < np.mean(gains_down) < 1.02 and 0.68 < np.mean(gains_up) < 0.9
     assert all(0.85 < gain < 1.1 for gain in gains_down) and all(0.55 < gain < 0.95 for gain in gains_up)
-    late = upper_lid_rad(np.radians([15.0, 20.0]), USUAL)
-    assert np.diff(late)[0] < 0.75 * np.diff(upper_lid_rad(np.radians([0.0, 5.0]), USUAL))[0]
+    late = upper_turn_rad(np.radians([15.0, 20.0]), USUAL)
+    assert np.diff(late)[0] < 0.75 * np.diff(upper_turn_rad(np.radians([0.0, 5.0]), USUAL))[0]
 
 
 def test_the_form_of_the_model_explains_most_but_not_all():
@@ -60,7 +61,7 @@ def test_the_form_of_the_model_explains_most_but_not_all():
     times = np.linspace(0, 300, 1500)
     for seed in range(3):
         random = np.random.default_rng(seed)
-        lid = followed(angles, draw_habit(random), _lid_unrest(random).at(times))
+        lid = followed(angles, draw_eyes(random), _lid_unrest(random).at(times))
         height = upper_deg(angles, lid)[:, 0]
         inputs = np.column_stack([predictors(angles[:, 0]), np.ones(len(height))])
         left = height - inputs @ np.linalg.lstsq(inputs, height, rcond=None)[0]
@@ -79,18 +80,18 @@ def test_lids_move_on_still_eyes_slowly_and_together():
 
 @given(st.floats(-30, 20), st.floats(-30, 30), st.integers(0, 50))
 def test_a_full_blink_shuts_every_lid(pitch_deg, yaw_deg, seed):
-    lid = followed(looking(pitch_deg, yaw_deg), draw_habit(np.random.default_rng(seed)))
+    lid = followed(looking(pitch_deg, yaw_deg), draw_eyes(np.random.default_rng(seed)))
     assert np.allclose(blinking(lid, np.ones((1, 1))), 1.0) and np.array_equal(blinking(lid, np.zeros((1, 1))), lid)
     assert lid.min() >= lids.WIDEST and lid.max() <= lids.OPEN_MOST
 
 
 def test_a_drooping_lid_is_further_closed():
     ahead = looking(0)
-    low = followed(ahead, LidHabit(droop_rad=(float(np.radians(2.0)), 0.0)))
+    low = followed(ahead, (Person(droop_rad=float(np.radians(2.0))), Person()))
     assert low[0, 0] > 0.03 and abs(low[0, 1]) < 1e-9
 
 
 def test_lids_come_a_little_late():
     angles = looking([-10.0])
-    late = open_lids(angles, angles[..., 1] + np.radians(5.0), STILL, USUAL)
+    late = open_lids(angles, angles[..., 1] + np.radians(5.0), STILL, MEAN_EYES)
     assert late[0, 0] < followed(angles)[0, 0] - 0.05

@@ -15,7 +15,7 @@ from talkingeyes.motion import Blink, Events, HeadMove, Refocus, Saccade
 from talkingeyes.physiology import blinks, eye_head, render, saccades, vergence
 from talkingeyes.physiology.articulation import MouthHabit
 from talkingeyes.physiology.face import BrowRaise, Face
-from talkingeyes.physiology.lids import LidHabit
+from talkingeyes.physiology.lids import MEAN_EYES
 
 
 def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
@@ -236,7 +236,7 @@ def continuous():
         head_speaking=waves,
         activity=render.Curve(np.array([0.5, 1.0]), np.array([0.1, 1.0])),
         translation=waves,
-        lids=LidHabit(),
+        eyelids=MEAN_EYES,
         lid_rest=0.02,
         lid_unrest=render.Waves(np.array([0.3]), np.full((1, 2), 0.02), np.array([[0.0, 1.0]])),
         blink_lag_s=0.006,

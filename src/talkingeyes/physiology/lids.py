@@ -1,16 +1,16 @@
 """Lids that follow gaze as a person's do, said in `Motion.lid`: not of the Eyelid model's form, but in its parameter.
 
-The upper lid turns with the eye, downwards as far as it, upwards less and less (Becker & Fuchs 1988; FACTS, section 5):
-gains bend at zero and saturate, people and their two eyes differ, and lids move slowly by up to 5 degrees while the eye
-is still. The Eyelid model of the head (Elisei et al. 2007) is linear in sines of gaze, so it cannot do that. What
-`Motion.lid` holds is therefore what the model's third parameter has to be for the upper lid to stand where the
-person's does: 0 where they agree, 1 shut, negative wider. The lower lid is the model's. A head that is given the
-motion, and landmarks of it, then show this person's lids; a lid of 0 shows the lids of the mean person.
+The upper lid turns with the eye, downwards as far as it, upwards less and less (Becker & Fuchs 1988; the law is
+`head.eyelid.anatomy`): gains bend at zero and saturate, people and their two eyes differ, and lids move slowly by up to
+5 degrees while the eye is still. The Eyelid model of the head (Elisei et al. 2007) is linear in sines of gaze, so it
+cannot do that. What `Motion.lid` holds is therefore what the model's third parameter has to be for the upper lid to
+stand where the person's does: 0 where they agree, 1 shut, negative wider. The lower lid is the model's. A head that is
+given the motion, and landmarks of it, then show this person's lids; a lid of 0 shows the lids of the mean person.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -18,6 +18,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.head.anny import open_head
+from talkingeyes.head.eyelid.anatomy import Person, draw_person, upper_turn_rad
 from talkingeyes.head.eyelid.construction import predictors
 from talkingeyes.head.eyelid.drive import AHEAD, LID_SHAPES, SIDES
 
@@ -26,48 +27,28 @@ LEAST_OPEN_M = 0.002  # openings that gaze leaves are taken to be at least this,
 WIDEST, OPEN_MOST = -0.5, 0.6  # what lids do without a blink, as closure
 
 
-@dataclass(frozen=True)
-class LidHabit:
-    """One person's lids; angles in radians. Gains by which the upper lid follows small turns of the eye; its further
-    lift saturates at `lift_rad`, its fall at `fall_rad`. `droop_rad`: how much lower the lids of both eyes rest."""
-
-    down_gain: float = 1.0
-    up_gain: float = 0.88
-    lift_rad: float = float(np.radians(24.0))
-    fall_rad: float = float(np.radians(75.0))
-    droop_rad: tuple[float, float] = (0.0, 0.0)
+MEAN_EYES = (Person(), Person())
+EYES_DIFFER_RAD = np.radians(0.5)
 
 
-def draw_habit(random: np.random.Generator) -> LidHabit:
-    """Somebody's lids: gains as Becker & Fuchs (1988) found them, the eyes of one person a degree apart."""
-    droop = np.radians(random.normal(0.0, 1.0) + 0.5 * random.standard_normal(2))
-    return LidHabit(
-        down_gain=float(np.clip(random.normal(1.0, 0.04), 0.9, 1.1)),
-        up_gain=float(random.uniform(0.80, 0.95)),
-        lift_rad=float(np.radians(np.clip(random.normal(24.0, 3.0), 16.0, 32.0))),
-        fall_rad=float(np.radians(np.clip(random.normal(75.0, 10.0), 50.0, 100.0))),
-        droop_rad=(float(droop[0]), float(droop[1])),
-    )
-
-
-def upper_lid_rad(pitch_rad: Float[ndarray, "*N"], habit: LidHabit) -> Float[ndarray, "*N"]:
-    """How far the upper lid turns (up positive) with an eye at a pitch: saturating, other upwards than downwards."""
-    up, down = np.maximum(pitch_rad, 0.0), np.maximum(-pitch_rad, 0.0)
-    lifted = habit.up_gain * habit.lift_rad * np.tanh(up / habit.lift_rad)
-    return np.asarray(lifted - habit.down_gain * habit.fall_rad * np.tanh(down / habit.fall_rad))
+def draw_eyes(random: np.random.Generator) -> tuple[Person, Person]:
+    """The lids of somebody's left and right eye: alike, but at rest half a degree apart."""
+    person, apart_rad = draw_person(random), EYES_DIFFER_RAD * random.standard_normal(2)
+    left, right = (replace(person, droop_rad=float(person.droop_rad + each)) for each in apart_rad)
+    return left, right
 
 
 def open_lids(
     angles_rad: Float[ndarray, "T 2 2"],
     lid_pitch_rad: Float[ndarray, "T 2"],
     unrest_rad: Float[ndarray, "T 2"],
-    habit: LidHabit,
+    eyes: tuple[Person, Person],
 ) -> Float[ndarray, "T 2"]:
     """`Motion.lid` without blinks at eye-in-head angles (yaw, pitch). `lid_pitch_rad` is the pitch that lids follow."""
     frame = _lid_frame()
     inputs = predictors(angles_rad) - AHEAD
     modelled_m = np.einsum("tep,ep->te", inputs, frame.upper_by_gaze)
-    turned = upper_lid_rad(lid_pitch_rad, habit) + unrest_rad - np.array(habit.droop_rad)
+    turned = np.stack([upper_turn_rad(lid_pitch_rad[:, eye], eyes[eye]) for eye in range(2)], axis=-1) + unrest_rad
     person_m = frame.radius_m * (np.sin(frame.rest_rad + turned) - np.sin(frame.rest_rad))
     left_open = np.maximum(frame.opening_m + np.einsum("tep,ep->te", inputs, frame.opening_by_gaze), LEAST_OPEN_M)
     return np.asarray(np.clip((modelled_m - person_m) / (frame.upper_share * left_open), WIDEST, OPEN_MOST))

@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.audio.annotation import Phoneme
+from talkingeyes.head.eyelid.anatomy import Person
 from talkingeyes.motion import Events, Motion
 from talkingeyes.physiology import articulation, blinks, eye_head, face, lids, saccades, vergence
 
@@ -65,7 +66,7 @@ class Continuous:
     head_speaking: Waves
     activity: Curve
     translation: Waves
-    lids: lids.LidHabit
+    eyelids: tuple[Person, Person]
     lid_rest: float
     lid_unrest: Waves
     blink_lag_s: float
@@ -115,7 +116,7 @@ def _open_lids(
     """Lids without blinks: they follow the eyes, `behind_rad` late; person and mood say where they rest."""
     angles = rotation.angles_of_gaze(gaze)
     followed = angles[..., 1] - behind_rad[:, None]
-    open_ = lids.open_lids(angles, followed, continuous.lid_unrest.at(times_s), continuous.lids)
+    open_ = lids.open_lids(angles, followed, continuous.lid_unrest.at(times_s), continuous.eyelids)
     rest = continuous.lid_rest + continuous.face.feeling.lid * continuous.face.share * tide[:, None]
     return np.clip(open_ + rest, lids.WIDEST, lids.OPEN_MOST)
 

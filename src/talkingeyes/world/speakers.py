@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from talkingeyes.head.eyelid.anatomy import Person
 from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
-from talkingeyes.physiology.lids import LidHabit, draw_habit
+from talkingeyes.physiology.lids import draw_eyes
 from talkingeyes.world.accents import Voice, draw_voice
 
 LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
@@ -52,7 +53,7 @@ class Style:
     jaw_asymmetry: float
     lip_scale: float
     expressiveness: float
-    lids: LidHabit
+    eyelids: tuple[Person, Person]
     kappa: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -89,7 +90,7 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, livel
         jaw_asymmetry=float(random.normal(0.0, 0.12)),
         lip_scale=float(np.exp(0.12 * random.standard_normal())),
         expressiveness=float(np.exp(0.2 * random.standard_normal())),
-        lids=draw_habit(random),
+        eyelids=draw_eyes(random),
         look_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
         blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
         kappa=_kappa(random),

@@ -1,10 +1,10 @@
 """How lids really move, as far as it is known: the world's own lids, from which the Eyelid model is built.
 
 Lids turn on the eyeball about the axis from corner to corner (Becker & Fuchs 1988; FACTS, section 5): the upper lid
-follows the eye down with gain 1 and up with .8, saturating above 15 degrees, the lower lid with .35; people are not
-symmetric, and a lid moves by itself (1.2 degrees) while the eye is still. A blink brings the upper lid nine tenths of
-the way and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea, wherever it looks, lifts them.
-None of this has the form of the model: gains bend at zero, the lifted lid is no sum of sines.
+follows the eye down with gain 1 and up with .8 over the first 15 degrees, saturating, the lower lid with .35; people
+are not symmetric, and a lid moves by itself (1.2 degrees) while the eye is still. A blink brings the upper lid nine
+tenths of the way and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea, wherever it looks,
+lifts them. None of this has the form of the model: gains bend at zero, the lifted lid is no sum of sines.
 """
 
 from __future__ import annotations
@@ -23,25 +23,42 @@ SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
 CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt(CORNEA_RADIUS_M**2 - IRIS_RADIUS_M**2))
 IRIS_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2))
 LID_M = 0.0008  # a lid's least distance from the eyeball, where it is not nearer at rest
-SATURATION_RAD = np.radians(15.0)
 UPPER_TRAVEL = 0.9
 JITTER_RAD = np.radians(1.2)
 
 
 @dataclass(frozen=True)
 class Person:
-    """What differs between people, and between the eyes of one."""
+    """What differs between people, and between the eyes of one: gains by which lids follow small turns of the eye, the
+    angles at which the upper lid's lift and fall saturate, how much lower it rests than the head's."""
 
     upper_down: float = 1.0
-    upper_up: float = 0.8
+    upper_up: float = 0.88
     lower: float = 0.35
     droop_rad: float = 0.0
+    lift_rad: float = float(np.radians(24.0))
+    fall_rad: float = float(np.radians(75.0))
 
 
 def draw_person(random: np.random.Generator) -> Person:
     """An eye of somebody: gains within a tenth of the mean, the upper lid up to a few degrees lower or higher."""
-    down, up, lower = random.normal(1.0, 0.08, 3)
-    return Person(1.0 * down, 0.8 * up, 0.35 * lower, float(random.normal(0.0, np.radians(1.5))))
+    down, up, lower = np.clip(random.normal(1.0, [0.04, 0.06, 0.08]), 0.85, 1.15)
+    return Person(
+        upper_down=float(down),
+        upper_up=float(0.88 * up),
+        lower=float(0.35 * lower),
+        droop_rad=float(random.normal(0.0, np.radians(1.0))),
+        lift_rad=float(np.radians(np.clip(random.normal(24.0, 3.0), 16.0, 32.0))),
+        fall_rad=float(np.radians(np.clip(random.normal(75.0, 10.0), 50.0, 100.0))),
+    )
+
+
+def upper_turn_rad(pitch_rad: Float[ndarray, "*N"], person: Person) -> Float[ndarray, "*N"]:
+    """How far the upper lid turns upwards with an eye at a pitch: saturating, less upwards than downwards."""
+    up, down = np.maximum(pitch_rad, 0.0), np.maximum(-pitch_rad, 0.0)
+    lifted = person.upper_up * person.lift_rad * np.tanh(up / person.lift_rad)
+    fallen = person.upper_down * person.fall_rad * np.tanh(down / person.fall_rad)
+    return np.asarray(lifted - fallen - person.droop_rad)
 
 
 def lids(
@@ -95,9 +112,7 @@ def _turns(
     jitter_rad: Float[ndarray, " T"],
 ) -> tuple[Float[ndarray, "T N"], Float[ndarray, "T N"]]:
     """Angles by which the upper and the lower lid turn at each point's place between the corners."""
-    up = np.minimum(pitch_rad, SATURATION_RAD) + 0.3 * np.maximum(pitch_rad - SATURATION_RAD, 0.0)
-    follows = np.where(pitch_rad < 0, person.upper_down * pitch_rad, person.upper_up * up) + jitter_rad
-    follows = follows + person.droop_rad
+    follows = upper_turn_rad(pitch_rad, person) + jitter_rad
     inside = np.clip(region.along, 0.0, 1.0)
     reach = np.sqrt(4.0 * inside * (1.0 - inside))  # the corners are held by their ligaments
     place = region.along[UPPER]
