@@ -120,7 +120,7 @@ def test_most_but_not_all_of_real_lids_is_explained_on_held_out_gazes(eye: int):
     held_out = held_out_postures(lids_of, labels.angles_rad, 150, random)
     nearest = np.linalg.norm(held_out.angles_rad[:, None] - labels.angles_rad, axis=-1).min()
     assert len(labels.curves) == 34
-    assert nearest > np.radians(1.0)
+    assert nearest > np.radians(0.8)  # both are read from drawn irises
     shares = explained(construct(labels), held_out)
     assert shares.stage_one < shares.both_stages - 0.3
     assert 0.85 < shares.both_stages < 0.95
