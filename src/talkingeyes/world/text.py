@@ -99,7 +99,7 @@ SECONDS_PER_LETTER = 0.051
 SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
-ANOTHER_S = 2.3  # what a short sentence needs
+ANOTHER_S = 1.9  # what a short sentence needs
 NEAR_S = 0.2
 SLOT = re.compile(r"\{(\w+)\}")
 
@@ -139,15 +139,18 @@ def write_sentence(
 ) -> Sentence:
     """A sentence of a drawn kind that leaves time for another in `left_s` seconds, or else comes closest to its end.
 
-    `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays.
+    `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays; only where
+    none of that kind fits, others are tried.
     """
     grammar = grammar_of(language)
     kind = _drawn(KIND_SHARES, random)
     candidates: list[Sentence] = []
-    for _ in range(CANDIDATES):
+    for number in range(2 * CANDIDATES):
+        if number >= CANDIDATES:
+            kind = _drawn(KIND_SHARES, random)
         candidates.append(_sentence(kind, grammar, random, share))
         over_s = left_s - spoken_s(candidates[-1], pace)
-        if over_s > ANOTHER_S or abs(over_s) < NEAR_S:
+        if over_s > ANOTHER_S * pace or abs(over_s) < NEAR_S * (1 + number // CANDIDATES):
             return candidates[-1]
     return min(candidates, key=lambda each: abs(left_s - spoken_s(without_last_pause(each), pace)))
 

@@ -47,6 +47,7 @@ PACES = {"en": 0.97, "fr": 0.91, "de": 1.02, "es": 1.16, "it": 1.10, "pt": 1.15,
 PACE_PRIOR_S = 2.0  # so much speech at the usual pace a voice's own pace is averaged with
 LEAST_HASTE, MOST_HASTE = 0.9, 1.12  # the last sentence of a turn is slower or faster, to end in time
 ATTEMPTS = 50
+MARGIN_S = 0.2  # inside the lengths that are asked for, to seldom miss them
 TURN_S = 6.0  # of a conversation, on average
 TURN_SPREAD = 0.35
 SPEAKERS_PART = 1.5  # the speaker's turns against the partner's
@@ -103,7 +104,7 @@ def converse(
 ) -> Spoken:
     """New talk of sentences from a share of all text, between two lengths (what missed them is dropped)."""
     for _ in range(ATTEMPTS):
-        seconds = float(np.exp(random.uniform(np.log(shortest_s), np.log(longest_s))))
+        seconds = float(np.exp(random.uniform(np.log(shortest_s + MARGIN_S), np.log(longest_s - MARGIN_S))))
         spoken = _talk(cast, seconds, random, share)
         if shortest_s <= spoken.seconds <= longest_s:
             return spoken

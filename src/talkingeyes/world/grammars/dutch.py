@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 DUTCH: Grammar = rules(
     """
     statement:
+        | {who} heeft {thing} {did}.
+        | {who} was {feeling}.
         | {who} heeft {where} {thing} {did}.
         | {when} heeft {who} {where} {thing} {did}.
         | {view} {who} {when} {thing} heeft {did}.

@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 ENGLISH: Grammar = rules(
     """
     statement:
+        | {who} {did} {thing}.
+        | {who} {was} {feeling}.
         | {who} {did} {thing} {where}.
         | {when}, {who} {did} {thing} {where}.
         | {who} {did} {thing}, but {who} {was} {feeling}.

@@ -5,6 +5,7 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 FRENCH: Grammar = rules(
     """
     statement:
+        | {who} a {did} {thing}.
         | {who} a {did} {thing} {where}.
         | {when}, {who} a {did} {thing} {where}.
         | {view} {who} a {did} {thing} {when}.

@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 GERMAN: Grammar = rules(
     """
     statement:
+        | {who} hat {thing} {did}.
+        | {who} war {feeling}.
         | {who} hat {where} {thing} {did}.
         | {when} hat {who} {where} {thing} {did}.
         | {view} {who} {when} {thing} {did} hat.

@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 ITALIAN: Grammar = rules(
     """
     statement:
+        | {who} ha {did} {thing}.
+        | {who} era {feeling}.
         | {who} ha {did} {thing} {where}.
         | {when}, {who} ha {did} {thing} {where}.
         | {view} {who} ha {did} {thing} {when}.

@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 PORTUGUESE: Grammar = rules(
     """
     statement:
+        | {who} {did} {thing}.
+        | {who} estava {feeling}.
         | {who} {did} {thing} {where}.
         | {when}, {who} {did} {thing} {where}.
         | {view} {who} {did} {thing} {when}.

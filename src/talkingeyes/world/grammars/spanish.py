@@ -5,6 +5,8 @@ from talkingeyes.world.grammars.rules import Grammar, rules
 SPANISH: Grammar = rules(
     """
     statement:
+        | {who} {did} {thing}.
+        | {who} estaba {feeling}.
         | {who} {did} {thing} {where}.
         | {when}, {who} {did} {thing} {where}.
         | {view} {who} {did} {thing} {when}.
