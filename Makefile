@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 TORCH := torch==2.13.0
 corpus ?=
 workspace ?= .
+videos ?= ../shared/data/real/video
 
 # One thread a process (work is parallel over processes), and no telemetry of any dependency.
 export OMP_NUM_THREADS := 1
@@ -18,7 +19,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench ui clean
+.PHONY: help setup repro params test check tiny sweep bench facts real ui clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -60,6 +61,12 @@ sweep: setup  ## A small search with two objectives in build/sweep, in under ten
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
+
+facts: setup  ## The acceptance table of the corpus: how eyes, head, lids and jaw move, beside people. Another: corpus=DIR
+	$(BIN)/python -m pipelines.facts $(corpus)
+
+real: setup  ## Track and fit real clips, where there are some, and print what they show. Your own: make real videos=DIR
+	$(BIN)/python -m pipelines.real $(videos)
 
 ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: make ui workspace=build/tiny
 	@$(BIN)/python -m talkingeyes.comparison $(workspace) 127.0.0.1:5000

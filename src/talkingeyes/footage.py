@@ -1,9 +1,9 @@
 """Videos become a corpus: what `talkingeyes track` and the stage `track` do.
 
 Reads videos with sound (any container, codec, rate, size). Writes a corpus as docs/conventions.md describes it, and
-beside it tracked.csv (where each clip lies in its video), rejected.csv, retry.csv, yield.json, thumbnails.html, and
-tracking/ (a ledger a video, from which an interrupted run goes on). The index is written last: without clips.parquet
-the folder is no corpus yet. Nothing leaves the machine; no absolute path is written.
+beside it tracked.csv (where each clip lies in its video), rejected.csv, retry.csv, yield.json, table1.md,
+thumbnails.html, and tracking/ (a ledger a video, from which an interrupted run goes on). The index is written last:
+without clips.parquet the folder is no corpus yet. Nothing leaves the machine; no absolute path is written.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.splits import split_sounds
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
+from talkingeyes.corpus.table1 import row_of, table
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.head.observation import Observation
@@ -49,7 +50,7 @@ from talkingeyes.tracking.video import Frame, frames
 from talkingeyes.tracking.yields import COPY, Outcome, as_text, write_lists, write_page, write_yield
 
 OWN_FILES = re.compile(
-    r"clips\.parquet|(tracked|rejected|retry)\.csv|yield\.json|thumbnails(\.html)?|SHA256SUMS"
+    r"clips\.parquet|(tracked|rejected|retry)\.csv|yield\.json|table1\.md|thumbnails(\.html)?|SHA256SUMS"
     r"|speech|annotations|observations|tracking|overlay"
 )
 SAME_LENGTH_S = 0.2  # of copies
@@ -123,6 +124,7 @@ def track(
         raise InputError(
             f"{out}: not one clip was kept of {len(found)} videos; {out}/rejected.csv and retry.csv say why"
         )
+    (root / "table1.md").write_text(table(root.name, row_of(clips), "tracked from video"))
     corpus = Corpus(root)
     corpus.write_index(clips)
     return Tracked(corpus, outcomes)
@@ -241,7 +243,7 @@ def _row(source: Source, entry: Entry, split: str, settings: TrackSettings) -> C
         intensity=0,
         language="",
         text="",
-        source=f"{source.name}#t={entry.start_s:.3f},{entry.stop_s:.3f}",  # W3C media fragments
+        source=settings.source,
         licence=settings.licence,
         content_hash=entry.content_hash,
     )
@@ -278,7 +280,7 @@ def _is_copy(one: Entry, other: Entry, bits: float) -> bool:
 def _same_settings(root: Path, settings: TrackSettings) -> None:
     """Keep the settings beside the ledgers; what was tracked with others cannot be gone on with."""
     path = root / "tracking" / "settings.json"
-    wanted = json.loads(settings.model_dump_json(exclude={"seed", "licence"}))
+    wanted = json.loads(settings.model_dump_json(exclude={"seed", "source", "licence"}))
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(wanted, indent=1) + "\n")

@@ -15,12 +15,16 @@ from talkingeyes.tracking.visibility import EyeSettings
 
 
 class TrackSettings(Settings):
-    """From video to a corpus. `seed` is that of the splits; `thumbnails` are small pictures of real faces."""
+    """From video to a corpus. `seed` is that of the splits; `thumbnails` are small pictures of real faces.
+
+    `source` and `licence` are what the index says of the videos.
+    """
 
     fps: Annotated[float, Field(ge=10, le=120)]
     fastest_fps: Annotated[float, Field(ge=10, le=240)]
     seed: Annotated[int, Field(ge=0)]
     thumbnails: bool
+    source: str
     licence: str
     attempts: Annotated[int, Field(ge=1)]
     face: FaceSettings

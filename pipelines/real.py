@@ -1,0 +1,144 @@
+"""Tracking and fitting on real clips: the table of docs/real.md. Reads a folder of videos; a line where there is none.
+
+Reads   videos, of real people or made from them (never part of the project)
+Writes  build/real/corpus (a tracked corpus; clips without a voice too), build/real/real.json
+Run     python -m pipelines.real VIDEOS      (make real)
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.config import compose
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.errors import InputError
+from talkingeyes.fitting.clip import FitSettings, fit_clip
+from talkingeyes.footage import track
+from talkingeyes.rotation import angles_of_gaze
+from talkingeyes.run import each, shell
+from talkingeyes.settings import validated
+from talkingeyes.tracking.settings import TrackSettings
+from talkingeyes.tracking.video import facts
+from talkingeyes.tracking.yields import as_text
+
+FOLDER = Path("build/real")
+MOVES_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said to move
+FACING_DEG = 12.0  # median turn of the head below which a clip is said to face the camera
+BLINKS_A_MINUTE = (15.0, 35.0)
+CORRELATION = 0.8
+
+
+@dataclass(frozen=True)
+class Row:
+    """One clip: what its fit says. Correlations of yaw: of both eyes, of the eyes with the head; angles in degrees."""
+
+    clip: str
+    fps: float
+    seconds: float
+    rejected: str
+    residual_px: float
+    head_yaw: float
+    gaze_range: float
+    eyes_together: float
+    eyes_with_head: float
+    blinks: int
+
+
+def real(videos: Path, jobs: int) -> list[Row]:
+    """Track and fit all clips, print the table, return its rows."""
+    params = compose(["track.keep.voice=false", "track.thumbnails=false"])
+    tracked = track([videos], FOLDER / "corpus", validated("track", TrackSettings, params["track"]), jobs=jobs)
+    print(as_text(tracked.outcomes))
+    for line in (FOLDER / "corpus/rejected.csv").read_text().splitlines()[1:]:
+        print("  rejected:", line)
+    settings = validated("fit", FitSettings, params["fit"])
+    rates = {outcome.source.id: facts(outcome.source.path).fps for outcome in tracked.outcomes if outcome.entries}
+    fit = partial(measured, tracked.corpus, settings, rates)
+    rows = list(each(fit, tracked.corpus.clips, jobs, "fit"))
+    print(table(rows))
+    (FOLDER / "real.json").write_text(json.dumps([asdict(row) for row in rows], indent=1))
+    return rows
+
+
+def measured(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float], clip: Clip) -> Row:
+    """Fit one clip and look at its yaw."""
+    fit = fit_clip(corpus.observation(clip), settings)
+    motion = fit.motion
+    eyes_rad = angles_of_gaze(motion.gaze)[motion.valid, :, 0]
+    head_rad = motion.head[motion.valid, 1]
+    return Row(
+        clip=clip.id,
+        fps=rates[clip.id.rpartition("-")[0]],
+        seconds=clip.seconds,
+        rejected=fit.rejected,
+        residual_px=float(np.nanmedian(fit.pose.residual_px)),
+        head_yaw=float(np.degrees(np.median(head_rad))),
+        gaze_range=float(np.degrees(np.ptp(np.percentile(eyes_rad.mean(axis=1), [5, 95])))),
+        eyes_together=_correlation(eyes_rad[:, 0], eyes_rad[:, 1]),
+        eyes_with_head=_correlation(eyes_rad.mean(axis=1), head_rad),
+        blinks=len(fit.lids.blinks),
+    )
+
+
+def table(rows: Sequence[Row]) -> str:
+    """The rows and what they should show, for a person."""
+    head = f"{'clip':<34}{'fps':>7}{'s':>7}{'px':>6}{'head':>7}{'gaze':>7}{'l~r':>7}{'e~h':>7}{'blinks':>8}"
+    lines = [head, *(_line(row) for row in rows), ""]
+    kept = [row for row in rows if not row.rejected]
+    moving = [row for row in kept if row.gaze_range > MOVES_DEG]
+    facing = [row for row in kept if abs(row.head_yaw) < FACING_DEG]
+    minutes = sum(row.seconds for row in kept) / 60
+    rate = sum(row.blinks for row in kept) / minutes if minutes else 0.0
+    together = sum(row.eyes_together >= CORRELATION for row in moving)
+    against = sum(row.eyes_with_head < 0 for row in facing)
+    low, high = BLINKS_A_MINUTE
+    return "\n".join(
+        [
+            *lines,
+            f"fitted: {len(kept)} of {len(rows)} clips",
+            f"left and right yaw correlate at {CORRELATION} or more where gaze moves (> {MOVES_DEG:g} degrees): "
+            f"{together} of {len(moving)}",
+            f"eyes turn against the head where it faces the camera (< {FACING_DEG:g} degrees): "
+            f"{against} of {len(facing)}",
+            f"blinks a minute, pooled over {minutes:.1f} min: {rate:.1f} ({'in' if low <= rate <= high else 'not in'} "
+            f"{low:g} to {high:g})",
+            f"refused because the face does not fit: {sum('does not fit' in row.rejected for row in rows)}",
+        ]
+    )
+
+
+def _line(row: Row) -> str:
+    figures = f"{row.residual_px:6.2f}{row.head_yaw:7.1f}{row.gaze_range:7.1f}{row.eyes_together:7.2f}"
+    line = f"{row.clip:<34}{row.fps:7.2f}{row.seconds:7.2f}{figures}{row.eyes_with_head:7.2f}{row.blinks:8d}"
+    return f"{line}  rejected: {row.rejected}" if row.rejected else line
+
+
+def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> float:
+    if len(one) < 3 or one.std() < 1e-9 or other.std() < 1e-9:
+        return 0.0
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+def main() -> None:
+    """The command."""
+    if len(sys.argv) != 2:
+        raise InputError(f"real: should get a folder of videos, got {' '.join(sys.argv[1:]) or 'nothing'}")
+    videos = Path(sys.argv[1])
+    if not videos.is_dir():
+        print(f"real: no videos at {videos}; nothing was done")
+        return
+    real(videos, jobs=1)
+
+
+if __name__ == "__main__":
+    shell(main)
