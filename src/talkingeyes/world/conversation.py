@@ -36,9 +36,11 @@ AVERT_TO_PLAN, AVERT_TO_HOLD = 1.0, 0.55
 RETURN_AT_TURN_END, RETURN_AT_PAUSE = 0.85, 0.30
 RETURN_LATENCY_S = (-0.6, 0.1)
 LEAST_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
-PLANNED_PAUSE_S = 0.9  # behind a longer pause, what is said next has to be planned
+PLANNED_PAUSE_S = 0.5  # behind a longer pause, what is said next has to be planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
-LOOK_SCALE, LOOK_SHAPE = 1.5, 2.0
+LOOK_SCALE, LOOK_SHAPE = 1.6, 2.0
+LISTENING_SCALE = 1.25  # looks that turns cut short make up for it
+AVERAGE_LOOK, AVERSION_BY_STYLE = 0.55, 0.3
 LISTENING_SPREAD = 0.26  # of the looks of a listener (7.21 +- 1.88 s)
 LEAST_DWELL_S = 0.45
 WARM_UP_S = 6.0
@@ -91,7 +93,11 @@ def looks(annotation: Annotation, style: Style, seconds: float, random: np.rando
     states: list[Look] = []
     while time < seconds:
         listens = _listens(annotation.listening, time)
-        end = _end_away(time, asked, listens, random) if averted else _end_looking(time, asked, listens, style, random)
+        end = (
+            _end_away(time, asked, listens, style, random)
+            if averted
+            else _end_looking(time, asked, listens, style, random)
+        )
         states.append(Look(time, end, averted, cause))
         time, averted = end, not averted
         cause = _asked_cause(asked, time)
@@ -117,25 +123,34 @@ def _end_looking(time_s: float, asked: Asked, listens: bool, style: Style, rando
     earliest = time_s + LEAST_DWELL_S
     if listens:
         odds = style.look_listening / (1.0 - style.look_listening)
-        mean_s = INTIMACY_LISTENING_S[0] * odds / style.liveliness
+        mean_s = LISTENING_SCALE * INTIMACY_LISTENING_S[0] * odds / style.liveliness
         unasked = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * random.standard_normal())
     else:
         odds = style.look / (1.0 - style.look)
-        mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds**0.8 / style.liveliness
+        mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds / style.liveliness
         unasked = time_s + random.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
     return float(min([max(unasked, earliest), *(look.start_s for look in asked.away if look.start_s > earliest)]))
 
 
-def _end_away(time_s: float, asked: Asked, listens: bool, random: np.random.Generator) -> float:
+def _end_away(time_s: float, asked: Asked, listens: bool, style: Style, random: np.random.Generator) -> float:
     """As long as was asked for or as such aversions last, unless the speech asks to look back before."""
     earliest = time_s + LEAST_DWELL_S
-    end = max(earliest, time_s + random.normal(*(INTIMACY_LISTENING_S if listens else INTIMACY_TALKING_S)))
+    if listens:
+        length_s = random.normal(*INTIMACY_LISTENING_S)
+    else:
+        length_s = _away_odds(style) ** AVERSION_BY_STYLE * random.normal(*INTIMACY_TALKING_S)
+    end = max(earliest, time_s + length_s)
     for look in asked.away:
         if look.start_s <= time_s < look.end_s:
             end = max(earliest, look.end_s)
     return float(min([end, *(back for back in asked.back_s if back > earliest)]))
 
 
+def _away_odds(style: Style) -> float:
+    """How much more people of a style look away than the average one, who looks 55 % of the time (1: as much)."""
+    return (1.0 - style.look) / style.look * AVERAGE_LOOK / (1.0 - AVERAGE_LOOK)
+
+
 def _eagerness(style: Style) -> float:
-    """How much more readily people of a style look away than the average one, who looks 55 % of the time."""
-    return float(np.clip(1.0 + 1.2 * (0.55 - style.look), 0.6, 1.3))
+    """How much more readily than the average people of a style look away when the speech gives a reason."""
+    return float(np.clip(_away_odds(style) ** 0.5, 0.4, 1.4))

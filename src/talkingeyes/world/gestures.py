@@ -7,13 +7,13 @@ A nod of one take is not a nod of the next. Angles are radians, times seconds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.audio.annotation import Annotation
+from talkingeyes.audio.annotation import Annotation, Phoneme
 from talkingeyes.motion import HeadMove
 from talkingeyes.physiology.render import Curve, Waves
 from talkingeyes.world.speakers import Style
@@ -30,28 +30,34 @@ class Band:
 
 
 # Frequencies, sizes (standard deviation of yaw, pitch, roll in degrees), number of sinusoids, and how amplitude falls
-# with frequency. The drift of posture goes on in silence, the rest comes with speech.
+# with frequency. The drift of posture goes on in silence, the rest comes with speech. Between 1.2 and 3.7 Hz it is the
+# nods, beats and turns towards what is looked at that make most of the power.
 BANDS = {
     "drift": Band((0.1, 0.42), (3.2, 1.6, 1.6), 8, 0.8),
-    "slow": Band((0.5, 1.8), (1.2, 1.0, 0.8), 6, 1.1),
-    "ordinary": Band((1.8, 3.7), (0.11, 0.11, 0.07), 6, 0.8),
-    "rapid": Band((3.7, 7.0), (0.055, 0.06, 0.04), 4, 0.6),
+    "slow": Band((0.45, 1.25), (1.6, 1.2, 1.1), 7, 0.5),
+    "ordinary": Band((1.8, 3.7), (0.04, 0.03, 0.04), 6, -0.4),
+    "rapid": Band((3.7, 7.0), (0.10, 0.10, 0.07), 4, 0.6),
 }
 STILL, LEAST_SILENCE_S = 0.06, 0.4
 STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.85, 0.85, (1.0, 2.2, 1.2)
-NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.30, 0.44), 0.05
-PLAIN_SYLLABLE = 0.04
+# Nods and beats: depth, seconds down, slack of the apex about the middle of the stressed vowel.
+NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.38, 0.52), 0.05
+BEAT_DEG, BEAT_S = (1.0, 2.6), (0.26, 0.36)
+PLAIN_SYLLABLE, USUAL_PROMINENCE = 0.02, 0.5
 FINAL_NOD, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
-LEAST_BETWEEN_NODS_S = 0.7
+LEAST_BETWEEN_NODS_S, LEAST_BETWEEN_BEATS_S = 0.7, 0.3
+# A listener's nods, one to three of them, after the partner's phrase has ended.
+BACKCHANNEL, BACKCHANNEL_LATENCY_S, BACKCHANNEL_DEG, MOST_BACKCHANNEL_NODS = 0.4, (0.1, 0.5), (1.5, 3.5), 3
+BACKCHANNEL_S = (0.20, 0.30)
 
 
-def unrest(band: Band, scale: float, random: np.random.Generator) -> Waves:
+def unrest(band: Band, style: Style, random: np.random.Generator) -> Waves:
     """Sinusoids of one band, axes independent; slower ones are larger."""
-    edges = np.geomspace(*band.range_hz, band.sines + 1)
+    edges = style.head_tempo * np.geomspace(*band.range_hz, band.sines + 1)
     frequency = random.uniform(edges[:-1], edges[1:])
     weight = frequency**-band.slope
     yaw, pitch, roll = band.deviation_deg
-    deviation = np.radians([pitch, yaw, roll]) * scale / np.sqrt((weight**2).sum())
+    deviation = np.radians([pitch, yaw, roll]) * style.head_scale / np.sqrt((weight**2).sum())
     # Rayleigh amplitudes make each sinusoid a Gaussian draw: with this scale their variances add up to deviation^2.
     amplitude = weight[:, None] * deviation * random.rayleigh(1.0, (band.sines, 3))
     return Waves(frequency, amplitude, random.uniform(0.0, 2.0 * np.pi, (band.sines, 3)))
@@ -89,39 +95,94 @@ def posture_shifts(annotation: Annotation, style: Style, random: np.random.Gener
             if random.random() < chance * (0.4 + 0.6 * style.coupling):
                 target = style.head_scale * (middle + spread * np.radians(POSTURE_DEG) * random.standard_normal(3))
                 turn = _triple(target - pose)
-                moves.append(HeadMove(onset + random.normal(0.0, 0.15), random.uniform(0.5, 0.9), turn))
+                moves.append(
+                    HeadMove(onset + random.normal(0.0, 0.15), random.uniform(0.5, 0.9) / style.head_tempo, turn)
+                )
                 pose = target
     return moves
 
 
+@dataclass(frozen=True)
+class Stroke:
+    """A dip of the head: when it is lowest, how deep, and how long the way down takes."""
+
+    apex_s: float
+    depth_deg: float
+    down_s: float
+
+
 def nods(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
-    """Beats on some stressed syllables, a few on others, and some phrase-final nods."""
+    """Nods on some stressed syllables, a few on others, some phrase-final ones; small beats on other stressed ones."""
+    large = _apart([], _nods(annotation, style, random), LEAST_BETWEEN_NODS_S)
     moves: list[HeadMove] = []
-    last = -np.inf
-    for apex, size in sorted(_apexes(annotation, style, random)):
-        down = random.uniform(*NOD_S)
-        if apex - down < last + LEAST_BETWEEN_NODS_S:
-            continue
-        depth = np.radians(size) * style.head_scale**0.7
-        up, rise = down * random.uniform(1.0, 1.5), depth * random.uniform(0.85, 1.1)
-        moves.append(HeadMove(float(apex - down), float(down), (float(depth), 0.0, 0.0)))
-        moves.append(HeadMove(float(apex), float(up), (-float(rise), 0.0, 0.0)))
-        last = apex
+    for stroke in _apart(large, _beats(annotation, style, random), LEAST_BETWEEN_BEATS_S):
+        down = stroke.down_s / style.head_tempo
+        depth = float(np.radians(stroke.depth_deg) * style.head_scale**0.7)
+        up, rise = float(down * random.uniform(1.0, 1.5)), float(depth * random.uniform(0.85, 1.1))
+        moves.append(HeadMove(stroke.apex_s - down, down, (depth, 0.0, 0.0)))
+        moves.append(HeadMove(stroke.apex_s, up, (-rise, 0.0, 0.0)))
     return moves
 
 
-def _apexes(annotation: Annotation, style: Style, random: np.random.Generator) -> list[tuple[float, float]]:
-    """When nods are lowest, and how deep they are in degrees."""
-    apexes = []
+def _nods(annotation: Annotation, style: Style, random: np.random.Generator) -> list[Stroke]:
+    tie = 0.4 + 0.6 * style.coupling
+    found = []
     for phoneme in annotation.phonemes:
-        chance = style.nod_probability * (0.4 + 0.6 * style.coupling) if phoneme.stressed else PLAIN_SYLLABLE / 2
+        chance = 2.0 * style.nod_probability * tie * _emphasis(phoneme) if phoneme.stressed else PLAIN_SYLLABLE
         if random.random() < chance:
-            middle = (phoneme.start_s + phoneme.end_s) / 2
-            apexes.append((middle + NOD_SLACK_S * random.standard_normal(), random.uniform(*NOD_DEG)))
+            found.append(_stroke(phoneme, NOD_DEG, NOD_S, random))
     for span in annotation.speaking:
         if random.random() < FINAL_NOD:
-            apexes.append((span.end_s + random.uniform(-0.45, -0.1), random.uniform(*FINAL_NOD_DEG)))
-    return apexes
+            apex = span.end_s + random.uniform(-0.45, -0.1)
+            found.append(Stroke(apex, random.uniform(*FINAL_NOD_DEG), random.uniform(*NOD_S)))
+    return found
+
+
+def _beats(annotation: Annotation, style: Style, random: np.random.Generator) -> list[Stroke]:
+    """Small strokes at stress (Hadar 1984), the more so the more it stands out."""
+    found = []
+    for phoneme in annotation.phonemes:
+        if phoneme.stressed:
+            beat = _stroke(phoneme, BEAT_DEG, BEAT_S, random)
+            found.append(replace(beat, depth_deg=beat.depth_deg * style.coupling * (0.5 + _emphasis(phoneme))))
+    return found
+
+
+def _emphasis(phoneme: Phoneme) -> float:
+    """How far a stressed syllable stands out; as usual where nobody has measured it."""
+    return phoneme.prominence or USUAL_PROMINENCE
+
+
+def _stroke(
+    phoneme: Phoneme, depth_deg: tuple[float, float], down_s: tuple[float, float], random: np.random.Generator
+) -> Stroke:
+    apex = (phoneme.start_s + phoneme.end_s) / 2 + NOD_SLACK_S * random.standard_normal()
+    return Stroke(float(apex), float(random.uniform(*depth_deg)), float(random.uniform(*down_s)))
+
+
+def _apart(kept: list[Stroke], more: list[Stroke], least_s: float) -> list[Stroke]:
+    """Strokes that are kept, and of `more` those that keep their distance from all before them, in order of time."""
+    found = list(kept)
+    for stroke in sorted(more, key=lambda each: each.apex_s):
+        if all(abs(stroke.apex_s - each.apex_s) >= least_s for each in found):
+            found.append(stroke)
+    return sorted(found, key=lambda each: each.apex_s)
+
+
+def backchannels(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
+    """Nods of a listener about the ends of the partner's phrases, each smaller than the one before."""
+    moves = []
+    for span in annotation.partner:
+        if random.random() > BACKCHANNEL:
+            continue
+        onset = span.end_s + random.uniform(*BACKCHANNEL_LATENCY_S)
+        depth = float(np.radians(random.uniform(*BACKCHANNEL_DEG)) * style.head_scale**0.7)
+        for _ in range(random.integers(1, MOST_BACKCHANNEL_NODS + 1)):
+            down, up = (float(random.uniform(*BACKCHANNEL_S) / style.head_tempo) for _ in range(2))
+            moves.append(HeadMove(float(onset), down, (depth, 0.0, 0.0)))
+            moves.append(HeadMove(float(onset + down), up, (-depth, 0.0, 0.0)))
+            onset, depth = onset + down + up, depth * random.uniform(0.5, 0.9)
+    return moves
 
 
 def translation(random: np.random.Generator) -> Waves:

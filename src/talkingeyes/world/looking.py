@@ -31,7 +31,7 @@ LEAST_AVERSION_DEG = 4.0
 LONGEST_RAD = np.radians(27.5)
 AWAY_RAD = np.radians(20.0)
 # Room is left for kappa and vergence, which come on top, inside the range of eye_head.
-EYE_RANGE_RAD = np.radians([[-20.0, -22.0], [20.0, 14.0]])
+EYE_RANGE_RAD = np.radians([[-23.5, -22.0], [23.5, 14.0]])
 SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
 UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)
 HEAD_COMES_BACK = 0.5

@@ -19,7 +19,7 @@ from talkingeyes.physiology import blinks, face, render
 from talkingeyes.physiology.articulation import MouthHabit
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.render import Continuous, Waves
-from talkingeyes.world import gestures
+from talkingeyes.world import affect, gestures
 from talkingeyes.world.brows import draw_brow_raises
 from talkingeyes.world.conversation import WARM_UP_S, Look, looks
 from talkingeyes.world.looking import look_around
@@ -53,9 +53,14 @@ class Take:
 def perform(
     annotation: Annotation, style: Style, seconds: float, random: np.random.Generator, profile: BlinkProfile
 ) -> Take:
-    """Draw a take of a sound that is `seconds` long."""
+    """Draw a take of a sound that is `seconds` long, in the emotion that it is said in."""
+    style = affect.moved(style, annotation.emotion, _share(annotation, style))
     continuous = _continuous(annotation, style, seconds, random)
-    gestured = gestures.posture_shifts(annotation, style, random) + gestures.nods(annotation, style, random)
+    gestured = [
+        move
+        for gesture in (gestures.posture_shifts, gestures.nods, gestures.backchannels)
+        for move in gesture(annotation, style, random)
+    ]
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
     head = render.head(Events(head_moves=tuple(gestured)), continuous, head_s)
     states = looks(annotation, style, seconds, random)
@@ -87,7 +92,7 @@ def _from_the_start(refocuses: Sequence[Refocus], seconds: float) -> tuple[Refoc
 
 def _continuous(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> Continuous:
     posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * random.standard_normal(3)
-    drift, *speaking = (gestures.unrest(band, style.head_scale, random) for band in gestures.BANDS.values())
+    drift, *speaking = (gestures.unrest(band, style, random) for band in gestures.BANDS.values())
     return Continuous(
         gaze_rest_rad=(0.0, 0.0),
         kappa_rad=np.array(style.kappa),
@@ -96,7 +101,7 @@ def _continuous(annotation: Annotation, style: Style, seconds: float, random: np
         head_speaking=gestures.joined(*speaking),
         activity=gestures.activity(annotation),
         translation=gestures.translation(random),
-        lids=style.lids,
+        eyelids=style.eyelids,
         lid_rest=style.lid_rest,
         lid_unrest=_lid_unrest(random),
         blink_lag_s=float(np.clip(BLINK_LAG_S * random.standard_normal(), -LONGEST_BLINK_LAG_S, LONGEST_BLINK_LAG_S)),
