@@ -25,8 +25,8 @@ THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])  # how fast a phoneme's 
 THETA_AFTER_PER_S = np.array([25.0, 15.0, 17.0, 20.0])
 REST_DOMINANCE = np.array([0.06, 0.10, 0.10, 0.10])
 NEAREST = 17  # phonemes that a moment is reckoned from
-STRESS_GAIN, UNSTRESSED_GAIN = 1.25, 1.1
-LOUDNESS_EXPONENT, LOUDNESS_GAIN = 0.4, (0.6, 1.45)
+UNDERSHOOT_GAIN = 1.2  # of vowels: between consonants the jaw does not get where they want it
+LOUDNESS_EXPONENT, LOUDNESS_GAIN = 0.3, (0.6, 1.45)
 JAW_LIMIT_RAD = 0.30
 APEX = 0.45  # of a phoneme's length; of a diphthong's first and second part:
 DIPHTHONG_APEX = (0.3, 0.8)
@@ -36,16 +36,16 @@ CONTACT_S, CONTACT_SHARE = 0.045, 0.5  # they touch for so long at least, or thi
 # jaw (radians) and its dominance; rounding, spreading and parting of the lips, and their dominance. By the first
 # letters of a mnemonic; the longest match counts.
 _TARGETS: dict[str, tuple[float, float, float, float, float, float]] = {
-    **dict.fromkeys(("p", "b", "m"), (0.0, 1.0, 0.0, 0.0, 0.0, 0.15)),
-    **dict.fromkeys(("f", "v"), (0.01, 1.0, 0.0, 0.1, 0.1, 0.4)),
-    **dict.fromkeys(("s", "z", "ts"), (0.01, 0.9, 0.0, 0.35, 0.5, 0.5)),
-    **dict.fromkeys(("S", "Z", "tS", "dZ"), (0.01, 0.9, 0.55, 0.0, 0.5, 0.8)),
-    **dict.fromkeys(("t", "d", "n", "T", "D"), (0.03, 0.6, 0.0, 0.1, 0.15, 0.15)),
-    **dict.fromkeys(("l", "R", "Q", "*"), (0.06, 0.4, 0.0, 0.1, 0.1, 0.15)),
-    **dict.fromkeys(("k", "g", "N", "x", "X", "C", "h", "H", "?"), (0.06, 0.3, 0.0, 0.1, 0.1, 0.1)),
-    "r": (0.06, 0.4, 0.3, 0.0, 0.1, 0.5),
-    "w": (0.04, 0.5, 1.0, 0.0, 0.0, 1.0),
-    "j": (0.04, 0.5, 0.0, 0.5, 0.2, 0.5),
+    **dict.fromkeys(("p", "b", "m"), (0.0, 1.2, 0.0, 0.0, 0.0, 0.15)),
+    **dict.fromkeys(("f", "v"), (0.01, 1.2, 0.0, 0.1, 0.1, 0.4)),
+    **dict.fromkeys(("s", "z", "ts"), (0.01, 1.2, 0.0, 0.35, 0.5, 0.5)),
+    **dict.fromkeys(("S", "Z", "tS", "dZ"), (0.01, 1.2, 0.55, 0.0, 0.5, 0.8)),
+    **dict.fromkeys(("t", "d", "n", "T", "D"), (0.02, 0.9, 0.0, 0.1, 0.15, 0.15)),
+    **dict.fromkeys(("l", "R", "Q", "*"), (0.04, 0.6, 0.0, 0.1, 0.1, 0.15)),
+    **dict.fromkeys(("k", "g", "N", "x", "X", "C", "h", "H", "?"), (0.04, 0.45, 0.0, 0.1, 0.1, 0.1)),
+    "r": (0.04, 0.6, 0.3, 0.0, 0.1, 0.5),
+    "w": (0.03, 0.75, 1.0, 0.0, 0.0, 1.0),
+    "j": (0.03, 0.75, 0.0, 0.5, 0.2, 0.5),
     "@": (0.05, 0.3, 0.0, 0.1, 0.1, 0.3),
     "3": (0.07, 0.7, 0.2, 0.0, 0.1, 0.6),
     "I": (0.06, 0.8, 0.0, 0.5, 0.25, 0.9),
@@ -171,8 +171,7 @@ def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
     """When, what targets and how strongly: once for a phoneme, twice for a diphthong."""
     gain = 1.0
     if phoneme.symbol[:1] in VOWELS:
-        stress = STRESS_GAIN if phoneme.stressed else UNSTRESSED_GAIN
-        gain = stress * float(np.clip(phoneme.loudness**LOUDNESS_EXPONENT, *LOUDNESS_GAIN))
+        gain = UNDERSHOOT_GAIN * float(np.clip(phoneme.loudness**LOUDNESS_EXPONENT, *LOUDNESS_GAIN))
     length_s = phoneme.end_s - phoneme.start_s
     second = next((letter for letter in phoneme.symbol[1:] if letter in VOWELS), "")
     parts = [phoneme.symbol, second] if second and phoneme.symbol[0] in VOWELS else [phoneme.symbol]
