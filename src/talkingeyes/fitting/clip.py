@@ -17,6 +17,8 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio, eye_aspect_ratio, lids
+from talkingeyes.fitting.eyes import EyeSettings, RangeSettings, eyes, within_range
+from talkingeyes.fitting.face import FaceSettings, face
 from talkingeyes.fitting.gaps import bridged, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
@@ -53,6 +55,9 @@ class FitSettings(Settings):
     person: PersonSettings
     head_pose: HeadPoseSettings
     lightgazefit: LightGazeFitSettings
+    eyes: EyeSettings
+    range: RangeSettings
+    face: FaceSettings
     blink: BlinkSettings
     smoothing: SmoothingSettings
     reject: RejectSettings
@@ -86,11 +91,16 @@ def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     shut, wide = (expected_aspect_ratio(raw, camera, closure) for closure in (1.0, 0.0))
     eyelids = lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
     open_ = visible & ~eyelids.blinking
+    gaze = eyes(gaze, raw.head, seen & open_[:, None], raw.fps, settings.eyes).corrected(gaze)
     space = smooth_gaze(gaze_in_space(raw.head, gaze), seen & open_[:, None], raw.fps, settings.smoothing)
+    shown = face(observation.landmarks, pose, who.face, camera, settings.face)
     motion = replace(
         raw,
-        gaze=eye_in_head(raw.head, space),
+        gaze=within_range(eye_in_head(raw.head, space), settings.range),
         lid=eyelids.lid,
+        jaw=shown.jaw,
+        expression=shown.expression,
+        expression_names=shown.names,
         valid=pose.seen & ~_long_gaps(open_, settings.reject.longest_gap_s * raw.fps),
     )
     return Fit(

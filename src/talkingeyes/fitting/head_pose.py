@@ -54,7 +54,7 @@ class HeadPose:
 
 
 def head_pose(
-    observed: Float[ndarray, "T L 2"], camera: Camera, settings: HeadPoseSettings, face: Float[ndarray, "L 3"]
+    observed: Float[ndarray, "T N 2"], camera: Camera, settings: HeadPoseSettings, face: Float[ndarray, "L 3"]
 ) -> HeadPose:
     """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed.
 

@@ -11,7 +11,8 @@ a hidden eye. With the crop scaled to [-1, 1] (`unit_px: 112`) the symmetry term
 eyes, which people's eyes do have (the axes of the eyeballs stand some 9 degrees apart).
 
 Two solvers of the one objective: `solve_adam` as in the paper, and `solve_newton`, Gauss-Newton with the analytic
-Jacobian, some hundred times faster (benchmarks/fitting.py).
+Jacobian, some hundred times faster (benchmarks/fitting.py). `solve_listing` holds Listing's law instead of preferring
+it: without torsion two numbers an eye meet two of the picture exactly, in closed form, with no weights to choose.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from pydantic import Field
 
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_M
-from talkingeyes.rotation import listing, matrices
+from talkingeyes.rotation import directions, listing, matrices
 from talkingeyes.settings import Settings
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0)]
+BLOCK = 4096  # frames that are solved together
 SMALL_RAD = 1e-4  # below it sin a / a and its like are taken at this angle (1e-9 off)
 
 
@@ -57,7 +59,7 @@ class AdamSettings(Settings):
 class LightGazeFitSettings(Settings):
     """Weights of eq. 1, the pixels that one unit of y stands for, and the solver of a clip."""
 
-    solver: Literal["newton", "adam"]
+    solver: Literal["newton", "adam", "listing"]
     regularisation: Annotated[float, Field(gt=0)]
     symmetry: Annotated[float, Field(ge=0)]
     unit_px: Positive
@@ -79,6 +81,11 @@ class Sight:
         """Which pupils were observed."""
         return np.asarray(np.isfinite(self.pupils).all(axis=-1))
 
+    def between(self, start: int, stop: int) -> Sight:
+        """Some of the frames."""
+        at = slice(start, stop)
+        return Sight(self.pupils[at], self.head[at], self.translation[at], self.camera)
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -91,10 +98,30 @@ class Solution:
 
 def solve(sight: Sight, settings: LightGazeFitSettings) -> Solution:
     """The fit by the solver that the settings name."""
-    return solve_adam(sight, settings) if settings.solver == "adam" else solve_newton(sight, settings)
+    solvers = {"adam": solve_adam, "newton": solve_newton, "listing": solve_listing}
+    return solvers[settings.solver](sight, settings)
+
+
+def solve_listing(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+    """Gaze under Listing's law; frames in blocks, so that memory beside the result does not grow with the clip."""
+    blocks = [sight.between(start, start + BLOCK) for start in range(0, len(sight.head), BLOCK)]
+    gaze = [sighted_gaze(block) for block in blocks]
+    values = [_Problem.of(block, settings).value(found) for block, found in zip(blocks, gaze, strict=True)]
+    return Solution(np.concatenate(gaze), np.concatenate(values), 1)
 
 
 def solve_newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+    """Gauss-Newton, frames in blocks, so that memory beside the result does not grow with the clip."""
+    blocks = [sight.between(start, start + BLOCK) for start in range(0, len(sight.head), BLOCK)]
+    parts = [_newton(block, settings) for block in blocks]
+    return Solution(
+        np.concatenate([part.gaze for part in parts]),
+        np.concatenate([part.objective for part in parts]),
+        max(part.steps for part in parts),
+    )
+
+
+def _newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
     """Gauss-Newton over all frames at once: one 6 x 6 system a frame, from where the pupil's ray meets the eyeball.
 
     Levenberg: a frame whose objective would rise keeps its state and damps its next step more.
@@ -186,6 +213,13 @@ class _Problem:
             camera=sight.camera,
             unit_px=settings.unit_px,
         )
+
+    def value(self, gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, " T"]:
+        """The objective at these rotation vectors, without derivatives."""
+        points = self.centres + PUPIL_M * np.matmul(self.turn[:, None], directions(gaze)[..., None])[..., 0]
+        residual = (self.camera.project(points) - self.pupils) * (self.seen / self.unit_px)
+        state = gaze.reshape(-1, 6)
+        return np.asarray(np.sum(residual**2, axis=(1, 2)) + np.sum((state @ self.prior) * state, axis=1))
 
     def linearise(self, gaze: Float[ndarray, "T 2 3"]) -> _Terms:
         """Value and derivatives of the objective at these rotation vectors."""

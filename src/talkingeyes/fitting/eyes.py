@@ -1,0 +1,122 @@
+"""What one clip says of its eyes: how far a pupil moves with a turn, and how the eyes' axes stand to each other.
+
+Two unknowns a clip with priors, by maximum a posteriori. The gain is how far the detected pupil follows the eye, as a
+share of what the head's eyeball would show: a pupil that lies less deep, and a detector drawn to the middle of the
+lids, move less. Pupils alone do not tell it, but heads do: between saccades the eyes counter-rotate the head, so
+
+    change of eye-in-head  =  - gain * change of head  +  noise        over `lag_s`, without the steps of saccades
+
+is a regression whose slope is the gain. The half difference of the eyes is kappa (the optical axis stands to the temple
+of the visual one) less half the vergence, and differs from what was fitted by the detector's bias and by eyes that do
+not stand where the head has them; both are Gaussian, so the estimate lies between the two by their variances. What both
+eyes have in common is not told by anything in the clip and stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.rotation import angles_of_direction, angles_of_gaze, directions, gaze_of_angles
+from talkingeyes.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+Spread = Annotated[float, Field(ge=0)]
+
+
+class RangeSettings(Settings):
+    """How far an eye turns in its head, radians: to either side, up and down."""
+
+    side_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
+    up_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
+    down_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
+
+
+class EyeSettings(Settings):
+    """Priors of the unknowns; a spread of 0 leaves the prior's mean, whatever the clip says.
+
+    `gain_yaw`, `gain_pitch`, `gain_sd`: of the gain; `lag_s`, `step_rad`: of the regression, and the change of gaze in
+    space from which it is a saccade. `apart_rad`, `apart_sd_rad`: half of left minus right, yaw; `level_sd_rad`: pitch,
+    about 0; `noise_rad`: of what is fitted of it.
+    """
+
+    gain_yaw: Positive
+    gain_pitch: Positive
+    gain_sd: Spread
+    lag_s: Positive
+    step_rad: Positive
+    apart_rad: float
+    apart_sd_rad: Positive
+    level_sd_rad: Positive
+    noise_rad: Spread
+
+
+@dataclass(frozen=True)
+class Eyes:
+    """Of a clip: gain in yaw and pitch, and what is added to half of left minus right, (yaw, pitch), radians."""
+
+    gain: Float[ndarray, " 2"]
+    apart_rad: Float[ndarray, " 2"]
+
+    def corrected(self, gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
+        """Fitted eye-in-head as it would be for pupils that follow the eye, without torsion."""
+        angles = angles_of_gaze(gaze) / self.gain
+        return gaze_of_angles(angles + np.stack([self.apart_rad, -self.apart_rad]))
+
+
+def eyes(
+    gaze: Float[ndarray, "T 2 3"],
+    head: Float[ndarray, "T 3"],
+    open_: Bool[ndarray, "T 2"],
+    fps: float,
+    settings: EyeSettings,
+) -> Eyes:
+    """The unknowns of a clip from fitted eye-in-head, the head, and which eyes were seen open."""
+    angles = angles_of_gaze(gaze)
+    both = np.asarray(open_.all(axis=1))
+    gain = _gain(angles.mean(axis=1), angles_of_direction(directions(head)), both, fps, settings)
+    prior = np.array([settings.apart_rad, 0.0])
+    if not both.any():
+        return Eyes(gain, prior)
+    half = np.median(angles[both, 0] - angles[both, 1], axis=0) / 2 / gain
+    spread = np.array([settings.apart_sd_rad, settings.level_sd_rad])
+    believed = prior + spread**2 / (spread**2 + settings.noise_rad**2) * (half - prior)
+    return Eyes(gain, believed - half)
+
+
+def _gain(
+    eye_rad: Float[ndarray, "T 2"],
+    head_rad: Float[ndarray, "T 2"],
+    known: Bool[ndarray, " T"],
+    fps: float,
+    settings: EyeSettings,
+) -> Float[ndarray, " 2"]:
+    """Slope of eye on head between saccades, with its prior; three rounds, as what is a saccade depends on it."""
+    lag = max(1, round(settings.lag_s * fps))
+    prior = np.array([settings.gain_yaw, settings.gain_pitch])
+    gain = prior.copy()
+    if len(known) <= lag or not settings.gain_sd:
+        return gain
+    eye, head = eye_rad[lag:] - eye_rad[:-lag], head_rad[lag:] - head_rad[:-lag]
+    usable = known[lag:] & known[:-lag]
+    for _ in range(3):
+        still = usable & (np.linalg.norm(eye / gain + head, axis=1) < settings.step_rad)
+        if still.sum() < 2 * lag:
+            return gain
+        noise = np.var(eye[still] + gain * head[still], axis=0)
+        weight = np.sum(head[still] ** 2, axis=0) / (noise * lag)  # changes over `lag` frames overlap
+        slope = -np.sum(eye[still] * head[still], axis=0) / np.maximum(np.sum(head[still] ** 2, axis=0), 1e-12)
+        gain = (prior / settings.gain_sd**2 + weight * slope) / (1.0 / settings.gain_sd**2 + weight)
+        gain = np.clip(gain, 0.4, 1.6)
+    return np.asarray(gain)
+
+
+def within_range(gaze: Float[ndarray, "*N 3"], limits: RangeSettings) -> Float[ndarray, "*N 3"]:
+    """The torsion-free rotation vectors of the same directions, at the edge of the range where they are beyond it."""
+    low = (-limits.side_rad, -limits.down_rad)
+    return gaze_of_angles(np.clip(angles_of_gaze(gaze), low, (limits.side_rad, limits.up_rad)))
