@@ -36,6 +36,7 @@ KEYS = {
     "translation": ("translation", "transl"),
     "lid": ("eyelids",),
 }
+LEAST_OF_VERTICES = 3000  # columns: no parameters of a face
 POSE = ("pose",)  # DiffPoseTalk: head and jaw in one
 
 
@@ -54,6 +55,10 @@ def read_flame_array(path: Path, fps: float | None = None) -> Motion:
         content = arrays[0]
     array = np.asarray(content)
     array = array[0] if array.ndim == 3 and len(array) == 1 else array
+    if array.ndim == 2 and array.shape[1] >= LEAST_OF_VERTICES:
+        from talkingeyes.formats.vertices import read_vertices
+
+        return read_vertices(path, array, fps)
     if array.ndim != 2 or array.shape[1] not in (53, 106, 108, 403) or array.dtype.kind != "f":
         raise InputError(f"{path}: should be (T, 53), (T, 106), (T, 108) or (T, 403) numbers, got {array.shape}")
     return of_arrays(path, _split(array.astype(np.float64)), fps)
