@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 import av
+import flame_file
 import moving
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from talkingeyes import conversion, rotation
 from talkingeyes.errors import InputError
 from talkingeyes.export.arkit import timecode
+from talkingeyes.film import render
 from talkingeyes.formats import arkit
 from talkingeyes.formats.read import read_motion
 from talkingeyes.head.anny import open_head
@@ -327,3 +329,29 @@ def test_a_face_at_rest_needs_no_map(tmp_path: Path) -> None:
     conversion.export(tmp_path / "a.npz", tmp_path / "b.npz", format="vhap")
     with np.load(tmp_path / "b.npz") as file:
         assert not file["expr"].any()
+
+
+@pytest.fixture(scope="module")
+def flame(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of FLAME's layout."""
+    path = tmp_path_factory.mktemp("flame") / "flame.pkl"
+    flame_file.write(path, flame_file.arrays())
+    return path
+
+
+def test_faces_are_mapped_between_the_heads(made: Path, tmp_path: Path, flame: Path) -> None:
+    conversion.export(made / "anny.npz", tmp_path / "a.npz", format="vhap", model=flame)
+    with np.load(tmp_path / "a.npz") as file:
+        assert file["expr"].std() > 1e-3
+    conversion.export(made / "flame.npz", tmp_path / "a.json", format="arkit", model=flame)
+    content = json.loads((tmp_path / "a.json").read_text())
+    assert np.array(content["coefficients"])[:, content["names"].index("mouthSmileLeft")].std() > 1e-3
+
+
+def test_what_vhap_tracked_is_filmed_on_flame(made: Path, tmp_path: Path, flame: Path) -> None:
+    moving.flame_motion().cut(0, 3).save(tmp_path / "a.npz")
+    conversion.export(tmp_path / "a.npz", tmp_path / "vhap.npz", format="vhap")
+    conversion.read_all([tmp_path / "vhap.npz"], tmp_path / "back.npz")
+    render(tmp_path / "back.npz", tmp_path / "a.mp4", head="flame", model=flame, size=32)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        assert sum(1 for _ in container.decode(video=0)) == 3
