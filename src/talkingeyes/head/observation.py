@@ -18,7 +18,7 @@ from talkingeyes.head.camera import Camera
 class Observation:
     """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `face_points.NAMES`.
 
-    `identity`: what is known of the head's shape, weights of its identity shapes; empty for the mean head.
+    `identity`: weights of the head's identity shapes where they are known (a synthetic speaker's); `fit` finds its own.
     """
 
     fps: float

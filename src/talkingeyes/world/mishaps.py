@@ -12,7 +12,7 @@ from numpy import ndarray
 from pydantic import Field, model_validator
 
 from talkingeyes.head.face_points import NAMES
-from talkingeyes.settings import Settings
+from talkingeyes.settings import Settings, out_of_bounds
 
 # Where a hand or hair comes: the landmark that its middle lies on.
 HAND = ("outline_chin", "upper_lip", "left_outline_jaw", "right_outline_jaw", "nose_tip", "left_eye_outer")
@@ -32,7 +32,9 @@ class OcclusionSettings(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> OcclusionSettings:
         if self.radius_least_px > self.radius_most_px:
-            raise ValueError(f"radius_most_px should be at least radius_least_px ({self.radius_least_px})")
+            raise out_of_bounds(
+                f"radius_most_px should be at least radius_least_px ({self.radius_least_px})", self.radius_most_px
+            )
         return self
 
 

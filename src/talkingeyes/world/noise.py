@@ -15,7 +15,7 @@ from numpy import ndarray
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
-from talkingeyes.settings import Settings
+from talkingeyes.settings import Settings, out_of_bounds
 from talkingeyes.world.mishaps import DropSettings, OcclusionSettings
 
 MEMORY_STEP_S = 0.04
@@ -48,7 +48,7 @@ class PupilNoiseSettings(Settings):
         for name in ("white_{}_px", "gain_x_{}", "gain_y_{}", "burst_{}_px"):
             least, most = getattr(self, name.format("least")), getattr(self, name.format("most"))
             if least > most:
-                raise ValueError(f"{name.format('most')} should be at least {name.format('least')} ({least})")
+                raise out_of_bounds(f"{name.format('most')} should be at least {name.format('least')} ({least})", most)
         return self
 
 

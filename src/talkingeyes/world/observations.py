@@ -19,7 +19,7 @@ from talkingeyes.head import landmarks as face
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.observation import Observation
 from talkingeyes.motion import Motion
-from talkingeyes.settings import Settings
+from talkingeyes.settings import Settings, out_of_bounds
 from talkingeyes.world.mishaps import covered, on_grid, source_frames
 from talkingeyes.world.noise import NoiseSettings, noisy_landmarks, noisy_pupils
 
@@ -38,7 +38,9 @@ class CameraSettings(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> CameraSettings:
         if self.distance_least_m > self.distance_most_m:
-            raise ValueError(f"distance_most_m should be at least distance_least_m ({self.distance_least_m})")
+            raise out_of_bounds(
+                f"distance_most_m should be at least distance_least_m ({self.distance_least_m})", self.distance_most_m
+            )
         return self
 
 

@@ -1,0 +1,90 @@
+"""What each fault of the camera costs the fit: Table VIII, head and blinks, one parameter of `synthesize` at a time.
+
+The takes are of sketched talk (no sound is spoken); seeds are fixed, so a row differs from the first by its parameter.
+
+Run     python benchmarks/observations.py [CLIPS]      (32 by default: about half a minute)
+Reads   conf/ (synthesize=default, fit=default)
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from pipelines.fit import summary_of, table8
+from talkingeyes.config import compose
+from talkingeyes.fitting.clip import FitSettings, fit_clip
+from talkingeyes.fitting.comparison import Truth, Verdict, judge
+from talkingeyes.physiology.blinks import PHYSIO
+from talkingeyes.run import quiet
+from talkingeyes.world.noise import NoiseSettings
+from talkingeyes.world.observations import CameraSettings, head_shape, make_camera, observe
+from talkingeyes.world.pool import sketch
+from talkingeyes.world.speakers import draw_style
+from talkingeyes.world.take import Take, perform
+
+SECONDS, FPS = 9.0, 25.0
+CHANGES: dict[str, tuple[str, ...]] = {
+    "as in default": (),
+    "all heads alike": ("camera.head_spread=0",),
+    "heads twice as different": ("camera.head_spread=0.3",),
+    "camera .4 m away": ("camera.distance_least_m=0.4", "camera.distance_most_m=0.4"),
+    "camera 4 m away": ("camera.distance_least_m=4", "camera.distance_most_m=4"),
+    "3 occlusions a minute": ("noise.occlusion.per_min=3",),
+    "10 occlusions a minute": ("noise.occlusion.per_min=10",),
+    "2 % of frames lost": ("noise.dropped.share=0.02",),
+    "10 % of frames lost": ("noise.dropped.share=0.1",),
+    "whole pixels": ("noise.grid_px=1",),
+    "half the resolution": ("noise.resolution=0.5",),
+    "a quarter": ("noise.resolution=0.25",),
+}
+
+
+def takes(count: int) -> list[Take]:
+    """One take each of `count` people."""
+    drawn = []
+    for number in range(count):
+        random = np.random.default_rng([1, number])
+        drawn.append(perform(sketch(SECONDS, random), draw_style(random), SECONDS, random, PHYSIO))
+    return drawn
+
+
+def fitted(drawn: list[Take], section: dict[str, Any], settings: FitSettings) -> list[Verdict]:
+    """Verdicts on the fit of all takes as a camera of this section sees them."""
+    camera, noise = CameraSettings(**section["camera"]), NoiseSettings(**section["noise"])
+    verdicts = []
+    for number, take in enumerate(drawn):
+        random = np.random.default_rng([2, number])
+        shape = head_shape(random.standard_normal(6).tolist(), camera)
+        motion = take.motion(FPS, round(SECONDS * FPS))
+        seen = observe(motion, make_camera(camera, random), noise, random, shape)
+        fit = fit_clip(seen, settings)
+        if not fit.rejected:
+            verdicts.append(judge(seen, fit, Truth(motion, take.events), settings, by_adam=False))
+    return verdicts
+
+
+def main() -> None:
+    """Print the table."""
+    count = int(sys.argv[1]) if sys.argv[1:] else 32
+    drawn = takes(count)
+    print(
+        f"{count} clips of {SECONDS:.0f} s   pupil error   speed    saccade    head           blinks             fits"
+    )
+    print(f"{'':<28}{'px':>8}{'ratio':>11}{'peaks':>9}{'degrees':>10}{'mm':>7}{'found':>9}{'right':>8}{'kept':>9}")
+    for name, changes in CHANGES.items():
+        conf = compose([f"synthesize.{change}" for change in changes])
+        verdicts = fitted(drawn, conf["synthesize"], FitSettings.model_validate(conf["fit"]))
+        row, means = table8(verdicts)["rows"][0], summary_of(verdicts, count)
+        print(
+            f"{name:<28}{row['error_px']:8.2f}{row['velocity_ratio']:11.2f}{row['saccade_peak_ratio']:9.2f}"
+            f"{means['head_error_deg']:10.2f}{means['head_error_mm']:7.1f}{means['blink_recall']:9.2f}"
+            f"{means['blink_precision']:8.2f}{len(verdicts):9d}"
+        )
+
+
+if __name__ == "__main__":
+    quiet()
+    main()
