@@ -8,6 +8,7 @@ the same form. While the lids shut, the eyes turn down and towards the nose (Col
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -107,10 +108,16 @@ def without_overlap(first: Sequence[Blink], others: Sequence[Blink] = ()) -> tup
     """Blinks in order of onset: of `first`, and then of `others`, those that no blink already taken overlaps."""
     kept: list[Blink] = []
     for group in (first, others):
-        for blink in sorted(group, key=lambda each: each.onset_s):
-            if all(end_s(each) <= blink.onset_s or end_s(blink) <= each.onset_s for each in kept):
-                kept.append(blink)
-    return tuple(sorted(kept, key=lambda each: each.onset_s))
+        for blink in sorted(group, key=_onset_s):
+            place = bisect(kept, blink.onset_s, key=_onset_s)
+            free = not place or end_s(kept[place - 1]) <= blink.onset_s
+            if free and (place == len(kept) or end_s(blink) <= kept[place].onset_s):
+                kept.insert(place, blink)
+    return tuple(kept)
+
+
+def _onset_s(blink: Blink) -> float:
+    return blink.onset_s
 
 
 def end_s(blink: Blink) -> float:

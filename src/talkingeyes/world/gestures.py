@@ -7,6 +7,7 @@ A nod of one take is not a nod of the next. Angles are radians, times seconds.
 
 from __future__ import annotations
 
+from bisect import bisect
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -163,10 +164,15 @@ def _stroke(
 def _apart(kept: list[Stroke], more: list[Stroke], least_s: float) -> list[Stroke]:
     """Strokes that are kept, and of `more` those that keep their distance from all before them, in order of time."""
     found = list(kept)
-    for stroke in sorted(more, key=lambda each: each.apex_s):
-        if all(abs(stroke.apex_s - each.apex_s) >= least_s for each in found):
-            found.append(stroke)
-    return sorted(found, key=lambda each: each.apex_s)
+    for stroke in sorted(more, key=_apex_s):
+        place = bisect(found, stroke.apex_s, key=_apex_s)
+        if all(abs(stroke.apex_s - each.apex_s) >= least_s for each in found[max(0, place - 1) : place + 1]):
+            found.insert(place, stroke)
+    return found
+
+
+def _apex_s(stroke: Stroke) -> float:
+    return stroke.apex_s
 
 
 def backchannels(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
