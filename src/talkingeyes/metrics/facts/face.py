@@ -35,8 +35,10 @@ def observe_lids(speaker: str, motion: Motion) -> Pool:
     blinking = np.convolve(above > BLINK, np.ones(2 * reach + 1), "same") > 0
     chosen = np.flatnonzero(motion.valid & ~blinking)[::EVERY]
     points = face.eye_points(motion.gaze[chosen], motion.lid[chosen])[:, :, UPPER].mean(axis=2)
-    away = points - face.EYE_CENTRES
-    height = np.degrees(np.arctan2(away[..., 1], away[..., 2]))
+    ahead = face.eye_points(np.zeros((1, 2, 3)), np.zeros((1, 2)))[:, :, UPPER].mean(axis=2) - face.EYE_CENTRES
+    # By height alone: the sculpted lids of the head do not keep to a sphere in depth.
+    above_centre = (points - face.EYE_CENTRES)[..., 1] / np.hypot(ahead[..., 1], ahead[..., 2])
+    height = np.degrees(np.arcsin(np.clip(above_centre, -1.0, 1.0)))
     angles = angles_of_gaze(motion.gaze[chosen])
     eye = np.broadcast_to(["left", "right"], height.shape)
     whose = np.char.add(f"{speaker} ", eye)
