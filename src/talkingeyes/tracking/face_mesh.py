@@ -114,7 +114,7 @@ class FaceMesh:
 
     def _load(self, solutions: Any) -> None:
         self._mesh = solutions.face_mesh.FaceMesh(refine_landmarks=True, max_num_faces=1)
-        # The first is for faces at any distance and misses some that fill the picture, the second is for those.
+        # The first is for faces at any distance and misses some that fill the picture, which the second is for.
         score = self._settings.least_score
         self._detectors = [solutions.face_detection.FaceDetection(score, range_) for range_ in (1, 0)]
         for network in (self._mesh, *self._detectors):  # it starts, and talks, in threads of its own
@@ -139,7 +139,7 @@ class FaceMesh:
             if not boxes and self._window is None:
                 return None
             self._checked_s, counted = time_s, _visible(boxes, self._settings.second_size)
-            if boxes and (self._window is None or not _near(self._window, boxes[0])):
+            if boxes and not any(self._window and _near(self._window, box) for box in boxes):
                 self._look_at(boxes[0])
         face = self._in_window(picture, counted)
         if face is None:
@@ -151,16 +151,14 @@ class FaceMesh:
         return face
 
     def boxes(self, picture: UInt8[ndarray, "H W 3"]) -> list[Box]:
-        """Squares around the faces of a picture, the largest first."""
-        height, width = picture.shape[:2]
+        """Squares around the faces of a picture that any detector finds, each once, the largest first."""
         small = _smaller(picture, LARGEST_PX)
-        squares: list[Box] = []
-        for detection in next(filter(None, (each.process(small).detections for each in self._detectors)), []):
-            at = detection.location_data.relative_bounding_box
-            side = max(at.width * width, at.height * height)
-            middle = ((at.xmin + at.width / 2) * width, (at.ymin + at.height / 2) * height)
-            squares.append(Box(middle[0] - side / 2, middle[1] - side / 2, side))
-        return sorted(squares, key=lambda box: -box.side)
+        found = [each for detector in self._detectors for each in detector.process(small).detections or []]
+        faces: list[Box] = []
+        for box in sorted((_box(each, picture) for each in found), key=lambda box: -box.side):
+            if all(np.abs(box.centre - face.centre).max() > face.side / 2 for face in faces):
+                faces.append(box)
+        return faces
 
     def close(self) -> None:
         """Give back the networks' memory."""
@@ -184,6 +182,13 @@ class FaceMesh:
         points = np.array([(point.x, point.y) for point in found[0].landmark])
         points = points * window.side + (window.x, window.y)
         return Face(points[ORDER], points[IRISES], counted)
+
+
+def _box(detection: Any, picture: UInt8[ndarray, "H W 3"]) -> Box:
+    height, width = picture.shape[:2]
+    at = detection.location_data.relative_bounding_box
+    side = max(at.width * width, at.height * height)
+    return Box((at.xmin + at.width / 2) * width - side / 2, (at.ymin + at.height / 2) * height - side / 2, side)
 
 
 def _visible(boxes: list[Box], second_size: float) -> int:

@@ -7,7 +7,7 @@ them, so an interrupted run ends with the bytes of one that was not.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +49,20 @@ class Ledger:
 
 
 def read(path: Path) -> Ledger:
-    """The ledger of a file; an empty one if there is none. A last line that was cut off is left out."""
+    """The ledger of a file; an empty one if there is none.
+
+    A last line that was cut off is left out, and so is a last shot of a video whose end was not noted: how long the
+    video is can only be seen by going there again.
+    """
+    book = _read(path)
+    unsure = not book.done and book.entries and book.entries[-1].next_s is None
+    return replace(book, entries=book.entries[:-1]) if unsure else book
+
+
+def _read(path: Path) -> Ledger:
     if not path.exists():
         return Ledger()
-    entries: list[Entry] = []
+    entries: dict[str, Entry] = {}
     begun, failed, done, seconds = 0, "", False, 0.0
     for line in path.read_text().splitlines():
         try:
@@ -60,12 +70,12 @@ def read(path: Path) -> Ledger:
         except ValueError:
             break
         if kind == "shot":
-            entries.append(_entry(content))
+            entries[content["id"]] = _entry(content)
             begun = 0
         begun = 0 if kind == "failed" else begun + (kind == "begin")
         failed = content if kind == "failed" else ""
         done, seconds = (True, content) if kind == "end" else (False, seconds)
-    return Ledger(tuple(entries), begun, done, failed, seconds)
+    return Ledger(tuple(entries.values()), begun, done, failed, seconds)
 
 
 def add(path: Path, kind: str, content: Any) -> None:
@@ -79,7 +89,7 @@ def add(path: Path, kind: str, content: Any) -> None:
 
 def finish(path: Path, seconds: float) -> None:
     """Write the ledger of a video that is done: its shots and its end."""
-    lines = [json.dumps({"shot": asdict(entry)}) for entry in read(path).entries]
+    lines = [json.dumps({"shot": asdict(entry)}) for entry in _read(path).entries]
     partial = path.with_suffix(".partial")
     partial.write_text("".join(line + "\n" for line in [*lines, json.dumps({"end": seconds})]))
     partial.replace(path)
