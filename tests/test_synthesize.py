@@ -1,5 +1,6 @@
 """Stage `synthesize`: a whole corpus, the same for any number of processes, and settings refused before writing."""
 
+import os
 import re
 import subprocess
 import sys
@@ -22,6 +23,8 @@ from talkingeyes.world import plan
 from talkingeyes.world.plan import SynthesizeSettings
 from talkingeyes.world.voices import converse
 from tests.fixtures_corpus import make_tiny_corpus
+
+FEW = ("synthesize.clips=10", "synthesize.takes=1")
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +70,14 @@ def test_takes_share_a_sound_and_differ_in_motion(corpus):
     assert np.array_equal(corpus.truth(first).jaw, corpus.truth(second).jaw)
 
 
-def test_two_processes_make_the_same_bytes(tmp_path):
-    few = ("synthesize.clips=10", "synthesize.takes=2")
-    one = files(make_tiny_corpus(tmp_path / "one", *few))
-    two = files(make_tiny_corpus(tmp_path / "two", *few, jobs=2))
-    assert one == two
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The files of a corpus made by one process without a break."""
+    return files(make_tiny_corpus(tmp_path_factory.mktemp("whole"), *FEW))
+
+
+def test_two_processes_make_the_same_bytes(tmp_path, whole):
+    assert files(make_tiny_corpus(tmp_path, *FEW, jobs=2)) == whole
 
 
 @pytest.mark.parametrize(
@@ -192,13 +198,13 @@ def test_noise_and_room_change_the_sound_alone(tmp_path):
     assert differing == {"speech", "rows"}  # rows hold a hash of the sound
 
 
-def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    few = ("synthesize.clips=10", "synthesize.takes=2")
-    whole = files(make_tiny_corpus(tmp_path / "whole", *few))
+def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):
     root = tmp_path / "killed"
-    write_params(root / "params.yaml", compose(["experiment=tiny", *few]))
+    write_params(root / "params.yaml", compose(["experiment=tiny", "machine.jobs=1", *FEW]))
     rows = root / "data" / ".synthesize.partial" / "rows"
-    with subprocess.Popen([sys.executable, "-m", "pipelines.synthesize"], cwd=root, stderr=subprocess.DEVNULL) as run:
+    command = [sys.executable, "-m", "pipelines.synthesize"]
+    where = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, cwd=root, env=where, stderr=subprocess.DEVNULL) as run:
         while len(list(rows.rglob("*.json"))) < 3:
             assert run.poll() is None, "ended before anything could be killed"
             time.sleep(0.005)
@@ -214,20 +220,22 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     assert all((root / "data" / "synthesize" / path).stat().st_mtime_ns == time_ns for path, time_ns in before.items())
 
 
-def test_an_unfinished_run_of_other_settings_is_not_gone_on_with(tmp_path):
-    unfinished = tmp_path / "data" / ".synthesize.partial"
-    (unfinished / "rows").mkdir(parents=True)
-    (unfinished / "rows" / "stale").write_text("")
-    (unfinished / "MADE_OF").write_text("something else")
-    root = make_tiny_corpus(tmp_path, "synthesize.clips=10", "synthesize.takes=1")
-    assert not list(root.rglob("stale")) and not unfinished.exists()
+def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    for made_of, left in (("one", []), ("one", ["half"]), ("other", [])):
+        with pytest.raises(KeyboardInterrupt), workspace.output("synthesize", made_of=made_of) as folder:
+            assert sorted(path.name for path in folder.glob("[a-z]*")) == left
+            (folder / "half").write_text("")
+            raise KeyboardInterrupt
+    with workspace.output("synthesize", made_of="other") as folder:
+        assert (folder / "half").exists()
+    assert sorted(path.name for path in (tmp_path / "data").rglob("*")) == ["SHA256SUMS", "half", "synthesize"]
 
 
-def test_a_corpus_too_small_for_its_splits_is_refused(tmp_path):
-    params = compose(["synthesize=tiny", "synthesize.clips=10", "synthesize.speakers=10"])
-    params["synthesize"] |= {"clips": 10, "speakers": 4}
+def test_a_corpus_too_small_for_its_splits_is_refused():
+    settings = SynthesizeSettings(**compose(["synthesize=tiny"])["synthesize"])
     with pytest.raises(InputError, match="every split"):
-        plan.sounds(SynthesizeSettings(**params["synthesize"]).model_copy(update={"clips": 4}))
+        plan.sounds(settings.model_copy(update={"clips": 4}))
 
 
 def test_paper_is_as_large_as_the_paper_and_of_two_sources():
