@@ -145,7 +145,7 @@ def track_one(root: Path, settings: TrackSettings, source: Source) -> Ledger:
         with soundtrack(source.path) as sound:
             seen = shots(
                 clock.watch(frames(source.path, settings.fastest_fps, book.next_s)),
-                _fresh_mesh(settings.face),
+                fresh_mesh(settings.face),
                 settings.shot,
             )
             worth = (shot for shot in seen if shot.stop_s - shot.start_s >= BRIEF_S)
@@ -266,7 +266,8 @@ def _mesh(settings: FaceSettings) -> FaceMesh:
     return FaceMesh(settings)
 
 
-def _fresh_mesh(settings: FaceSettings) -> FaceMesh:
+def fresh_mesh(settings: FaceSettings) -> FaceMesh:
+    """The networks of this process, which remember nothing of another video."""
     mesh = _mesh(settings)
     mesh.forget()
     return mesh

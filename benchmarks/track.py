@@ -1,0 +1,103 @@
+"""Tracking, end to end: frames a second of CPU, and memory against the length of the video.
+
+A drawn head that talks is written as a video of several lengths, then tracked as `talkingeyes track` does: decoding,
+FaceMesh, resampling, judgement, files. Memory is the peak of a process of its own for each length, less that of the
+shortest. With a folder of videos as the argument their speed is measured too, each at its own size.
+
+Run     python benchmarks/track.py [VIDEOS]     (make bench)
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.config import compose
+from talkingeyes.errors import InputError
+from talkingeyes.footage import track_one
+from talkingeyes.run import quiet
+from talkingeyes.tracking.settings import TrackSettings
+from talkingeyes.tracking.sources import sources
+from talkingeyes.tracking.video import facts
+
+LENGTHS_S = (20, 60, 180)
+SIDE = 224
+
+
+def filmed(path: Path, seconds: float) -> Path:
+    """A head that turns and talks, 224 x 224, 25 fps, with sound."""
+    from talkingeyes.export.video import write_video
+    from talkingeyes.head.anny import open_head
+    from talkingeyes.head.render import Painter
+    from talkingeyes.head.view import FRAMINGS
+    from talkingeyes.motion import Motion
+
+    times_s = np.arange(50) / 25
+    head = np.stack([0.06 * np.sin(2 * times_s), 0.25 * np.sin(1.5 * times_s), 0.03 * np.cos(times_s)], axis=1)
+    motion = Motion.of(25.0, head, np.zeros((50, 2, 3)))
+    pictures = list(Painter(open_head(), FRAMINGS["head"].view(SIDE, SIDE)).draw(motion))
+    pictures += pictures[::-1]
+    sound = np.random.default_rng(0).normal(0, 0.1, round(seconds * 16_000)).astype(np.float32)
+    write_video(path, (pictures[index % 100] for index in range(round(seconds * 25))), 25.0, sound)
+    return path
+
+
+def child(video: Path) -> None:
+    """Track one video and print frames, CPU seconds without the start of the networks, and peak megabytes."""
+    settings = TrackSettings.model_validate(compose(["track.keep.voice=false"])["track"])
+    source = sources([video], None)[0]
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.process_time()
+        start(settings)
+        warm = time.process_time()
+        book = track_one(Path(folder), settings, source)
+        spent_s = time.process_time() - warm
+    about = facts(video)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{about.width} {about.height} {book.seconds * about.fps:.0f} {spent_s} {warm - begun} {peak_mb}")
+
+
+def start(settings: TrackSettings) -> None:
+    """The networks, once a process."""
+    from talkingeyes.footage import fresh_mesh
+
+    fresh_mesh(settings.face).see(np.zeros((64, 64, 3), np.uint8), 0.0)
+
+
+def measured(video: Path) -> list[float]:
+    """What a process of its own says."""
+    called = subprocess.run(
+        [sys.executable, __file__, "--child", str(video)], capture_output=True, text=True, check=True
+    )
+    return [float(word) for word in called.stdout.split()]
+
+
+def line(name: str, found: list[float]) -> str:
+    """A row of the table."""
+    width, height, count, spent_s, start_s, peak_mb = found
+    speed = count / spent_s if spent_s else 0.0
+    return f"{name:<28}{width:6.0f} x{height:5.0f}{count:8.0f}{speed:12.0f}{start_s:10.1f}{peak_mb:10.0f}"
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'video':<28}{'size':>13}{'frames':>8}{'frames/s':>12}{'start s':>10}{'peak MB':>10}")
+    with tempfile.TemporaryDirectory() as folder:
+        for seconds in LENGTHS_S:
+            print(line(f"drawn, {seconds} s", measured(filmed(Path(folder) / "drawn.mp4", seconds))))
+    for source in sources([Path(sys.argv[1])], None) if sys.argv[1:] else []:
+        print(line(source.name, measured(source.path)))
+
+
+if __name__ == "__main__":
+    quiet()
+    try:
+        child(Path(sys.argv[2])) if sys.argv[1:2] == ["--child"] else main()
+    except InputError as error:
+        sys.exit(f"error: {error}")
