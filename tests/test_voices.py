@@ -9,11 +9,13 @@ from jaxtyping import Float
 from joblib import Parallel, delayed
 from numpy import ndarray
 
+from talkingeyes.audio.annotation import EMOTIONS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.errors import InputError
-from talkingeyes.world.accents import VARIANTS, Voice, draw_voice
+from talkingeyes.world.accents import ACCENTS, MOODS, VARIANTS, Voice, draw_voice, in_mood
+from talkingeyes.world.phrases import NUCLEUS
 from talkingeyes.world.text import Filler, Pause, Script, Sentence, Word, write_script
-from talkingeyes.world.voices import Spoken, speak, speak_about
+from talkingeyes.world.voices import Cast, Spoken, converse, speak, speak_about
 
 pytest.importorskip("espeakng_loader")
 VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
@@ -152,6 +154,85 @@ def test_voices_differ_in_pitch() -> None:
     assert all(70 < pitch < 320 for pitch in pitches)
     low, high = (pitch_hz(speak(script, Voice("", "en", "en-us+m1", 170, pitch, 50)).sound) for pitch in (30, 70))
     assert high > 1.15 * low
+
+
+def test_moods_bend_a_voice_the_way_of_the_literature() -> None:
+    script = script_of(*words_of("My young cousin will borrow a yellow umbrella near the old library."))
+    voice = Voice("", "en", "en-us+m1", 170, 50, 50)
+    plain = speak(script, voice)
+
+    def against_plain(emotion: str, intensity: int) -> tuple[float, float, float]:
+        """Rate, pitch and level over those of the plain voice."""
+        each = speak(script, in_mood(voice, emotion, intensity))
+        spans = (spoken.annotation.sentences[0] for spoken in (plain, each))
+        usual_s, own_s = (span.end_s - span.start_s for span in spans)
+        level = float(np.abs(each.sound).mean() * len(each.sound) / np.abs(plain.sound).sum() * usual_s / own_s)
+        return usual_s / own_s, pitch_hz(each.sound) / pitch_hz(plain.sound), level
+
+    angry, sad = against_plain("angry", 3), against_plain("sad", 3)
+    assert min(angry) > 1.04 and max(sad) < 0.96
+    weak, medium = against_plain("sad", 1), against_plain("sad", 2)
+    assert sad[0] < medium[0] < weak[0] < 1.01 and sad[2] < medium[2] < weak[2] < 1.01
+    happy = against_plain("happy", 3)
+    assert happy[1] > 1.08 and in_mood(voice, "happy", 3).pitch_range > voice.pitch_range
+    assert in_mood(voice, "neutral", 0) == voice
+    assert set(MOODS) == set(EMOTIONS)
+
+
+def test_unknown_emotion_is_refused() -> None:
+    with pytest.raises(InputError, match=r"one of neutral, happy, .*, got 'bored'"):
+        in_mood(VOICES[0], "bored", 1)
+
+
+def test_two_people_speak_by_turns() -> None:
+    for number in range(4):
+        random = np.random.default_rng([9, number])
+        cast = Cast(draw_voice(random, "en"), draw_voice(random, "en"))
+        each = converse(cast, 20.0, 24.0, random)
+        assert each.partner is not None and each.partner_script is not None
+        assert 20.0 <= each.seconds <= 24.0 and each.partner.shape == each.sound.shape
+        known = each.annotation
+        turns = sorted([*known.speaking, *known.partner], key=lambda span: span.start_s)
+        assert all(a.end_s <= b.start_s + 1e-9 for a, b in pairwise(turns))  # nobody interrupts
+        assert all(
+            any(turn.start_s <= p.start_s and p.end_s <= turn.end_s for turn in known.listening) for p in known.partner
+        )
+        assert set(each.sentences) == set(each.script.sentences_text) | set(each.partner_script.sentences_text)
+
+
+def test_long_talk_keeps_to_its_length() -> None:
+    each = converse(Cast(VOICES[1]), 58.0, 62.0, np.random.default_rng(3))
+    assert 58.0 <= each.seconds <= 62.0 and each.partner is None and not each.annotation.listening
+
+
+def test_sentences_have_times_and_kinds(spoken: list[tuple[Script, Spoken]]) -> None:
+    for script, each in spoken:
+        spans = each.annotation.sentences
+        assert [span.label for span in spans] == [sentence.kind for sentence in script.sentences]
+        assert all(a.end_s <= b.start_s for a, b in pairwise(spans))
+        for word in each.annotation.words:
+            assert any(span.start_s <= word.start_s and word.end_s <= span.end_s + 1e-9 for span in spans)
+
+
+def test_prominence_is_of_stressed_vowels_and_goes_by_loudness(spoken: list[tuple[Script, Spoken]]) -> None:
+    loud, prominent = [], []
+    for _, each in spoken:
+        phonemes = each.annotation.phonemes
+        assert all(0.0 <= p.prominence <= 1.0 and (p.stressed or p.prominence == 0.0) for p in phonemes)
+        loud += [p.loudness for p in phonemes if p.stressed]
+        prominent += [p.prominence for p in phonemes if p.stressed]
+    assert 0.3 < np.mean(np.array(prominent) > 0.5) < 0.8
+    by_level = np.array(prominent) != NUCLEUS  # the last of a phrase is prominent however soft it is
+    assert np.corrcoef(np.log(loud)[by_level], np.array(prominent)[by_level])[0, 1] > 0.4
+
+
+@pytest.mark.parametrize("language", ACCENTS)
+def test_every_language_is_spoken(language: str) -> None:
+    random = np.random.default_rng(6)
+    each = converse(Cast(draw_voice(random, language)), 8.0, 9.6, random)
+    said = re.findall(r"[\w'-]+", each.text)
+    assert re.findall(r"[\w'-]+", " ".join(word.label for word in each.annotation.words)) == said
+    assert sum(p.stressed for p in each.annotation.phonemes) >= 4
 
 
 def test_drawn_voices_are_many() -> None:
