@@ -167,7 +167,7 @@ def test_blinks_at_the_ends_of_phrases_and_over_people():
     assert blinks.rate(pool)["mean"].reason == "too few speakers with a minute: 0, 5 are needed"
     people_rates = np.exp(np.random.default_rng(0).normal(3.1, 0.3, 400))
     assert blinks.log_normal(people_rates.tolist()).value > 0.05
-    assert blinks.log_normal(np.exp(people_rates / 10).tolist()).value < 0.01
+    assert blinks.log_normal(np.exp(people_rates / 5).tolist()).value < 0.01
 
 
 def test_lids_that_follow_gaze():
@@ -278,6 +278,8 @@ def tiny(tmp_path_factory):
 def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
     monkeypatch.chdir(tiny)
     monkeypatch.setattr("sys.argv", ["facts"])
+    monkeypatch.setattr(facts, "MOST_NATIVE", 3)
+    monkeypatch.setattr(facts, "CANDIDATES", 2)
     facts.main()
     said = capsys.readouterr().out
     assert "the stage embed has not run" in said and "the stage fit has not run" in said and "too few" in said
