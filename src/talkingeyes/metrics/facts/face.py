@@ -28,8 +28,11 @@ JAW_BAND_HZ = (1.0, 10.0)
 LEAST_FRAMES = 200
 
 
-def observe_lids(speaker: str, motion: Motion) -> Pool:
-    """Gaze and height of the upper lids (as an angle at the eye) in frames without blinks, every few frames."""
+def observe_lids(whose: str, motion: Motion) -> Pool:
+    """Gaze and height of the upper lids (as an angle at the eye) in frames without blinks, every few frames.
+
+    `whose`: of what is fitted together, a person in one mood.
+    """
     above = motion.lid.mean(axis=1) - np.median(motion.lid)
     reach = round(ROUND_BLINK_S * motion.fps)
     blinking = np.convolve(above > BLINK, np.ones(2 * reach + 1), "same") > 0
@@ -41,8 +44,11 @@ def observe_lids(speaker: str, motion: Motion) -> Pool:
     height = np.degrees(np.arcsin(np.clip(above_centre, -1.0, 1.0)))
     angles = angles_of_gaze(motion.gaze[chosen])
     eye = np.broadcast_to(["left", "right"], height.shape)
-    whose = np.char.add(f"{speaker} ", eye)
-    return {"lid.whose": whose.ravel(), "lid.angles_rad": angles.reshape(-1, 2), "lid.height_deg": height.ravel()}
+    return {
+        "lid.whose": np.char.add(f"{whose} ", eye).ravel(),
+        "lid.angles_rad": angles.reshape(-1, 2),
+        "lid.height_deg": height.ravel(),
+    }
 
 
 def observe_jaw(motion: Motion, behaviour: Behaviour, annotation: Annotation, sounding: Sounding) -> Pool:

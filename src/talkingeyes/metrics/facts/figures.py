@@ -24,7 +24,7 @@ def observe(seen: Seen) -> Pool:
     if behaviour.lid is not None:
         pool |= blinks.observe(seen.speaker, behaviour, seen.annotation)
     if seen.motion is not None:
-        pool |= face.observe_lids(seen.speaker, seen.motion)
+        pool |= face.observe_lids(_in_mood(seen), seen.motion)
     if seen.annotation is not None:
         pool |= {**looking.observe(seen.speaker, behaviour, seen.annotation), **_style(seen)}
         if seen.sounding is not None:
@@ -32,6 +32,12 @@ def observe(seen: Seen) -> Pool:
             if seen.motion is not None:
                 pool |= face.observe_jaw(seen.motion, behaviour, seen.annotation, seen.sounding)
     return pool
+
+
+def _in_mood(seen: Seen) -> str:
+    """Whose lids these are: fear widens and sadness narrows the eyes of one person, which is not for gaze to explain."""
+    said = seen.annotation
+    return seen.speaker if said is None else f"{seen.speaker} {said.emotion} {said.intensity}"
 
 
 def _style(seen: Seen) -> dict[str, np.ndarray]:
