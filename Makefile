@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH := torch==2.13.0
 corpus ?=
+fit ?=
 workspace ?= .
 videos ?= ../shared/data/real/video
 
@@ -36,12 +37,12 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR
+repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	$(BIN)/dvc repro report
 	@cat data/report/table3.md
 
 params: setup  ## Write params.yaml from conf/
-	$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus))
+	$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit))
 
 test: setup  ## Run the tests
 	$(BIN)/python -m pytest -n 2

@@ -56,7 +56,7 @@ class Row:
 
 def real(videos: Path, jobs: int) -> list[Row]:
     """Track and fit all clips, print the table, return its rows."""
-    params = compose(["track.keep.voice=false", "track.thumbnails=false"])
+    params = compose(["fit=video", "track.keep.voice=false", "track.thumbnails=false"])
     tracked = track([videos], FOLDER / "corpus", validated("track", TrackSettings, params["track"]), jobs=jobs)
     print(as_text(tracked.outcomes))
     for line in (FOLDER / "corpus/rejected.csv").read_text().splitlines()[1:]:

@@ -197,7 +197,7 @@ def track(
     """Make a corpus of videos: landmarks, pupils and speech of every clip with one visible, speaking face."""
     from talkingeyes.footage import command
 
-    changes = [f"track.{each}" for each in setting or []]
+    changes = ["fit=video", *(f"track.{each}" for each in setting or [])]
     changes += ["track.keep.voice=false"] * silent + ["track.thumbnails=false"] * (not thumbnails)
     for line in command(
         videos, out, changes, speakers=speakers, jobs=jobs, only_plan=plan, overlay=overlay, force=force
