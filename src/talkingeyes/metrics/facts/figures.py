@@ -35,7 +35,7 @@ def observe(seen: Seen) -> Pool:
 
 
 def _in_mood(seen: Seen) -> str:
-    """Whose lids these are: fear widens and sadness narrows the eyes of one person, which is not for gaze to explain."""
+    """Whose lids these are: fear widens and sadness narrows one person's eyes, which is not for gaze to explain."""
     said = seen.annotation
     return seen.speaker if said is None else f"{seen.speaker} {said.emotion} {said.intensity}"
 
