@@ -5,7 +5,7 @@ Rows    ground truth; `appearance`, a small network trained here on rendered eye
         (fit=paper); `default`, with the temporal terms, priors and constraints of conf/fit/default.yaml. The last two
         once more with the noise of a picture of .6 of the resolution.
 All at 224 x 224 under the same head poses but for distances (each method's own). The pictures for `appearance` lose
-what VoxCeleb2's have lost: they are made of .6 as many pixels and stored as JPEG of quality 35. It is told the true head
+what VoxCeleb2's have lost: .6 as many pixels a side, JPEG of quality 35. It is told the true head
 pose and where the eyes are, and its eyes differ from the clip's in skin and shape alone: an upper bound for its kind.
 
 Run     python benchmarks/table8.py CORPUS [SPLIT [CLIPS]]      about two minutes of one core for 4 clips

@@ -241,22 +241,27 @@ def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitS
 
 def test_another_persons_head_is_not_turned(settings: FitSettings):
     """A face with a longer nose and another outline is a person, not a turn of the head."""
-    moving = scene(5, noise=0.0).motion
-    silent = replace(moving, jaw=np.zeros_like(moving.jaw))
-    identity = (0.3, -0.2, 0.1, 0.2, -0.3, 0.2)
-    points = in_camera(motion_landmarks(silent, identity), silent.head, silent.translation)
-    marks = CAMERA.project(points)
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
-    who = person(marks, CAMERA, unsmoothed, settings.person)
-    found = head_pose(marks, CAMERA, unsmoothed, who.face)
-    mean = head_pose(marks, CAMERA, unsmoothed, rest_points())
-    error = [np.degrees(head_error(replace(silent, head=each.head), silent).mean()) for each in (found, mean)]
-    assert 2 * error[0] < error[1]
-    marks[:, RIGID[:3]] += (4.0, -5.0)  # a detector with its own idea of some points
-    who = person(marks, CAMERA, unsmoothed, settings.person)
-    found, mean = (head_pose(marks, CAMERA, unsmoothed, each) for each in (who.face, rest_points()))
-    assert 5 * np.nanmedian(found.residual_px) < np.nanmedian(mean.residual_px)
-    hidden = person(np.full_like(marks, np.nan), CAMERA, unsmoothed, settings.person)
+    random, errors = np.random.default_rng(0), []
+    for seed in range(4):
+        moving = scene(5 + seed, frames=60, noise=0.0).motion
+        silent = replace(moving, jaw=np.zeros_like(moving.jaw))
+        identity = tuple(0.15 * random.standard_normal(6))
+        marks = CAMERA.project(in_camera(motion_landmarks(silent, identity), silent.head, silent.translation))
+        who = person(marks, CAMERA, unsmoothed, settings.person)
+        found = [head_pose(marks, CAMERA, unsmoothed, points).head for points in (who.face, rest_points())]
+        errors.append([np.degrees(head_error(replace(silent, head=each), silent).mean()) for each in found])
+    fitted, mean = np.mean(errors, axis=0)
+    assert 2 * fitted < mean
+
+
+def test_a_detector_with_its_own_idea_of_some_points_fits(settings: FitSettings):
+    marks = scene(5, frames=60, noise=0.0).observation.landmarks.copy()
+    marks[:, RIGID[:3]] += (4.0, -5.0)
+    who = person(marks, CAMERA, settings.head_pose, settings.person)
+    found, mean = (head_pose(marks, CAMERA, settings.head_pose, points) for points in (who.face, rest_points()))
+    assert 4 * np.nanmedian(found.residual_px) < np.nanmedian(mean.residual_px)
+    hidden = person(np.full_like(marks, np.nan), CAMERA, settings.head_pose, settings.person)
     np.testing.assert_array_equal(hidden.face, rest_points())
 
 

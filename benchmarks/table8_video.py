@@ -1,0 +1,135 @@
+"""Table VIII as the paper made it, on a real video: MediaPipe at full size as truth, then brought down to 224 lines.
+
+The video is scaled to 224 lines and coded again (H.264, CRF 35, as small as VoxCeleb2's), MediaPipe looks at both, and
+each fit gets what it sees of the small one. Error: distance of a fitted pupil to the pupil at full size, pixels of the
+standard crop; speed and saccade peaks: of a pupil relative to its eye's centre, all methods under the head pose of the
+large video, whose own frame by frame fit is the truth; frames without blinks. Left and right yaw are correlated over
+frames whose gaze moves: within half a second it spans 2 degrees or more.
+
+Run     python benchmarks/table8_video.py VIDEO...      (extra `track`)
+Reads   conf/
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from talkingeyes.config import compose
+from talkingeyes.errors import InputError
+from talkingeyes.fitting.accuracy import Yardstick
+from talkingeyes.fitting.clip import FitSettings, fit_clip
+from talkingeyes.head.observation import Observation
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import angles_of_gaze
+from talkingeyes.run import shell
+from talkingeyes.tracking.face_mesh import FaceMesh, FaceSettings
+from talkingeyes.tracking.framing import CropSettings, camera_of, crop_of
+from talkingeyes.tracking.video import frames, opened
+
+LINES, CRF, MOST_FRAMES = 224, 35, 250
+MOVES_RAD = np.radians(2.0)
+VARIANTS = {
+    "paper": ["fit=paper"],
+    "paper, saccades": ["fit=paper", "fit/smoothing=saccades"],
+    "default": ["fit=default"],
+    "video": ["fit=video"],
+}
+
+
+def main() -> None:
+    """Print a table for each video."""
+    if not sys.argv[1:]:
+        raise InputError("table8_video: should get a video, got no arguments")
+    for path in map(Path, sys.argv[1:]):
+        table(path)
+
+
+def table(path: Path) -> None:
+    """Print the table of one video."""
+    section = compose()["track"]
+    crop_settings = CropSettings.model_validate(section["crop"])
+    face_settings = FaceSettings.model_validate(section["face"])
+    with opened(path) as container:
+        fps = float(container.streams.video[0].average_rate or 25)
+    pictures = [frame.picture for frame, _ in zip(frames(path, 60.0), range(MOST_FRAMES), strict=False)]
+    height = pictures[0].shape[0]
+    full = seen(pictures, fps, face_settings) * (LINES / height)
+    small = seen(list(coded_small(pictures, fps)), fps, face_settings)
+    known = np.isfinite(full).all(axis=(1, 2)) & np.isfinite(small).all(axis=(1, 2))
+    if known.mean() < 0.5:
+        raise InputError(f"{path}: should show a face in half of its frames at least, got {known.mean():.0%}")
+    crop, camera = crop_of(full[known][:, :-2], crop_settings), camera_of(crop_settings)
+    full, small = crop.onto(full), crop.onto(small)
+    large, little = (
+        Observation(fps, each[:, :-2], each[:, -2:], known.astype(np.float64), camera) for each in (full, small)
+    )
+    settings = {name: FitSettings.model_validate(compose(each)["fit"]) for name, each in VARIANTS.items()}
+    truth = fit_clip(large, settings["paper"])
+    fits = {"paper, full size": truth} | {name: fit_clip(little, each) for name, each in settings.items()}
+    counted = known & ~truth.lids.blinking
+    yardstick = Yardstick(large.pupils, camera, counted, truth.motion, truth.motion)
+    print(f"{path.name}: {len(full)} frames at {height} lines and at {LINES}, {counted.sum()} counted")
+    apart = np.linalg.norm(small[:, -2:] - full[:, -2:], axis=-1)[counted].mean()
+    print(f"what MediaPipe sees of the small one is {apart:.3f} px from what it sees at full size")
+    print(f"{'method':<20}{'error px':>9}{'px/s':>8}{'ratio':>7}{'peaks':>7}{'left-right':>12}{'eye on head':>13}")
+    best = yardstick.tally(truth.motion)
+    for name, fit in fits.items():
+        tally = yardstick.tally(fit.motion)
+        print(
+            f"{name:<20}{tally.noisy_px / tally.noisies:>9.3f}{tally.speed_px_s / tally.speeds:>8.2f}"
+            f"{tally.speed_px_s / best.speed_px_s:>7.2f}{tally.peak_px_s / best.peak_px_s:>7.2f}"
+            f"{gaze_figures(fit.motion, fit.per_frame, counted)}"
+        )
+
+
+def gaze_figures(motion: Motion, per_frame: Motion, counted: ndarray) -> str:
+    """Correlation of left and right yaw as each frame was fitted, and of eye and head yaw after smoothing."""
+    yaw = angles_of_gaze(per_frame.gaze)[..., 0]
+    width = round(0.5 * motion.fps)
+    span = maximum_filter1d(yaw.mean(axis=1), width) - minimum_filter1d(yaw.mean(axis=1), width)
+    moves = counted & (span >= MOVES_RAD)
+    together = np.corrcoef(yaw[moves].T)[0, 1] if moves.sum() > 2 else np.nan
+    against = np.corrcoef(angles_of_gaze(motion.gaze)[counted, :, 0].mean(axis=1), motion.head[counted, 1])[0, 1]
+    return f"{together:>12.2f}{against:>13.2f}"
+
+
+def seen(pictures: list[UInt8[ndarray, "H W 3"]], fps: float, settings: FaceSettings) -> Float[ndarray, "T L 2"]:
+    """Landmarks and the two pupils of every picture, NaN where no face was found."""
+    mesh = FaceMesh(settings)
+    looks = [mesh.see(picture, index / fps) for index, picture in enumerate(pictures)]
+    mesh.close()
+    empty = np.full((47, 2), np.nan)
+    return np.stack([empty if face is None else np.concatenate([face.landmarks, face.pupils]) for face in looks])
+
+
+def coded_small(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator[UInt8[ndarray, "H W 3"]]:
+    """The pictures at LINES lines after H.264 of quality CRF."""
+    import av
+    import cv2
+
+    height, width = pictures[0].shape[:2]
+    size = (round(width * LINES / height / 2) * 2, LINES)
+    with io.BytesIO() as memory:
+        with av.open(memory, "w", format="mp4") as container:
+            stream = container.add_stream("libx264", rate=round(fps), options={"crf": str(CRF)})
+            stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
+            for picture in pictures:
+                small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(small, format="rgb24")))
+            container.mux(stream.encode())
+        memory.seek(0)
+        with av.open(memory, "r") as coded:
+            for frame in coded.decode(video=0):
+                yield frame.to_ndarray(format="rgb24")
+
+
+if __name__ == "__main__":
+    shell(main)
