@@ -75,6 +75,16 @@ def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pyte
     assert not [path for path in (place / out).parent.iterdir() if "partial" in path.name]
 
 
+def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1"]
+    more = ["-f", "bvh", "-f", "events", "-f", "flame", "-f", "livelink"]
+    assert call(monkeypatch, *words, *more) == 0
+    names = {path.name for path in (place / "out").iterdir()}
+    assert {f"sample_00.{end}" for end in ("bvh", "keys.json", "flame.npz", "csv")} <= names
+    assert call(monkeypatch, *words, "--force") == 0
+    assert not (place / "out" / "sample_00.bvh").exists()
+
+
 def test_python_does_the_same(place: Path) -> None:
     silent = talkingeyes.animate("my speech.txt", samples=2, seed=5)
     written = talkingeyes.animate(place / "my speech.txt", place / "out", samples=2, seed=5)
@@ -92,6 +102,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt", "-o", "out", "--fps", "nan"], "fps: should be 10 to 240, got nan"),
         (["my speech.txt", "-o", "out", "--fps", "1000"], "fps: should be 10 to 240"),
         (["my speech.txt", "-o", "out", "--seed", "-1"], "seed: should be 0 or more"),
+        (["my speech.txt", "-o", "out", "-f", "fbx"], "format: should be one of flame, vhap"),
         (["my speech.txt", "-o", "out", "--model", "other"], "`make repro` first"),
         (["my speech.txt", "-o", "out", "--model", "data"], "not a trained model"),
         (["my speech.txt", "-o", "data"], "should be a new or empty folder"),
