@@ -97,6 +97,6 @@ def test_nothing_to_fit_is_one_line_and_leaves_no_folder(tmp_path: Path, reposit
     assert not (tmp_path / "data/fit").exists()
 
 
-@pytest.mark.parametrize("variant", ["default", "adam", "tiny"])
+@pytest.mark.parametrize("variant", ["default", "adam", "paper", "tiny", "video"])
 def test_each_variant_of_the_section_is_valid(variant: str):
     assert compose([f"fit={variant}"])["fit"]["lightgazefit"]["symmetry"] == 0.01
