@@ -1,19 +1,24 @@
 """How fast the synthetic world is, in CPU time of one core: speech, motion, what the camera sees, and writing.
 
-Run     python benchmarks/synthesize.py [SOUNDS]     (make bench)
-Reads   conf/ (synthesize=default)
+Run     python benchmarks/synthesize.py [SOUNDS]     (make bench; with 0, only the sizes)
+Reads   conf/ (synthesize=default, paper, personal)
+
+Cost against size: a few sounds of every source, with one take and with several, are made; the rest is multiplied.
 """
 
 from __future__ import annotations
 
+import math
+import resource
 import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pipelines.synthesize import perform_sound, say_sound
+from pipelines.synthesize import Order, make_sound, orders, perform_sound, say_sound
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.config import compose
 from talkingeyes.run import quiet
@@ -22,24 +27,63 @@ from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import SynthesizeSettings
 from talkingeyes.world.take import perform
 
+# Corpora whose cost is told, as overrides of conf/.
+SIZES = (
+    ("synthesize.clips=300", "synthesize.speakers=20"),
+    ("synthesize.clips=1500", "synthesize.speakers=100"),
+    ("synthesize.clips=6000", "synthesize.speakers=400"),
+    ("synthesize=paper",),
+    ("synthesize=personal",),
+)
+TRIED = 24
+
 
 def main() -> None:
-    """Print the table."""
+    """Print both tables."""
     settings = SynthesizeSettings.model_validate(compose()["synthesize"])
-    sounds = plan.sounds(settings)[: int(sys.argv[1]) if sys.argv[1:] else 30]
+    wanted = orders(settings)
+    measure(settings, wanted[0], defaultdict(float))  # the head and the libraries are read once a process
+    count = int(sys.argv[1]) if sys.argv[1:] else 30
+    if count:
+        steps(settings, wanted[:count])
+    print(f"\n{'corpus':<45}{'sounds':>8}{'clips':>8}{'CPU, s':>8}{'times real time':>18}{'MiB':>6}")
+    for overrides in SIZES:
+        size(overrides)
+
+
+def steps(settings: SynthesizeSettings, wanted: Sequence[Order]) -> None:
+    """What each step of a sound costs."""
     spent_s: defaultdict[str, float] = defaultdict(float)
-    measure(settings, sounds[0], defaultdict(float))  # the head and the libraries are read once a process
-    seconds = sum(measure(settings, sound, spent_s) for sound in sounds)
-    print(f"{len(sounds)} sounds, {seconds:.0f} s of speech; CPU time")
+    seconds = sum(measure(settings, order, spent_s) for order in wanted)
+    print(f"{len(wanted)} sounds, {seconds:.0f} s of speech; CPU time")
     print(f"{'step':<34}{'ms a sound':>12}{'times real time':>18}")
     for step, spent in spent_s.items():
-        print(f"{step:<34}{1000 * spent / len(sounds):>12.1f}{seconds / spent:>18.0f}")
-    takes = sum(sound.takes for sound in plan.sounds(settings)) / settings.clips
-    speak, move = list(spent_s.values())[:2]
-    print(f"a sound with its {takes:.2f} takes: {seconds * takes / (speak + takes * move):.0f} times real time")
+        print(f"{step:<34}{1000 * spent / len(wanted):>12.1f}{seconds / spent:>18.0f}")
 
 
-def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: defaultdict[str, float]) -> float:
+def size(overrides: Sequence[str]) -> None:
+    """What a whole corpus costs, from a few of its sounds of each kind."""
+    settings = SynthesizeSettings.model_validate(compose(overrides)["synthesize"])
+    start = time.process_time()
+    kinds = defaultdict(list)
+    for order in orders(settings):
+        kinds[order.sound.source, order.takes].append(order)
+    cpu_s, motion_s, clips = time.process_time() - start, 0.0, 0
+    for (source, takes), members in kinds.items():
+        longest_s = settings.sources[source].longest_s
+        tried = members[:: math.ceil(len(members) * takes * longest_s / (TRIED * 10.0))]
+        with tempfile.TemporaryDirectory() as folder:
+            start = time.process_time()
+            made = [clip for order in tried for clip in make_sound(Path(folder), settings, order)]
+            cpu_s += (time.process_time() - start) * len(members) / len(tried)
+        motion_s += sum(clip.seconds for clip in made) * len(members) / len(tried)
+        clips += len(members) * takes
+    sounds = sum(map(len, kinds.values()))
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{' '.join(overrides):<45}{sounds:>8}{clips:>8}{cpu_s:>8.0f}{motion_s / cpu_s:>18.0f}{most:>6.0f}")
+
+
+def measure(settings: SynthesizeSettings, order: Order, spent_s: defaultdict[str, float]) -> float:
     """Add up the time of each step for one sound; how long the sound is."""
     start = 0.0
 
@@ -49,11 +93,12 @@ def measure(settings: SynthesizeSettings, sound: plan.Sound, spent_s: defaultdic
         start = time.process_time()
 
     with tempfile.TemporaryDirectory() as folder:
+        sound = order.sound
         speaker = plan.speaker_of(settings, sound)
         start = time.process_time()
-        spoken = say_sound(Path(folder), settings, sound)
+        spoken = say_sound(Path(folder), settings, order)
         lap("speak, and write it")
-        perform_sound(Path(folder), settings, replace(sound, takes=1), spoken)
+        perform_sound(Path(folder), settings, replace(order, takes=1), spoken)
         lap("move, observe and write one take")
     motion_random = plan.generator(settings.seed, "motion", sound.index)
     start = time.process_time()

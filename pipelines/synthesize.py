@@ -15,7 +15,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -25,8 +26,10 @@ from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.index import SPLITS, Clip
+from talkingeyes.corpus.splits import split_sounds
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
 from talkingeyes.corpus.table1 import row_of, table
+from talkingeyes.errors import InputError
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, code_digest, each, main
 from talkingeyes.world import plan
@@ -34,18 +37,37 @@ from talkingeyes.world.acoustics import heard
 from talkingeyes.world.observations import head_shape, make_camera, observe
 from talkingeyes.world.plan import Sound, SynthesizeSettings
 from talkingeyes.world.take import perform
+from talkingeyes.world.text import TextShare
 from talkingeyes.world.voices import Spoken, converse
 
 # The code that a corpus is made by: a run that was cut off goes on only under the same.
 ROOMS = ("audio", "corpus", "head", "physiology", "world", "motion.py", "rotation.py")
 
 
+# Each split has a share of all text to itself, so no sentence occurs in two of them.
+TEXT = {
+    "train": TextShare(0.0, 0.64),
+    "val": TextShare(0.64, 0.76),
+    "test": TextShare(0.76, 0.88),
+    "unseen": TextShare(0.88, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Order:
+    """A sound to speak and perform, in its split, so many times."""
+
+    sound: Sound
+    split: str
+    takes: int
+
+
 def run(workspace: Workspace) -> Report:
     """Speak and perform all sounds."""
     settings = workspace.settings("synthesize", SynthesizeSettings)
-    sounds = plan.sounds(settings)
+    wanted = orders(settings)
     with workspace.output("synthesize", made_of=f"{settings.model_dump_json()} {code_digest(ROOMS)}") as folder:
-        made = each(partial(make_sound, folder, settings), sounds, workspace.jobs, "synthesize")
+        made = each(partial(make_sound, folder, settings), wanted, workspace.jobs, "synthesize")
         clips = [clip for takes in made for clip in takes]
         shutil.rmtree(folder / "rows")
         Corpus(folder).write_index(clips)
@@ -55,24 +77,49 @@ def run(workspace: Workspace) -> Report:
     return Report(metrics=_summary(clips))
 
 
-def make_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> list[Clip]:
+def orders(settings: SynthesizeSettings) -> list[Order]:
+    """All sounds with their splits and takes. Raises InputError when a split stays empty."""
+    sounds = plan.sounds(settings)
+    speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
+    split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
+    several = _with_takes(split, settings)
+    return [Order(sound, split[sound.id], settings.takes if sound.id in several else 1) for sound in sounds]
+
+
+def _with_takes(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
+    chosen: set[str] = set()
+    for name in SPLITS:
+        members = sorted(sound for sound, where in split.items() if where == name)
+        if not members:
+            raise InputError(
+                f"synthesize.clips: should be enough for every split ({name} has none), got {settings.clips}"
+            )
+        if name in ("test", "unseen"):
+            random = plan.generator(settings.seed, "takes", SPLITS.index(name))
+            count = min(settings.multi_take_sounds, len(members))
+            chosen.update(str(sound) for sound in random.choice(members, count, replace=False))
+    return chosen
+
+
+def make_sound(root: Path, settings: SynthesizeSettings, order: Order) -> list[Clip]:
     """One sound with all its takes, written; its rows of the index. What an earlier run finished is taken as it is."""
-    rows = sharded(root / "rows", sound.id, ".json")
+    rows = sharded(root / "rows", order.sound.id, ".json")
     if rows.exists():
         return [Clip(**row) for row in json.loads(rows.read_text())]
-    spoken = say_sound(root, settings, sound)
-    clips = perform_sound(root, settings, sound, spoken)
-    unfinished = sharded_for_writing(root / "rows", sound.id, ".unfinished")
+    spoken = say_sound(root, settings, order)
+    clips = perform_sound(root, settings, order, spoken)
+    unfinished = sharded_for_writing(root / "rows", order.sound.id, ".unfinished")
     unfinished.write_text(json.dumps([asdict(clip) for clip in clips]))
     unfinished.replace(rows)
     return clips
 
 
-def say_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> Spoken:
+def say_sound(root: Path, settings: SynthesizeSettings, order: Order) -> Spoken:
     """Speak one sound and write it with its annotation; noise and room change what is written, not what is known."""
+    sound = order.sound
     source = settings.sources[sound.source]
     random = plan.generator(settings.seed, "sound", sound.index)
-    cast, share = plan.cast_of(settings, sound), plan.TEXT[sound.split]
+    cast, share = plan.cast_of(settings, sound), TEXT[order.split]
     spoken = converse(cast, source.shortest_s, source.longest_s, random, share)
     random = plan.generator(settings.seed, "acoustics", sound.index)
     spoken = replace(
@@ -85,13 +132,14 @@ def say_sound(root: Path, settings: SynthesizeSettings, sound: Sound) -> Spoken:
     return spoken
 
 
-def perform_sound(root: Path, settings: SynthesizeSettings, sound: Sound, spoken: Spoken) -> list[Clip]:
+def perform_sound(root: Path, settings: SynthesizeSettings, order: Order, spoken: Spoken) -> list[Clip]:
     """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
+    sound = order.sound
     speaker = plan.speaker_of(settings, sound)
     identity = head_shape(speaker.identity, settings.camera)
     clips = []
-    for number in range(sound.takes):
-        clip = _row(sound, spoken, number, settings.fps)
+    for number in range(order.takes):
+        clip = _row(order, spoken, number, settings.fps)
         random = plan.generator(settings.seed, "motion", sound.index, number)
         take = perform(spoken.annotation, speaker.style, clip.seconds, random, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
@@ -102,13 +150,14 @@ def perform_sound(root: Path, settings: SynthesizeSettings, sound: Sound, spoken
     return clips
 
 
-def _row(sound: Sound, spoken: Spoken, take: int, fps: float) -> Clip:
+def _row(order: Order, spoken: Spoken, take: int, fps: float) -> Clip:
+    sound = order.sound
     return Clip(
         id=f"{sound.id}-t{take}",
         sound=sound.id,
         take=take,
         speaker=plan.speaker_name(sound.speaker),
-        split=sound.split,
+        split=order.split,
         seconds=spoken.seconds,
         fps=fps,
         emotion=sound.emotion,

@@ -119,7 +119,7 @@ def test_settings_out_of_range_are_refused_before_anything_is_written(tmp_path, 
 
 def test_other_frame_rates(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.fps=50"])["synthesize"])
-    clip = synthesize.make_sound(tmp_path, settings, plan.sounds(settings)[3])[0]
+    clip = synthesize.make_sound(tmp_path, settings, synthesize.orders(settings)[3])[0]
     corpus = Corpus(tmp_path)
     assert len(corpus.truth(clip)) == round(clip.seconds * 50) and corpus.observation(clip).fps == 50.0
 
@@ -137,21 +137,22 @@ def test_no_text_voice_or_sound_is_in_two_splits(corpus):
 
 def test_sentences_of_both_people_are_of_the_share_of_their_split():
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
-    for sound in [one for split in SPLITS for one in plan.sounds(settings) if one.split == split][::8]:
-        spoken = converse(plan.cast_of(settings, sound), 8.0, 9.6, np.random.default_rng(0), plan.TEXT[sound.split])
+    for split, share in synthesize.TEXT.items():
+        cast = plan.cast_of(settings, plan.sounds(settings)[0])
+        spoken = converse(cast, 8.0, 9.6, np.random.default_rng(SPLITS.index(split)), share)
         assert len(spoken.sentences) >= 2
-        assert all(text in plan.TEXT[sound.split] for text in spoken.sentences)
+        assert all(text in share for text in spoken.sentences)
 
 
 def test_shares_of_text_do_not_overlap():
-    shares = sorted((share.start, share.stop) for share in plan.TEXT.values())
-    assert set(plan.TEXT) == set(SPLITS) and shares[0][0] == 0.0
+    shares = sorted((share.start, share.stop) for share in synthesize.TEXT.values())
+    assert set(synthesize.TEXT) == set(SPLITS) and shares[0][0] == 0.0
     assert all(one[1] <= other[0] for one, other in pairwise(shares))
 
 
 def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
-    clip = synthesize.make_sound(tmp_path, settings, plan.sounds(settings)[0])[0]
+    clip = synthesize.make_sound(tmp_path, settings, synthesize.orders(settings)[0])[0]
     corpus = Corpus(tmp_path)
     own, partner, known = corpus.speech(clip), corpus.partner(clip), corpus.annotation(clip)
     assert partner.shape == own.shape and known.speaking and known.listening and known.partner
@@ -189,9 +190,9 @@ def test_table_1_is_kept(corpus):
 def test_noise_and_room_change_the_sound_alone(tmp_path):
     loud = ["synthesize.acoustics.noise_share=1", "synthesize.acoustics.room_share=1"]
     plain, noisy = (SynthesizeSettings(**compose(["synthesize=tiny", *more])["synthesize"]) for more in ([], loud))
-    sound = plan.sounds(plain)[0]
+    order = synthesize.orders(plain)[0]
     for name, settings in (("plain", plain), ("noisy", noisy), ("again", noisy)):
-        synthesize.make_sound(tmp_path / name, settings, sound)
+        synthesize.make_sound(tmp_path / name, settings, order)
     content = {name: files(tmp_path / name) for name in ("plain", "noisy", "again")}
     assert content["noisy"] == content["again"]
     differing = {path.parts[0] for path, data in content["plain"].items() if content["noisy"][path] != data}
@@ -235,7 +236,7 @@ def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(t
 def test_a_corpus_too_small_for_its_splits_is_refused():
     settings = SynthesizeSettings(**compose(["synthesize=tiny"])["synthesize"])
     with pytest.raises(InputError, match="every split"):
-        plan.sounds(settings.model_copy(update={"clips": 4}))
+        synthesize.orders(settings.model_copy(update={"clips": 4}))
 
 
 def test_paper_is_as_large_as_the_paper_and_of_two_sources():
@@ -255,18 +256,17 @@ def test_paper_is_as_large_as_the_paper_and_of_two_sources():
 
 def test_personal_has_clips_of_every_person_in_every_split():
     settings = SynthesizeSettings(**compose(["synthesize=personal"])["synthesize"])
-    sounds = plan.sounds(settings)
-    people = {speaker: Counter(s.split for s in sounds if s.speaker == speaker) for speaker in range(6)}
+    orders = synthesize.orders(settings)
+    people = {speaker: Counter(o.split for o in orders if o.sound.speaker == speaker) for speaker in range(6)}
     unseen = [speaker for speaker, splits in people.items() if splits == {"unseen": 10}]
-    assert len(sounds) == 60 and len(unseen) == 1
+    assert len(orders) == 60 and len(unseen) == 1
     assert all(splits == {"train": 8, "val": 1, "test": 1} for s, splits in people.items() if s not in unseen)
 
 
 def test_every_language_has_speakers(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=languages"])["synthesize"])
-    sounds = plan.sounds(settings)[:7]
     texts = {}
-    for sound in sounds[1:]:
-        (clip, *_) = synthesize.make_sound(tmp_path, settings, sound)
+    for order in synthesize.orders(settings)[1:7]:
+        (clip, *_) = synthesize.make_sound(tmp_path, settings, order)
         texts[clip.language] = clip.text
     assert set(texts) == {"fr", "de", "es", "it", "pt", "nl"} and len(set(texts.values())) == 6

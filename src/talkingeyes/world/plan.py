@@ -1,8 +1,7 @@
 """Which sounds a synthetic corpus has, by whom, and the randomness that each is made from.
 
 Every draw has a generator of its own, made from the corpus seed and what it is for, so a sound or a take is the same
-whatever else the corpus holds, and however many processes make it. Splits are dealt before anything is said; each has
-a share of all text to itself, so no sentence occurs in two of them.
+whatever else the corpus holds, and however many processes make it.
 """
 
 from __future__ import annotations
@@ -15,9 +14,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
-from talkingeyes.corpus.index import SPLITS
-from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.errors import InputError
 from talkingeyes.physiology.blinks import PROFILES, BlinkProfile
 from talkingeyes.settings import Settings, out_of_bounds
 from talkingeyes.world.accents import ACCENTS, VOICE_NAMES, draw_voice, in_mood, is_voice
@@ -25,17 +21,11 @@ from talkingeyes.world.acoustics import AcousticsSettings
 from talkingeyes.world.noise import NoiseSettings
 from talkingeyes.world.observations import CameraSettings
 from talkingeyes.world.speakers import Speaker, draw_speaker
-from talkingeyes.world.text import TextShare, languages
+from talkingeyes.world.text import languages
 from talkingeyes.world.voices import Cast
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
 NARROWEST_S = 0.5
-TEXT = {
-    "train": TextShare(0.0, 0.64),
-    "val": TextShare(0.64, 0.76),
-    "test": TextShare(0.76, 0.88),
-    "unseen": TextShare(0.88, 1.0),
-}
 
 
 class SourceSettings(Settings):
@@ -106,14 +96,12 @@ class SynthesizeSettings(SourceSettings):
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound of the plan: who says it in which mood, whether a partner speaks too, where it belongs."""
+    """A sound of the plan: who says it in which mood, and whether a partner speaks too."""
 
     index: int
     speaker: int
     id: str
     source: str
-    split: str
-    takes: int
     emotion: str
     intensity: int
     listening: bool
@@ -125,47 +113,23 @@ def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Ge
 
 
 def sounds(settings: SynthesizeSettings) -> list[Sound]:
-    """All sounds, source by source; speakers take turns. Raises InputError when a split stays empty."""
-    placed = _placed(settings)
-    speaker_of = {sound_id: speaker_name(speaker) for sound_id, speaker, _ in placed}
-    split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
-    several = _with_takes(split, settings)
-    found = []
-    for index, (sound_id, speaker, source) in enumerate(placed):
-        random = generator(settings.seed, "scene", index)
-        listening = bool(random.random() < settings.sources[source].listening_share)
-        emotion, intensity = "neutral", 0
-        if random.random() >= settings.neutral_share:
-            emotion, intensity = EMOTIONS[random.integers(1, len(EMOTIONS))], INTENSITIES[random.integers(3)]
-        takes = settings.takes if sound_id in several else 1
-        found.append(Sound(index, speaker, sound_id, source, split[sound_id], takes, emotion, intensity, listening))
-    return found
-
-
-def _placed(settings: SynthesizeSettings) -> list[tuple[str, int, str]]:
-    found: list[tuple[str, int, str]] = []
+    """All sounds, source by source; speakers take turns."""
+    found: list[Sound] = []
     first_speaker = 0
     for source, each in settings.sources.items():
         for number in range(each.clips):
-            speaker = first_speaker + number % each.speakers
-            found.append((f"{speaker_name(speaker)}-{len(found):06d}", speaker, source))
+            found.append(_sound(settings, source, len(found), first_speaker + number % each.speakers))
         first_speaker += each.speakers
     return found
 
 
-def _with_takes(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
-    chosen: set[str] = set()
-    for name in SPLITS:
-        members = sorted(sound for sound, where in split.items() if where == name)
-        if not members:
-            raise InputError(
-                f"synthesize.clips: should be enough for every split ({name} has none), got {settings.clips}"
-            )
-        if name in ("test", "unseen"):
-            random = generator(settings.seed, "takes", SPLITS.index(name))
-            count = min(settings.multi_take_sounds, len(members))
-            chosen.update(str(sound) for sound in random.choice(members, count, replace=False))
-    return chosen
+def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> Sound:
+    random = generator(settings.seed, "scene", index)
+    listening = bool(random.random() < settings.sources[source].listening_share)
+    emotion, intensity = "neutral", 0
+    if random.random() >= settings.neutral_share:
+        emotion, intensity = EMOTIONS[random.integers(1, len(EMOTIONS))], INTENSITIES[random.integers(len(INTENSITIES))]
+    return Sound(index, speaker, f"{speaker_name(speaker)}-{index:06d}", source, emotion, intensity, listening)
 
 
 def speaker_name(number: int) -> str:
