@@ -133,6 +133,14 @@ def test_keys_are_found_where_none_were_kept(fps: float) -> None:
     assert len(found.blinks) == 2
 
 
+def test_half_a_second_and_a_frame_have_keys_and_rates() -> None:
+    short = moving.motion().cut(10, 22)
+    assert len(found_events(short).saccades) == 1
+    assert len(retimed(short, found_events(short), 60.0)) == 28
+    frame = moving.motion().cut(0, 1)
+    assert len(retimed(frame, found_events(frame), 100.0)) == 4
+
+
 @pytest.mark.parametrize("fps", [24.0, 29.97, 60.0, 120.0, 240.0])
 def test_saccades_keep_the_main_sequence_at_any_rate(fps: float) -> None:
     """From 25 frames a second: as fast as when they are rendered at that rate; interpolated they are not."""

@@ -6,9 +6,12 @@ the benchmark's detectors (metrics.detectors). `talkingeyes render MOTION --keys
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Shaped
+from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.export.whole import written
@@ -31,11 +34,12 @@ def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None
 
 def found_events(motion: Motion) -> Events:
     """Saccades of gaze in space and blinks, as far as frames show them."""
-    space = rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)).astype(np.float64)
+    space = _long_enough(rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)), motion.fps)
+    valid = _long_enough(motion.valid, motion.fps)
     if motion.fps < FRAMES_HOLD_COURSE_FPS:
         saccades = find_saccades(space, motion.fps)
     else:
-        seen = detect_saccades(space, motion.fps, motion.valid)
+        seen = detect_saccades(space, motion.fps, valid)
         saccades = tuple(
             Saccade(
                 float(onset),
@@ -48,7 +52,7 @@ def found_events(motion: Motion) -> Events:
                 seen.onset_s, seen.offset_s, seen.start_rad, seen.displacement_rad, strict=True
             )
         )
-    shut = detect_blinks(motion.lid.astype(np.float64), motion.fps, motion.valid)
+    shut = detect_blinks(_long_enough(motion.lid, motion.fps), motion.fps, valid)
     blinks = tuple(
         Blink(float(on), max(float(peak - on), 1e-3), 0.0, max(float(off - peak), 1e-3), float(depth))
         for on, peak, off, depth in zip(shut.onset_s, shut.peak_s, shut.offset_s, shut.depth, strict=True)
@@ -56,5 +60,12 @@ def found_events(motion: Motion) -> Events:
     return Events(saccades=saccades, blinks=blinks)
 
 
-def _pair(angles: np.ndarray) -> tuple[float, float]:
+def _long_enough(values: Shaped[ndarray, "T ..."], fps: float) -> ndarray:
+    """The last frame held until there is a second of them: detectors want one."""
+    missing = max(math.ceil(fps) + 1 - len(values), 0)
+    held = np.concatenate([values, np.repeat(values[-1:], missing, axis=0)])
+    return held if held.dtype == bool else held.astype(np.float64)
+
+
+def _pair(angles: Float[ndarray, " 2"]) -> tuple[float, float]:
     return float(angles[0]), float(angles[1])
