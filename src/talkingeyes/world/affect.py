@@ -61,5 +61,4 @@ def moved(style: Style, emotion: str, share: float) -> Style:
 
 def _averting(look: float, factor: float) -> float:
     """The share of looking when the odds of looking away are so many times as high."""
-    odds = factor * (1.0 - look) / look
-    return 1.0 / (1.0 + odds)
+    return look / (look + factor * (1.0 - look))

@@ -33,14 +33,14 @@ TIMINGS: dict[Cause, Timing] = {
     "floor": Timing((-0.60, 0.50), (1.00, 0.60)),
 }
 AVERT_TO_PLAN, AVERT_TO_HOLD = 1.0, 0.55
-RETURN_AT_TURN_END, RETURN_AT_PAUSE = 0.85, 0.30
+RETURN_AT_TURN_END, RETURN_AT_PAUSE = 1.0, 0.35
 RETURN_LATENCY_S = (-0.6, 0.1)
 LEAST_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
 PLANNED_PAUSE_S = 0.5  # behind a longer pause, what is said next has to be planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
 LOOK_SCALE, LOOK_SHAPE = 1.6, 2.0
-LISTENING_SCALE = 1.25  # looks that turns cut short make up for it
-AVERAGE_LOOK, AVERSION_BY_STYLE = 0.55, 0.3
+LISTENING_SCALE = 2.5  # looks that turns cut short make up for it
+AVERAGE_LOOK, AVERSION_BY_STYLE = 0.55, 0.45
 LISTENING_SPREAD = 0.26  # of the looks of a listener (7.21 +- 1.88 s)
 LEAST_DWELL_S = 0.45
 WARM_UP_S = 6.0
@@ -79,7 +79,7 @@ def ask(annotation: Annotation, style: Style, random: np.random.Generator) -> As
             start, end = (span.start_s + random.normal(*each) for each in (timing.start_s, timing.end_s))
             away.append(Look(start, max(end, start + LEAST_DWELL_S), True, cause))
         chance = RETURN_AT_TURN_END if after_s >= PLANNED_PAUSE_S else RETURN_AT_PAUSE
-        if after_s >= LEAST_PAUSE_S and random.random() < chance * style.coupling:
+        if after_s >= LEAST_PAUSE_S and random.random() < chance * (0.3 + 0.7 * style.coupling):
             back.append(span.end_s + random.uniform(*RETURN_LATENCY_S))
     return Asked(tuple(sorted(away, key=lambda look: look.start_s)), tuple(sorted(back)))
 
@@ -129,7 +129,8 @@ def _end_looking(time_s: float, asked: Asked, listens: bool, style: Style, rando
         odds = style.look / (1.0 - style.look)
         mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds / style.liveliness
         unasked = time_s + random.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
-    return float(min([max(unasked, earliest), *(look.start_s for look in asked.away if look.start_s > earliest)]))
+    wanted = [max(look.start_s, earliest) for look in asked.away if look.end_s > earliest + LEAST_DWELL_S]
+    return float(min([max(unasked, earliest), *wanted]))
 
 
 def _end_away(time_s: float, asked: Asked, listens: bool, style: Style, random: np.random.Generator) -> float:
@@ -143,6 +144,8 @@ def _end_away(time_s: float, asked: Asked, listens: bool, style: Style, random: 
     for look in asked.away:
         if look.start_s <= time_s < look.end_s:
             end = max(earliest, look.end_s)
+        elif time_s < look.start_s <= end < look.end_s:  # one aversion goes over into the next
+            end = look.end_s
     return float(min([end, *(back for back in asked.back_s if back > earliest)]))
 
 
@@ -153,4 +156,4 @@ def _away_odds(style: Style) -> float:
 
 def _eagerness(style: Style) -> float:
     """How much more readily than the average people of a style look away when the speech gives a reason."""
-    return float(np.clip(_away_odds(style) ** 0.5, 0.4, 1.4))
+    return float(np.clip(_away_odds(style) ** 0.7, 0.3, 1.5))

@@ -8,13 +8,14 @@ A nod of one take is not a nod of the next. Angles are radians, times seconds.
 from __future__ import annotations
 
 from bisect import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.audio.annotation import Annotation, Phoneme
+from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.motion import HeadMove
 from talkingeyes.physiology.render import Curve, Waves
 from talkingeyes.world.speakers import Style
@@ -31,22 +32,24 @@ class Band:
 
 
 # Frequencies, sizes (standard deviation of yaw, pitch, roll in degrees), number of sinusoids, and how amplitude falls
-# with frequency. The drift of posture goes on in silence, the rest comes with speech. Between 1.2 and 3.7 Hz it is the
+# with frequency. The drift of posture goes on in silence, the rest comes with speech. Between 1.1 and 3.7 Hz it is the
 # nods, beats and turns towards what is looked at that make most of the power.
 BANDS = {
     "drift": Band((0.1, 0.42), (3.2, 1.6, 1.6), 8, 0.8),
-    "slow": Band((0.45, 1.25), (1.6, 1.2, 1.1), 7, 0.5),
-    "ordinary": Band((1.8, 3.7), (0.04, 0.03, 0.04), 6, -0.4),
-    "rapid": Band((3.7, 7.0), (0.10, 0.10, 0.07), 4, 0.6),
+    "slow": Band((0.45, 1.1), (2.1, 1.3, 1.3), 7, 0.4),
+    "ordinary": Band((1.8, 3.7), (0.03, 0.02, 0.03), 6, -0.4),
+    "rapid": Band((3.7, 7.0), (0.11, 0.11, 0.08), 4, 0.6),
 }
-STILL, LEAST_SILENCE_S = 0.06, 0.4
-STARTING_SHIFT, ENDING_SHIFT, POSTURE_DEG = 0.85, 0.85, (1.0, 2.2, 1.2)
+STILL, LEAST_SILENCE_S, RAMP_SPREAD_S = 0.06, 0.4, 0.15
+POSTURE_SHIFT, LONG_PAUSE_S, POSTURE_DEG = 1.0, 0.5, (1.3, 1.0, 1.2)  # pitch, yaw, roll
 # Nods and beats: depth, seconds down, slack of the apex about the middle of the stressed vowel.
-NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.38, 0.52), 0.05
-BEAT_DEG, BEAT_S = (1.0, 2.6), (0.26, 0.36)
+NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.40, 0.54), 0.04
+BEAT_DEG, BEAT_S = (1.0, 2.6), (0.28, 0.38)
 PLAIN_SYLLABLE, USUAL_PROMINENCE = 0.02, 0.5
 FINAL_NOD, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
 LEAST_BETWEEN_NODS_S, LEAST_BETWEEN_BEATS_S = 0.7, 0.3
+# How far the head sinks from words of no loudness to the usual one, and when: it is down by the middle of a word.
+LEAN_DEG, LEAN_AFTER_S, LEAN_SLACK_S, LEAN_S = 6.0, -0.15, 0.05, 0.30
 # A listener's nods, one to three of them, after the partner's phrase has ended.
 BACKCHANNEL, BACKCHANNEL_LATENCY_S, BACKCHANNEL_DEG, MOST_BACKCHANNEL_NODS = 0.4, (0.1, 0.5), (1.5, 3.5), 3
 BACKCHANNEL_S = (0.20, 0.30)
@@ -71,34 +74,48 @@ def joined(*waves: Waves) -> Waves:
     )
 
 
-def activity(annotation: Annotation) -> Curve:
-    """How far the head is alive with speech: 1 while speaking, STILL in silence, with ramps."""
-    spans: list[list[float]] = []
+def activity(annotation: Annotation, random: np.random.Generator) -> Curve:
+    """How far the head is alive with speech: 1 while speaking, less in silence, with ramps.
+
+    In listening it is STILL (Hadar 1983); what is left in a pause inside a turn, and when it falls and rises, is drawn,
+    so that the head does not spell out the pauses.
+    """
+    knots: list[tuple[float, float]] = []
+    end_s, level = -np.inf, STILL
     for span in annotation.speaking:
-        if spans and span.start_s - spans[-1][1] < LEAST_SILENCE_S:
-            spans[-1][1] = span.end_s
+        gap_s = span.start_s - end_s
+        if knots and gap_s < LEAST_SILENCE_S:
+            knots.pop()
+            knots.pop()
         else:
-            spans.append([span.start_s, span.end_s])
-    knots = [(t, v) for a, b in spans for t, v in ((a - 0.15, STILL), (a + 0.05, 1.0), (b, 1.0), (b + 0.2, STILL))]
+            heard = any(each.start_s < span.start_s and each.end_s > end_s for each in annotation.listening)
+            level = STILL if heard or not knots else max(STILL, float(random.uniform() ** 6))
+            if knots:
+                knots[-1] = (knots[-1][0], level)
+            rise_s = max(span.start_s + RAMP_SPREAD_S * random.standard_normal(), knots[-1][0] if knots else -np.inf)
+            knots += [(rise_s - 0.15 if not knots else rise_s, level), (max(rise_s, span.start_s) + 0.1, 1.0)]
+        end_s = span.end_s
+        knots += [(end_s, 1.0), (end_s + 0.2, STILL)]
     knots = knots or [(0.0, STILL)]
     return Curve(np.array([t for t, _ in knots]), np.array([v for _, v in knots]))
 
 
 def posture_shifts(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
-    """Wide linear shifts when speech starts after a pause, lifting the head a little; partly back when it ends."""
+    """Wide linear shifts when speech starts after a long pause, lifting the head a little; partly back when it ends."""
     moves: list[HeadMove] = []
     pose, lift = np.zeros(3), np.array([-style.speaking_lift, 0.0, 0.0])
-    for span in annotation.speaking:
-        for onset, chance, middle, spread in (
-            (span.start_s, STARTING_SHIFT, lift, 1.0),
-            (span.end_s - 0.5, ENDING_SHIFT, -lift / 2, 0.4),
+    spans = annotation.speaking
+    for index, span in enumerate(spans):
+        before_s = span.start_s - spans[index - 1].end_s if index else np.inf
+        after_s = spans[index + 1].start_s - span.end_s if index + 1 < len(spans) else np.inf
+        for onset, pause_s, middle, spread in (
+            (span.start_s, before_s, lift, 1.0),
+            (span.end_s - 0.2, after_s, -lift / 2, 0.4),
         ):
-            if random.random() < chance * (0.4 + 0.6 * style.coupling):
+            if pause_s >= LONG_PAUSE_S and random.random() < POSTURE_SHIFT * (0.4 + 0.6 * style.coupling):
                 target = style.head_scale * (middle + spread * np.radians(POSTURE_DEG) * random.standard_normal(3))
-                turn = _triple(target - pose)
-                moves.append(
-                    HeadMove(onset + random.normal(0.0, 0.15), random.uniform(0.5, 0.9) / style.head_tempo, turn)
-                )
+                duration = float(random.uniform(0.5, 0.9) / style.head_tempo)
+                moves.append(HeadMove(float(onset + random.normal(0.0, 0.15)), duration, _triple(target - pose)))
                 pose = target
     return moves
 
@@ -134,18 +151,19 @@ def _nods(annotation: Annotation, style: Style, random: np.random.Generator) -> 
             found.append(_stroke(phoneme, NOD_DEG, NOD_S, random))
     for span in annotation.speaking:
         if random.random() < FINAL_NOD:
-            apex = span.end_s + random.uniform(-0.45, -0.1)
+            apex = span.end_s + random.uniform(-0.35, -0.05)
             found.append(Stroke(apex, random.uniform(*FINAL_NOD_DEG), random.uniform(*NOD_S)))
     return found
 
 
 def _beats(annotation: Annotation, style: Style, random: np.random.Generator) -> list[Stroke]:
     """Small strokes at stress (Hadar 1984), the more so the more it stands out."""
+    tie = 0.4 + 0.6 * style.coupling
     found = []
     for phoneme in annotation.phonemes:
         if phoneme.stressed:
             beat = _stroke(phoneme, BEAT_DEG, BEAT_S, random)
-            found.append(replace(beat, depth_deg=beat.depth_deg * style.coupling * (0.5 + _emphasis(phoneme))))
+            found.append(replace(beat, depth_deg=beat.depth_deg * tie * (0.2 + 1.4 * _emphasis(phoneme))))
     return found
 
 
@@ -173,6 +191,25 @@ def _apart(kept: list[Stroke], more: list[Stroke], least_s: float) -> list[Strok
 
 def _apex_s(stroke: Stroke) -> float:
     return stroke.apex_s
+
+
+def leaning(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
+    """The head sinks into loud words and rises in soft ones (Munhall et al. 2004), in some takes more than in others."""
+    slope = float(np.radians(LEAN_DEG) * style.coupling * style.head_scale * max(0.0, random.normal(1.0, 0.5)))
+    moves: list[HeadMove] = []
+    pose = 0.0
+    loudness = [_loudness(word, annotation.phonemes) for word in annotation.words]
+    for word, loud in zip(annotation.words, loudness, strict=True):
+        target = slope * float(np.clip(loud - np.mean(loudness), -1.0, 1.0))
+        onset = word.start_s + LEAN_AFTER_S + LEAN_SLACK_S * random.standard_normal()
+        moves.append(HeadMove(float(onset), LEAN_S / style.head_tempo, (target - pose, 0.0, 0.0)))
+        pose = target
+    return moves
+
+
+def _loudness(word: Span, phonemes: Sequence[Phoneme]) -> float:
+    inside = [each.loudness for each in phonemes if word.start_s <= each.start_s < word.end_s]
+    return float(np.mean(inside)) if inside else 0.0
 
 
 def backchannels(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:

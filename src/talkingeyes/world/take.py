@@ -30,7 +30,7 @@ LID_UNREST_HZ, LID_WAVES, LID_DIFFERENCE_RAD = (0.04, 1.6), 12, 0.35
 MOOD_TIDE, MOOD_HZ = 0.2, (0.05, 0.3)
 # How much rarer blinks are in shifts back to the partner: suppressed towards what matters (Williamson 2005). FACTS' .4
 # would leave shifts of 20 to 30 degrees, most of them ways back, far below Evinger's share of blinks.
-TOWARDS_PARTNER = 0.75
+TOWARDS_PARTNER = 0.85
 EVOKED_FULL = 0.5
 LEAST_SPONTANEOUS = 0.25
 HEAD_GRID_S = 0.08
@@ -58,7 +58,7 @@ def perform(
     continuous = _continuous(annotation, style, seconds, random)
     gestured = [
         move
-        for gesture in (gestures.posture_shifts, gestures.nods, gestures.backchannels)
+        for gesture in (gestures.posture_shifts, gestures.nods, gestures.leaning, gestures.backchannels)
         for move in gesture(annotation, style, random)
     ]
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
@@ -99,7 +99,7 @@ def _continuous(annotation: Annotation, style: Style, seconds: float, random: np
         head_rest=posture,
         head_waves=drift,
         head_speaking=gestures.joined(*speaking),
-        activity=gestures.activity(annotation),
+        activity=gestures.activity(annotation, random),
         translation=gestures.translation(random),
         eyelids=style.eyelids,
         lid_rest=style.lid_rest,
