@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -171,7 +172,8 @@ def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
     """When, what targets and how strongly: once for a phoneme, twice for a diphthong."""
     gain = 1.0
     if phoneme.symbol[:1] in VOWELS:
-        gain = UNDERSHOOT_GAIN * float(np.clip(phoneme.loudness**LOUDNESS_EXPONENT, *LOUDNESS_GAIN))
+        least, most = LOUDNESS_GAIN
+        gain = UNDERSHOOT_GAIN * min(max(phoneme.loudness**LOUDNESS_EXPONENT, least), most)
     length_s = phoneme.end_s - phoneme.start_s
     second = next((letter for letter in phoneme.symbol[1:] if letter in VOWELS), "")
     parts = [phoneme.symbol, second] if second and phoneme.symbol[0] in VOWELS else [phoneme.symbol]
@@ -180,6 +182,7 @@ def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
         yield (phoneme.start_s + apex * length_s, gain * jaw_rad, *lips, jaw_dominance, lip_dominance)
 
 
+@cache
 def target_of(symbol: str) -> tuple[float, float, float, float, float, float]:
     """A row of the table: jaw and its dominance; rounding, spreading, parting, and their dominance."""
     for length in range(len(symbol), 0, -1):
