@@ -13,7 +13,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Shaped
 from numpy import ndarray
 
 from talkingeyes import rotation
@@ -85,7 +85,7 @@ def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
     )
 
 
-def _held(values: Float[ndarray, T * C], seen: Bool[ndarray, " T"]) -> Float[ndarray, T * C]:
+def _held(values: Shaped[ndarray, "T ..."], seen: Bool[ndarray, " T"]) -> Shaped[ndarray, "T ..."]:
     """The last seen value where nothing was seen (the first one before that)."""
     if not seen.any():
         return values
