@@ -43,6 +43,7 @@ from talkingeyes.world.take import Take, perform
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 MOST_CLIPS, MOST_NATIVE, MOST_RAW = 600, 300, 100
+FURTHER_TAKES = range(1000, 1004)
 CANDIDATES = 40  # for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
 PROSODY = ("energy_dbfs", "f0_octaves", "voicing")
@@ -139,17 +140,32 @@ def observe_sound(source: Source, takes: Sequence[Clip]) -> dict[str, np.ndarray
     return pool
 
 
-def drawn_again(source: Source, clip: Clip) -> Take:
-    """The take of a clip from its seeds. Raises InputError if it is not the one that the corpus holds."""
+def drawn(source: Source, clip: Clip, take: int) -> Take:
+    """A take of the sound of a clip from its seeds: one that the corpus holds, or a further one."""
     settings = source.settings
     assert settings is not None
     sound = sound_of(settings, clip)
-    random = plan.generator(settings.seed, "motion", sound.index, clip.take)
+    random = plan.generator(settings.seed, "motion", sound.index, take)
     annotation, style = source.corpus.annotation(clip), plan.speaker_of(settings, sound).style
-    take = perform(annotation, style, clip.seconds, random, settings.blink_profile)
+    return perform(annotation, style, clip.seconds, random, settings.blink_profile)
+
+
+def drawn_again(source: Source, clip: Clip) -> Take:
+    """The take of a clip. Raises InputError if it is not the one that the corpus holds."""
+    take = drawn(source, clip, clip.take)
     if take.events != source.corpus.truth_events(clip):
         raise InputError(f"{clip.id}: drawn again it has other events; the corpus is of other settings or code")
     return take
+
+
+def observe_further(source: Source, clip: Clip) -> dict[str, np.ndarray]:
+    """Large gaze shifts of takes that the corpus does not hold: it has too few of them for a figure."""
+    found = []
+    for number in FURTHER_TAKES:
+        motion = drawn(source, clip, number).motion(clip.fps, int(clip.seconds * clip.fps))
+        fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
+        found.append(figures.observe_shifts(behaviour(motion.fps, fields, motion.valid)))
+    return joined(found)
 
 
 def observe_rates(source: Source, clip: Clip) -> dict[str, np.ndarray]:
@@ -162,7 +178,7 @@ def observe_rates(source: Source, clip: Clip) -> dict[str, np.ndarray]:
         seen = behaviour(motion.fps, {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid})
         found = saccades.rendered(seen)
         finest = found if finest is None else finest
-        pool |= saccades.of_rate(f"at{fps}", found)
+        pool |= saccades.of_rate(f"at{fps}", seen, found)
         pool |= saccades.same(f"same{fps}", finest, found)
         if fps == RATES_FPS[0]:
             pool |= blinks.observe_fast(seen)
@@ -176,10 +192,18 @@ def of_corpus(source: Source, jobs: int) -> Found:
     pool = joined(each(partial(observe_sound, source), sounds, jobs, "facts: clips"))
     found = figures.of_gaze(pool) | figures.of_head(pool) | figures.of_speech(pool) | figures.of_prosody(pool)
     found |= figures.of_blinks(pool) | figures.of_lids(pool) | figures.of_takes(pool)
-    found |= of_draws(source) | figures.of_heads() | of_fit(source) | of_pupils(source, firsts)
+    found |= (
+        figures.of_shifts(pool) | of_draws(source) | figures.of_heads() | of_fit(source) | of_pupils(source, firsts)
+    )
     if source.settings is not None:
         fast = joined(each(partial(observe_rates, source), firsts[:MOST_NATIVE], jobs, "facts: frame rates"))
-        found |= figures.of_rates(fast) | figures.of_courses(fast) | {"lag": figures.onset_lag(pool)}
+        more = joined(each(partial(observe_further, source), firsts[:MOST_NATIVE], jobs, "facts: further takes"))
+        found |= (
+            figures.of_shifts(more)
+            | figures.of_rates(fast)
+            | figures.of_courses(fast)
+            | {"lag": figures.onset_lag(pool)}
+        )
         pool = {**pool, **fast}
     if (source.embed / "embedding.json").is_file():
         found |= of_probes(source, firsts, jobs) | of_towers(source, jobs)

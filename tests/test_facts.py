@@ -64,7 +64,9 @@ def saccading(fps, seed):
 
 
 def test_durations_and_peaks_of_rendered_saccades_are_those_of_the_law():
-    fine = joined(saccades.of_rate("at500", saccades.rendered(saccading(500.0, seed))) for seed in range(12))
+    fine = joined(
+        saccades.of_rate("at500", one, saccades.rendered(one)) for one in (saccading(500.0, seed) for seed in range(12))
+    )
     found = saccades.law(fine, "at500")
     assert found["shape"].value == pytest.approx(1.65, abs=0.06)
     assert 1000 * np.median(fine["at500.duration_s"]) == pytest.approx(50.0, abs=2.0)

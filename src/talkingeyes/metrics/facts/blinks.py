@@ -30,8 +30,7 @@ def observe(speaker: str, behaviour: Behaviour, annotation: Annotation | None) -
     """Counts, blinks near the ends of speech and amid it, and blinks at large gaze shifts."""
     found = {
         "blink.speaker": np.array([speaker]),
-        "blink.per_s": np.array([[len(behaviour.blinks), behaviour.valid.sum() / behaviour.fps]]),
-        **_at_shifts(behaviour),
+        **observe_shifts(behaviour),
     }
     if annotation is not None and annotation.speaking:
         found["phrase.counts"] = _at_ends(behaviour, annotation)
@@ -50,14 +49,15 @@ def _at_ends(behaviour: Behaviour, annotation: Annotation) -> Float[ndarray, "1 
     return np.array([[near[frame].sum(), near.sum() / fps, amid[frame].sum(), amid.sum() / fps]], float)
 
 
-def _at_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
-    """Of each shift of 20 to 30 degrees: what Evinger's law expects, and whether there is a blink."""
+def observe_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
+    """Blinks, seconds; of each shift of 20 to 30 degrees what Evinger's law expects, and whether there is a blink."""
     shifts, onsets = behaviour.saccades, behaviour.blinks.onset_s
     size = shifts.amplitude_deg
     large = (size >= SHIFT_DEG[0]) & (size < SHIFT_DEG[1])
     expected = np.array([law.evoked_probability(float(np.radians(each))) for each in size[large]])
     late = onsets[None] - shifts.onset_s[large][:, None]
     return {
+        "blink.per_s": np.array([[len(onsets), behaviour.valid.sum() / behaviour.fps]]),
         "evoked.expected": expected,
         "evoked.blinked": ((late >= AT_SHIFT_S[0]) & (late <= AT_SHIFT_S[1])).any(axis=1).astype(float),
     }

@@ -32,11 +32,11 @@ def observe(behaviour: Behaviour, squint_rad: float) -> Pool:
     return {
         "range.inside": np.array([[inside.sum(), len(inside)]]),
         "vergence.deg": np.array([[converged[at_partner].sum(), at_partner.sum()]]),
-        **_shifts(behaviour),
+        **observe_shifts(behaviour),
     }
 
 
-def _shifts(behaviour: Behaviour) -> dict[str, ndarray]:
+def observe_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
     """Of each saccade: how far its goal was from where the head pointed, and how far the head turned towards it."""
     fps, found = behaviour.fps, behaviour.saccades
     first = np.round((found.onset_s + FOLLOWED_S[0]) * fps).astype(int)

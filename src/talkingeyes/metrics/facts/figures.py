@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.metrics.benchmark.behaviour import Behaviour
 from talkingeyes.metrics.facts import blinks, eyes, face, head, looking, probes, saccades
 from talkingeyes.metrics.facts.clip import Measured, Pool, Seen, benchmark, measured, missing, sums
 
@@ -60,7 +61,7 @@ def of_gaze(pool: Pool) -> Figures:
         "below_5": saccades.share_below(pool, 5.0),
         "below_15": saccades.share_below(pool, 15.0),
         "amplitude": saccades.mean_amplitude(pool),
-        "cardinal": benchmark(pool, "saccades/cardinal"),
+        "cardinal": saccades.cardinal(pool),
         "rate": saccades.rate(pool),
         "eye_yaw": benchmark(pool, "eye/sd_yaw"),
         "eye_pitch": benchmark(pool, "eye/sd_pitch"),
@@ -70,8 +71,6 @@ def of_gaze(pool: Pool) -> Figures:
         "vergence": eyes.vergence(pool),
         "vor_yaw": _slope(pool, "yaw"),
         "vor_pitch": _slope(pool, "pitch"),
-        "share_10": eyes.head_share(pool, 8.0, 12.0),
-        "share_25": eyes.head_share(pool, 21.0, 30.0),
         "speed": benchmark(pool, "eye/speed"),
         "psd_gaze": benchmark(pool, "space/spectrum_slope"),
     }
@@ -98,6 +97,20 @@ def of_rates(pool: Pool) -> Figures:
         "peak_5": saccades.peak_ratio(pool, "same25", 4.0, 6.0),
         "peak_20": saccades.peak_ratio(pool, "same25", 16.0, 24.0),
     }
+
+
+def of_shifts(pool: Pool) -> Figures:
+    """Large gaze shifts, which are rare: the head's share of them, and blinks with them."""
+    return {
+        "share_10": eyes.head_share(pool, 8.0, 12.0),
+        "share_25": eyes.head_share(pool, 21.0, 30.0),
+        "evoked": blinks.evoked(pool),
+    }
+
+
+def observe_shifts(behaviour: Behaviour) -> Pool:
+    """What `of_shifts` needs of one motion."""
+    return {**eyes.observe_shifts(behaviour), **blinks.observe_shifts(behaviour)}
 
 
 def of_head(pool: Pool) -> Figures:
@@ -156,7 +169,6 @@ def of_blinks(pool: Pool) -> Figures:
         "blink_low": rate["low"],
         "blink_high": rate["high"],
         "blink_cv": benchmark(pool, "blinks/interval_cv"),
-        "evoked": blinks.evoked(pool),
     }
 
 

@@ -52,18 +52,18 @@ def observe(speaker: str, behaviour: Behaviour, annotation: Annotation) -> Pool:
 
 
 def _around_utterances(behaviour: Behaviour, annotation: Annotation) -> dict[str, ndarray]:
-    """Whether gaze is averted at the starts and ends of long utterances, and since when at the starts."""
+    """Whether gaze is averted at both ends of long turns, and since when at the start of an utterance.
+
+    Kendon's utterances are turns; where an aversion begins is asked of what follows a pause as well.
+    """
     states, seconds = behaviour.states, len(behaviour) / behaviour.fps
-    starts, ends, onsets = [], [], []
+    turns = [span for span in talking(annotation) if span.end_s - span.start_s >= LONG_UTTERANCE_S]
+    starts = [_averted(behaviour, span.start_s, START_S) for span in turns if span.start_s + START_S[1] < seconds]
+    ends = [_averted(behaviour, span.end_s, END_S) for span in turns if span.end_s + END_S[1] < seconds]
+    onsets = []
     for span in utterances(annotation):
-        if span.end_s - span.start_s < LONG_UTTERANCE_S:
-            continue
-        if span.start_s + START_S[1] < seconds:
-            starts.append(_averted(behaviour, span.start_s, START_S))
-        if span.end_s + END_S[1] < seconds:
-            ends.append(_averted(behaviour, span.end_s, END_S))
         covering = states.dwell_averted & (states.onset_s <= span.start_s + LATEST_S) & (states.offset_s > span.start_s)
-        if span.start_s >= BEFORE_S and covering.any():
+        if span.start_s >= BEFORE_S and span.end_s - span.start_s >= LONG_UTTERANCE_S and covering.any():
             first = int(covering.argmax())
             onsets.append(states.onset_s[first] - span.start_s if first else -np.inf)
     return {
@@ -110,9 +110,9 @@ def listening_share(pool: Pool) -> Measured:
 
 
 def at_utterances(pool: Pool, end: str) -> Measured:
-    """Share of long utterances at whose start (or end) gaze is averted."""
+    """Share of long turns at whose start (or end) gaze is averted."""
     found = pool[f"utterance.{end}_averted"]
-    return measured(float(found.mean()) if len(found) else np.nan, len(found), "long utterances", 50)
+    return measured(float(found.mean()) if len(found) else np.nan, len(found), "long turns", 50)
 
 
 def dwell_median(pool: Pool, averted: bool) -> Measured:

@@ -26,7 +26,7 @@ NOT_RECORDED = {
 }
 PICTURES = {
     "main-sequence": "Peak speed by amplitude at four frame rates. Dashed: the law; line: as that rate shows it.",
-    "distributions": "Amplitudes, directions, and dwells at the partner and away. Grey: recorded people (T, C).",
+    "distributions": "Amplitudes, directions, and dwells at the partner and away. Grey: people (dark C, light T).",
     "timeline": "One clip: sound and words, gaze in space with its states, head, blinks.",
 }
 NOTHING = missing("not measured")

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.corpus.recordings_of_people import ConversationFixations, Recording
 from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour
 from talkingeyes.metrics.facts import figures, saccades
-from talkingeyes.metrics.facts.clip import Measured, Pool, Seen, joined, measured
+from talkingeyes.metrics.facts.clip import Pool, Seen, joined
 from talkingeyes.metrics.facts.figures import Figures
 
 OF_TRACKING = ("below_5", "below_15", "amplitude", "cardinal", "rate", "psd_gaze")
@@ -56,8 +54,8 @@ def tracking_pool(recordings: Sequence[Recording]) -> Pool:
 
 
 def _rates(recording: Recording) -> Pool:
-    fine, coarse = behaviour_of(recording).saccades, behaviour_of(recording.every(20)).saccades
-    return saccades.of_rate("at500", fine) | saccades.same("same25", fine, coarse)
+    fine, coarse = behaviour_of(recording), behaviour_of(recording.every(20))
+    return saccades.of_rate("at500", fine, fine.saccades) | saccades.same("same25", fine.saccades, coarse.saccades)
 
 
 def of_video(recordings: Sequence[Recording]) -> Figures:
@@ -75,7 +73,7 @@ def of_conversation(fixations: ConversationFixations) -> Figures:
         "below_5": saccades.share_below(pool, 5.0),
         "below_15": saccades.share_below(pool, 15.0),
         "amplitude": saccades.mean_amplitude(pool),
-        "cardinal": _cardinal(pool["saccade.direction_rad"]),
+        "cardinal": saccades.cardinal(pool),
     }
 
 
@@ -88,9 +86,3 @@ def conversation_pool(fixations: ConversationFixations) -> Pool:
         "saccade.amplitude_deg": np.hypot(*steps.T),
         "saccade.direction_rad": np.arctan2(steps[:, 1], steps[:, 0]),
     }
-
-
-def _cardinal(direction_rad: Float[ndarray, " N"]) -> Measured:
-    sector = np.floor(direction_rad / (np.pi / 4) + 0.5).astype(int) % 8
-    level, oblique = (sector % 2 == 0).sum(), (sector % 2 == 1).sum()
-    return measured(level / max(oblique, 1), len(sector), "steps", 100)

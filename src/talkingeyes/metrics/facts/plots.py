@@ -21,7 +21,8 @@ RATES_FPS = (500, 120, 60, 25)
 MOST_POINTS = 1500
 AMPLITUDES_DEG = np.arange(0.0, 30.5, 1.0)
 DWELLS_S = np.arange(0.0, 8.1, 0.4)
-OURS, PEOPLE, AWAY = "#d95f02", "0.45", "#7570b3"
+OURS, AWAY = "#d95f02", "#7570b3"
+PEOPLE = {"T": "0.7", "C": "0.35"}
 
 
 def main_sequence(pool: Pool, path: Path) -> None:
@@ -52,8 +53,8 @@ def distributions(pool: Pool, recorded: Mapping[str, Pool], path: Path) -> None:
     amplitudes, dwells = figure.add_subplot(grid[0]), figure.add_subplot(grid[2])
     directions: Any = figure.add_subplot(grid[1], projection="polar")
     for name, each in recorded.items():
-        _density(amplitudes, each["saccade.amplitude_deg"], AMPLITUDES_DEG, PEOPLE, f"people ({name})")
-        _rose(directions, each["saccade.direction_rad"], PEOPLE)
+        _density(amplitudes, each["saccade.amplitude_deg"], AMPLITUDES_DEG, PEOPLE[name], f"people ({name})")
+        _rose(directions, each["saccade.direction_rad"], PEOPLE[name])
     _density(amplitudes, pool["saccade.amplitude_deg"], AMPLITUDES_DEG, OURS, "corpus")
     eyes_alive = np.exp(-(np.maximum(AMPLITUDES_DEG, 1.0) - law.AMPLITUDE_MIN_DEG) / law.AMPLITUDE_MEAN_DEG)
     amplitudes.plot(
@@ -122,8 +123,8 @@ def timeline(seen: Seen, sound: Float[ndarray, " N"], path: Path) -> None:
         axis.tick_params(labelsize=8)
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_yticks([])
-    axes[1].legend(fontsize=7, frameon=False, ncols=2, loc="upper right")
-    axes[2].legend(fontsize=7, frameon=False, ncols=3, loc="upper right")
+    axes[1].legend(fontsize=7, frameon=False, ncols=2)
+    axes[2].legend(fontsize=7, frameon=False, ncols=3)
     axes[3].set_xlabel("seconds", fontsize=8)
     axes[3].set_xlim(0, times[-1])
     _save(figure, path)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.optimize import least_squares
 
@@ -26,6 +26,7 @@ from talkingeyes.metrics.facts.clip import Measured, Pool, measured
 
 LEAST_DEG = 1.0  # smaller ones are fixational, and lost at 25 frames a second
 SAME_S = 0.06
+BLINK_TURN_DEG, ROUND_BLINK_S = 5.0, 0.05
 LEAST_SACCADES, LEAST_IN_BIN, ENOUGH_IN_BIN = 100, 4, 20
 
 
@@ -40,20 +41,32 @@ class MainSequence:
 def observe(behaviour: Behaviour) -> Pool:
     """Amplitudes and directions of the saccades of a clip."""
     found = behaviour.saccades
-    large = found.amplitude_deg >= LEAST_DEG
+    counted = (found.amplitude_deg >= LEAST_DEG) & ~of_blinks(behaviour, found)
     return {
-        "saccade.amplitude_deg": found.amplitude_deg[large],
-        "saccade.direction_rad": found.direction_rad[large],
+        "saccade.amplitude_deg": found.amplitude_deg[counted],
+        "saccade.direction_rad": found.direction_rad[counted],
         "saccade.seconds": np.array([behaviour.valid.sum() / behaviour.fps]),
     }
 
 
-def of_rate(name: str, found: Saccades) -> dict[str, ndarray]:
+def of_blinks(behaviour: Behaviour, found: Saccades) -> Bool[ndarray, " N"]:
+    """Which are the eyes' own small turn down and in during a blink (1 to 5 degrees), which no tracker sees."""
+    if behaviour.lid is None:
+        return np.zeros(len(found), bool)
+    blinks = behaviour.blinks
+    overlaps = (found.offset_s[:, None] >= blinks.onset_s - ROUND_BLINK_S) & (
+        found.onset_s[:, None] <= blinks.offset_s + ROUND_BLINK_S
+    )
+    return np.asarray(overlaps.any(axis=1) & (found.amplitude_deg < BLINK_TURN_DEG))
+
+
+def of_rate(name: str, behaviour: Behaviour, found: Saccades) -> dict[str, ndarray]:
     """Amplitude, peak speed and duration of each saccade at one frame rate."""
+    counted = ~of_blinks(behaviour, found)
     return {
-        f"{name}.amplitude_deg": found.amplitude_deg,
-        f"{name}.peak_deg_s": found.peak_speed_deg_s,
-        f"{name}.duration_s": found.duration_s,
+        f"{name}.amplitude_deg": found.amplitude_deg[counted],
+        f"{name}.peak_deg_s": found.peak_speed_deg_s[counted],
+        f"{name}.duration_s": found.duration_s[counted],
     }
 
 
@@ -100,6 +113,13 @@ def rate(pool: Pool) -> Measured:
     """Saccades of a degree or more a second."""
     amplitude, seconds = pool["saccade.amplitude_deg"], float(pool["saccade.seconds"].sum())
     return measured(len(amplitude) / max(seconds, 1e-9), len(amplitude), "saccades", LEAST_SACCADES)
+
+
+def cardinal(pool: Pool) -> Measured:
+    """Saccades within 22.5 degrees of left, up, right or down over those that are not."""
+    sector = np.floor(pool["saccade.direction_rad"] / (np.pi / 4) + 0.5).astype(int) % 8
+    level, oblique = int((sector % 2 == 0).sum()), int((sector % 2 == 1).sum())
+    return measured(level / oblique if oblique else np.nan, len(sector), "saccades", LEAST_SACCADES)
 
 
 def largest(pool: Pool, name: str) -> Measured:
