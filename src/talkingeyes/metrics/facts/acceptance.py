@@ -118,7 +118,7 @@ TABLE: dict[str, tuple[Fact, ...]] = {
     "Sound and motion": (
         Fact("eye_r2", "sound to eye angle, unheard speakers: R2", "0", -INF, 0.05, "D"),
         Fact("averted_auc", "sound to averted, unheard speakers: AUC", "weak", 0.56, 0.68, "D"),
-        Fact("head_r2", "sound to head angles, unheard speakers: R2", "low", 0.03, 0.20, "D"),
+        Fact("head_r2", "sound to head pitch, unheard speakers: R2", "low", 0.03, 0.20, "D"),
         Fact("seed_eye", "variance of a new draw / all, same sound: eye", "high", 0.85, 1, "D"),
         Fact("seed_head", "the same: head", "high", 0.70, 1, "D"),
         Fact("seed_jaw", "the same: jaw", "low", 0, 0.15, "D"),

@@ -18,7 +18,9 @@ from talkingeyes.metrics.facts.clip import Measured, Pool, measured
 
 LAGS_S = tuple(np.round(np.arange(-2.0, 2.01, 0.4), 1))
 STRETCH_S = 30.0
-EYE, HEAD = slice(0, 2), slice(2, 5)  # of the targets: (yaw, pitch), the rotation vector, then whether gaze is averted
+# Of the targets: (yaw, pitch) of the eyes, pitch of the head, last whether gaze is averted. What prosody moves are nods
+# (Munhall et al. 2004); yaw and roll of the head cannot be told from sound at all, and would only thin the figure.
+EYE, HEAD = slice(0, 2), slice(2, 3)
 RIDGES = (0.1, 1.0, 10.0, 100.0)
 
 
@@ -86,7 +88,7 @@ def told(features: Float[ndarray, "T F"], targets: Float[ndarray, "T K"], weight
 
 
 def of_probes(found: Sequence[Told]) -> dict[str, Measured]:
-    """R2 of eye and head angles about the clip's mean, and mean AUC of the averted state within speakers."""
+    """R2 of eye angles and of head pitch about the clip's mean, and mean AUC of the averted state within speakers."""
     frames = sum(each.frames for each in found)
     left, total = (np.sum([getattr(each, name) for each in found], axis=0) for name in ("left", "total"))
     areas = [each.auc for each in found if np.isfinite(each.auc)]
