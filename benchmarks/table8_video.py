@@ -46,8 +46,8 @@ VARIANTS = {
 
 def main() -> None:
     """Print a table for each video."""
-    if not sys.argv[1:]:
-        raise InputError("table8_video: should get a video, got no arguments")
+    if not sys.argv[1:]:  # make bench
+        print("table8_video: no video was named, nothing to measure")
     for path in map(Path, sys.argv[1:]):
         table(path)
 
