@@ -43,8 +43,8 @@ BANDS = {
 STILL, LEAST_SILENCE_S, RAMP_SPREAD_S = 0.06, 0.4, 0.15
 POSTURE_SHIFT, LONG_PAUSE_S, POSTURE_DEG = 1.0, 0.5, (1.3, 1.0, 1.2)  # pitch, yaw, roll
 # Nods and beats: depth, seconds down, slack of the apex about the middle of the stressed vowel.
-NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.40, 0.54), 0.04
-BEAT_DEG, BEAT_S = (1.0, 2.6), (0.28, 0.38)
+NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.44, 0.58), 0.04
+BEAT_DEG, BEAT_S = (1.0, 2.6), (0.30, 0.42)
 PLAIN_SYLLABLE, USUAL_PROMINENCE = 0.02, 0.5
 FINAL_NOD, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
 LEAST_BETWEEN_NODS_S, LEAST_BETWEEN_BEATS_S = 0.7, 0.3
@@ -52,7 +52,7 @@ LEAST_BETWEEN_NODS_S, LEAST_BETWEEN_BEATS_S = 0.7, 0.3
 LEAN_DEG, LEAN_AFTER_S, LEAN_SLACK_S, LEAN_S = 6.0, -0.15, 0.05, 0.30
 # A listener's nods, one to three of them, after the partner's phrase has ended.
 BACKCHANNEL, BACKCHANNEL_LATENCY_S, BACKCHANNEL_DEG, MOST_BACKCHANNEL_NODS = 0.4, (0.1, 0.5), (1.5, 3.5), 3
-BACKCHANNEL_S = (0.20, 0.30)
+BACKCHANNEL_S = (0.22, 0.32)
 
 
 def unrest(band: Band, style: Style, random: np.random.Generator) -> Waves:
