@@ -16,10 +16,13 @@ import pytest
 from talkingeyes import cli, rotation
 from talkingeyes.corpus.motion_files import read_motions
 from talkingeyes.errors import InputError
+from talkingeyes.export.bvh import write_bvh
+from talkingeyes.export.vrm import write_vrm
 from talkingeyes.formats import arkit
 from talkingeyes.formats.key_map import load_key_map
 from talkingeyes.formats.read import read_motion
 from talkingeyes.formats.rotations import composed
+from talkingeyes.head.anny import open_head
 from talkingeyes.motion import Motion
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "gaze"
@@ -278,6 +281,28 @@ def test_a_map_that_does_not_fit_is_one_line(tmp_path: Path, text: str, message:
     with pytest.raises(InputError, match=re.escape(message)) as told:
         read_motion(tmp_path / "a.npy", None, load_key_map(tmp_path / "map.yaml"))
     assert "\n" not in str(told.value)
+
+
+def test_files_that_are_broken_inside_are_one_line(tmp_path: Path) -> None:
+    made = moving.motion()
+    np.save(tmp_path / "zero.npy", np.zeros((9, 4)))
+    (tmp_path / "map.yaml").write_text("fps: 25\nhead: {form: quaternion_xyzw}\n")
+    with pytest.raises(InputError, match=r"zero\.npy: not readable as map"):
+        read_motion(tmp_path / "zero.npy", None, load_key_map(tmp_path / "map.yaml"))
+    np.savez(tmp_path / "nan.npz", rotation=np.full((9, 3), np.nan), expr=np.zeros((9, 100)))
+    with pytest.raises(InputError, match=r"nan\.npz: .*NaN"):
+        read_motion(tmp_path / "nan.npz", 25.0)
+    write_bvh(made, open_head(), tmp_path / "cut.bvh")
+    (tmp_path / "cut.bvh").write_text((tmp_path / "cut.bvh").read_text()[:-30])
+    with pytest.raises(InputError, match=r"cut\.bvh: not a readable BVH"):
+        read_motion(tmp_path / "cut.bvh")
+    write_vrm(made, tmp_path / "cut.vrma")
+    (tmp_path / "cut.vrma").write_bytes((tmp_path / "cut.vrma").read_bytes()[:-2000])
+    with pytest.raises(InputError, match=r"cut\.vrma: not a GLB with an animation"):
+        read_motion(tmp_path / "cut.vrma")
+    (tmp_path / "half.npz").write_bytes((tmp_path / "nan.npz").read_bytes()[:300])
+    with pytest.raises(InputError, match=r"half\.npz: not a readable npz"):
+        read_motion(tmp_path / "half.npz", 25.0)
 
 
 def test_degrees_where_radians_should_be_are_refused(tmp_path: Path) -> None:

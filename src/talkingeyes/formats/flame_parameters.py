@@ -123,6 +123,8 @@ def _rows(path: Path, name: str, array: ndarray, width: int | None, frames: int 
         rows = np.repeat(rows, frames, axis=0)
     if (width is not None and rows.shape[1] != width) or (frames is not None and len(rows) != frames):
         raise InputError(f"{path}: {name} should be ({frames or 'T'}, {width or 'C'}), got {np.shape(array)}")
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path}: {name} holds NaN or infinite values")
     return rows
 
 
@@ -134,7 +136,7 @@ def _rate(path: Path, content: Mapping[str, ndarray]) -> float:
 
 def _content(path: Path) -> dict[str, ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files if file[name].dtype.kind in "fiub"}
     except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import BadZipFile
 
 import numpy as np
 import yaml
@@ -139,6 +140,8 @@ def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: Field) -
     if array.ndim < 2 or array.dtype.kind not in "fiu":
         raise InputError(f"{path}: {key or name} should be numbers (T, ...), got {array.shape} {array.dtype}")
     rows = array.astype(np.float64).reshape(len(array), -1)
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path}: {key or name} holds NaN or infinite values")
     if field.columns is not None:
         first, stop = field.columns
         if not 0 <= first < stop <= rows.shape[1]:
@@ -165,10 +168,10 @@ def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: floa
 
 def _content(path: Path) -> dict[str, ndarray]:
     try:
-        found = np.load(path, allow_pickle=False)
-        if isinstance(found, np.ndarray):
-            return {"": found}
-        with found:
+        with path.open("rb") as stream:
+            found = np.load(stream, allow_pickle=False)
+            if isinstance(found, np.ndarray):
+                return {"": found}
             return {name: found[name] for name in found.files}
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: not a readable npy or npz ({' '.join(str(error).split())[:120]})") from None

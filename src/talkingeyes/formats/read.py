@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -48,12 +50,18 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
     if not path.exists():
         raise InputError(f"{path}: no such file")
-    if mapping is not None:
-        name, motion = "map", read_mapped(path, mapping, fps)
-    else:
-        name, reader = _reader(path)
+    name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
+    try:
         motion = reader(path, fps)
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+    except (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError) as error:  # what no reader foresaw
+        raise InputError(f"{path}: not readable as {name} ({' '.join(repr(error).split())[:120]})") from None
     return Read(motion, name, tuple(checked(path, motion)))
+
+
+def _mapped(mapping: KeyMap, path: Path, fps: float | None) -> Motion:
+    return read_mapped(path, mapping, fps)
 
 
 def checked(path: Path, motion: Motion) -> list[str]:
@@ -118,8 +126,8 @@ def _read_npz(path: Path, fps: float | None) -> Motion:
     from talkingeyes.formats.flame_parameters import read_flame_npz
 
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             ours = "schema" in file.files and str(file["schema"]) == CONVENTIONS["schema"]
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
     return Motion.load(path) if ours else read_flame_npz(path, fps)
