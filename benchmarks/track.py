@@ -26,7 +26,7 @@ from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import facts
 
-LENGTHS_S = (20, 60, 180)
+LENGTHS_S = (30, 90)
 SIDE = 224
 
 
