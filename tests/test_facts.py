@@ -169,7 +169,7 @@ def test_blinks_at_the_ends_of_phrases_and_over_people():
     assert blinks.rate(pool)["mean"].reason == "too few speakers with a minute: 0, 5 are needed"
     people_rates = np.exp(np.random.default_rng(0).normal(3.1, 0.3, 400))
     assert blinks.log_normal(people_rates.tolist()).value > 0.05
-    assert blinks.log_normal(np.exp(people_rates / 5).tolist()).value < 0.01
+    assert blinks.log_normal(np.exp(people_rates**2 / 400).tolist()).value < 0.01
 
 
 def test_lids_that_follow_gaze():
