@@ -14,8 +14,9 @@ from talkingeyes.run import quiet
 quiet()
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HF_HUB_OFFLINE"] = "1"
-# Processes that tests start in other folders find the stages, which are not installed, and these tests.
-os.environ["PYTHONPATH"] = os.pathsep.join(str(Path(__file__).resolve().parents[up]) for up in (1, 0))
+# Processes that tests start in other folders find this checkout: the package, the stages (not installed), these tests.
+ROOT = Path(__file__).resolve().parents[1]
+os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / folder) for folder in ("src", ".", "tests"))
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("repeatable")
@@ -24,7 +25,7 @@ settings.load_profile("repeatable")
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the repository."""
-    return Path(__file__).resolve().parents[1]
+    return ROOT
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Stage `synthesize`: a whole corpus, the same for any number of processes, and settings refused before writing."""
 
-import os
 import re
 import subprocess
 import sys
@@ -204,8 +203,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):
     write_params(root / "params.yaml", compose(["experiment=tiny", "machine.jobs=1", *FEW]))
     rows = root / "data" / ".synthesize.partial" / "rows"
     command = [sys.executable, "-m", "pipelines.synthesize"]
-    where = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, cwd=root, env=where, stderr=subprocess.DEVNULL) as run:
+    with subprocess.Popen(command, cwd=root, stderr=subprocess.DEVNULL) as run:
         while len(list(rows.rglob("*.json"))) < 3:
             assert run.poll() is None, "ended before anything could be killed"
             time.sleep(0.005)
