@@ -194,7 +194,7 @@ def _apex_s(stroke: Stroke) -> float:
 
 
 def leaning(annotation: Annotation, style: Style, random: np.random.Generator) -> list[HeadMove]:
-    """The head sinks into loud words and rises in soft ones (Munhall et al. 2004), in some takes more than in others."""
+    """The head sinks into loud words and rises in soft ones (Munhall et al. 2004), more in some takes than others."""
     slope = float(np.radians(LEAN_DEG) * style.coupling * style.head_scale * max(0.0, random.normal(1.0, 0.5)))
     moves: list[HeadMove] = []
     pose = 0.0
