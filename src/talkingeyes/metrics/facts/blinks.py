@@ -73,7 +73,7 @@ def observe_fast(behaviour: Behaviour) -> Pool:
     for onset, peak, offset in zip(found.onset_s, found.peak_s, found.offset_s, strict=True):
         first, middle, last = (round(each * fps) for each in (onset, peak, offset))
         first, last = _edges(lid, speed, first, last)
-        if first > 0 and last < len(lid) - 1:
+        if 0 < first < middle < last < len(lid) - 1:
             closed = np.flatnonzero(lid[first : last + 1] >= lid[middle] - SHUT) + first
             down, up = (closed[0] - first) / fps, (last - closed[-1]) / fps
             rows.append(((last - first) / fps, down, up, speed[first:middle].max(), -speed[middle:last].min()))
