@@ -35,6 +35,7 @@ TIMINGS: dict[Cause, Timing] = {
 AVERT_TO_PLAN, AVERT_TO_HOLD = 1.0, 0.55
 RETURN_AT_TURN_END, RETURN_AT_PAUSE = 1.0, 0.35
 RETURN_LATENCY_S = (-0.6, 0.1)
+HEED_LATENCY_S = (0.1, 0.6)  # whoever listens looks at the partner soon after the turn has passed
 LEAST_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
 PLANNED_PAUSE_S = 0.5  # behind a longer pause, what is said next has to be planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
@@ -81,6 +82,7 @@ def ask(annotation: Annotation, style: Style, random: np.random.Generator) -> As
         chance = RETURN_AT_TURN_END if after_s >= PLANNED_PAUSE_S else RETURN_AT_PAUSE
         if after_s >= LEAST_PAUSE_S and random.random() < chance * (0.3 + 0.7 * style.coupling):
             back.append(span.end_s + random.uniform(*RETURN_LATENCY_S))
+    back.extend(span.start_s + random.uniform(*HEED_LATENCY_S) for span in annotation.listening)
     return Asked(tuple(sorted(away, key=lambda look: look.start_s)), tuple(sorted(back)))
 
 

@@ -50,8 +50,8 @@ TABLE: dict[str, tuple[Fact, ...]] = {
             15,
             "Bahill 1975, Collewijn 1988, M",
             "deg",
-            # c grows with the range it is fitted over: the law of FACTS, section 1, without jitter has 10.6 over 1 to 40
-            # degrees, 8.9 to 30 and 8.5 to 27, and talk has no larger saccades (cap 27.5, few above 20).
+            # c grows with the range it is fitted over: the law of FACTS, section 1, has 10.6 over 1 to 40 degrees, 8.9
+            # to 30 and 8.5 to 27, and talk has no larger saccades (cap 27.5, few above 20).
             was="8 to 15: of a fit to 40 degrees; the same law over the amplitudes of talk has 8.5",
         ),
         Fact("slope_10", "log-log slope, A .5-10 deg, 500 fps", ".79", 0.70, 0.88, "M"),
