@@ -19,22 +19,19 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
+from pipelines.facts_link import MOST_CLIPS, of_probes, of_towers
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings_of_people import read_andersson, read_conversation, read_openface
-from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.corpus.windows import Normaliser, Recording
+from talkingeyes.corpus.store import Corpus
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark.behaviour import behaviour
-from talkingeyes.metrics.contrast import CriticSettings, Hearing
+from talkingeyes.metrics.contrast import CriticSettings
 from talkingeyes.metrics.facts import blinks, figures, page, people, plots, probes, pupils, saccades
 from talkingeyes.metrics.facts.clip import Pool, Seen, Sounding, joined, missing
 from talkingeyes.metrics.facts.figures import RATES_FPS, Figures
-from talkingeyes.metrics.facts.matching import Similar
-from talkingeyes.motion import Motion
+from talkingeyes.metrics.facts.source import Source, motion_of
 from talkingeyes.physiology.blinks import PAPER, PHYSIO, draw_rate_per_min
 from talkingeyes.run import Workspace, clip_parallel, each, shell
 from talkingeyes.world import plan
@@ -42,25 +39,12 @@ from talkingeyes.world.speakers import draw_style
 from talkingeyes.world.take import Take, perform
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
-MOST_CLIPS, MOST_NATIVE, MOST_RAW = 600, 300, 100
+MOST_NATIVE, MOST_RAW = 300, 100
 FURTHER_TAKES = range(1000, 1004)
 CANDIDATES = 40  # for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
-PROSODY = ("energy_dbfs", "f0_octaves", "voicing")
 SOUND_AND_MOTION = ("eye_r2", "averted_auc", "head_r2", "match_space", "match_gaze", "match_gaze_p", "match_jaw")
 DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a corpus and what was made of it lie. `settings` is None for a corpus that was not synthesised."""
-
-    corpus: Corpus
-    fit: Path
-    embed: Path
-    prosody: ProsodySettings
-    critic: CriticSettings
-    settings: plan.SynthesizeSettings | None
 
 
 @dataclass(frozen=True)
@@ -86,13 +70,6 @@ def source_of(workspace: Workspace, corpus: Path) -> Source:
         workspace.settings("critic", CriticSettings),
         settings,
     )
-
-
-def motion_of(source: Source, clip: Clip) -> Motion:
-    """The true motion, or where nobody knows it the fitted one."""
-    if source.corpus.has_truth:
-        return source.corpus.truth(clip)
-    return Motion.load(sharded(source.fit / "motion", clip.id, ".npz"))
 
 
 def see(source: Source, clip: Clip) -> Seen:
@@ -241,97 +218,6 @@ def of_pupils(source: Source, clips: Sequence[Clip]) -> Figures:
         rows.append(pupils.gaze360_like(truth, events, source.corpus.observation(clip), random))
     camera = source.corpus.observation(clips[0]).camera
     return figures.of_pupils({"raw.sums": np.concatenate(rows)}, pupils.projected_px(camera))
-
-
-@dataclass(frozen=True)
-class Probed:
-    """Features of speech and what is to be told from them, for all frames of one speaker."""
-
-    features: Float[ndarray, "T F"]
-    targets: Float[ndarray, "T K"]
-
-
-def probed(source: Source, clips: Sequence[Clip]) -> Probed:
-    """Of the clips of one speaker; angles about the mean of their clip."""
-    normal = Normaliser.of(source.embed)
-    prosodic = [normal.channels.index(name) for name in PROSODY]
-    features, targets = [], []
-    for clip in clips:
-        motion = motion_of(source, clip)
-        speech = np.load(sharded(source.embed / "speech", clip.sound, ".npy"))
-        frames = min(len(speech), len(motion))
-        seen = behaviour(motion.fps, {"head": motion.head, "gaze": motion.gaze}, motion.valid)
-        angles = np.concatenate([seen.eye_rad.mean(axis=1), motion.head], axis=1)[:frames]
-        averted = seen.states.averted[:frames, None] - 0.5
-        standard = (speech[:frames] - normal.mean) / np.maximum(normal.std, 1e-6)
-        features.append(probes.with_surroundings(standard, prosodic, motion.fps))
-        targets.append(np.concatenate([angles - angles.mean(axis=0), averted], axis=1))
-    return Probed(np.concatenate(features), np.concatenate(targets))
-
-
-def gram_of(source: Source, clips: Sequence[Clip]) -> probes.Gram:
-    """All that learning a probe needs of one speaker."""
-    speaker = probed(source, clips)
-    return probes.gram(speaker.features, speaker.targets)
-
-
-def told_of(source: Source, work: tuple[Sequence[Clip], Float[ndarray, "F K"]]) -> probes.Told:
-    """What the probe learnt from others tells of one speaker."""
-    clips, weights = work
-    speaker = probed(source, clips)
-    return probes.told(speaker.features, speaker.targets, weights)
-
-
-def of_probes(source: Source, clips: Sequence[Clip], jobs: int) -> Figures:
-    """Ridge regression from sound, each speaker told by what was learnt from all others."""
-    by_speaker: dict[str, list[Clip]] = {}
-    for clip in clips:
-        by_speaker.setdefault(clip.speaker, []).append(clip)
-    if len(by_speaker) < 3:
-        few = missing(f"too few speakers: {len(by_speaker)}, 3 are needed")
-        return dict.fromkeys(("eye_r2", "head_r2", "averted_auc"), few)
-    people = list(by_speaker.values())
-    grams = list(each(partial(gram_of, source), people, jobs, "facts: probes learn"))
-    work = [(mine, probes.learn(grams[:index] + grams[index + 1 :])) for index, mine in enumerate(people)]
-    return probes.of_probes(list(each(partial(told_of, source), work, jobs, "facts: probes tell")))
-
-
-def recording(source: Source, clip: Clip, part: str) -> Recording:
-    """Speech features and true motion of a clip; the jaw takes the head's place for towers of the jaw."""
-    motion = motion_of(source, clip)
-    speech = np.load(sharded(source.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
-    frames = min(len(speech), len(motion))
-    turned = motion.jaw if part == "jaw" else motion.head
-    head, gaze = (np.asarray(angles[:frames], np.float32) for angles in (turned, motion.gaze))
-    return Recording(clip, speech[:frames], head, gaze, motion.valid[:frames])
-
-
-def tower(source: Source, part: str) -> Similar:
-    """Train and judge the towers of one part."""
-    from talkingeyes.metrics.facts.matching import similarities
-
-    content = json.loads((source.embed / "embedding.json").read_text())
-    train = source.corpus.select("train")[:MOST_CLIPS]
-    judged = source.corpus.select("test", "unseen", take=0)
-    train_recordings, judged_recordings = (
-        [recording(source, clip, part) for clip in clips] for clips in (train, judged)
-    )
-    hearing = Hearing.of(content, source.critic.channels)
-    return similarities("head" if part == "jaw" else part, train_recordings, judged_recordings, hearing, source.critic)
-
-
-def of_towers(source: Source, jobs: int) -> Figures:
-    """Right against wrong sounds."""
-    from talkingeyes.metrics.facts.matching import by_chance, matched
-
-    space, head, jaw = each(partial(tower, source), ("space", "head", "jaw"), jobs, "facts: towers")
-    both = space + head
-    return {
-        "match_space": matched(space),
-        "match_gaze": matched(both),
-        "match_gaze_p": by_chance(both, seed=0),
-        "match_jaw": matched(jaw),
-    }
 
 
 def chosen(clips: Sequence[Clip]) -> list[list[Clip]]:
