@@ -44,8 +44,8 @@ from talkingeyes.run import Report, Workspace, each, main
 SPLITS = ("test", "unseen")
 # Where the distribution of speed is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
-# Starting a process takes as long as measuring some fifty sounds.
-SOUNDS_WORTH_A_PROCESS = 100
+# Starting a process takes as long as measuring some twenty sounds.
+SOUNDS_WORTH_A_PROCESS = 40
 SHUFFLED = 2  # other sounds under which Corr. is taken
 
 
