@@ -27,14 +27,15 @@ help:  ## This list
 
 setup: $(VENV)/.stamp  ## Install everything into .venv (done by the others when needed)
 
-# torch alone first, then the lock without looking at declared bounds (some are stale), then this package.
+# torch alone first, then the lock without looking at declared bounds (some are stale), then this package. Nothing is
+# compiled beforehand: most modules are never imported, and it takes a minute.
 $(VENV)/.stamp: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
 		{ echo "error: Python 3.11 is needed, got $$($(PYTHON) --version 2>&1); say make PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "error: $(PYTHON) cannot make virtual environments; Debian has them in python3-venv" >&2; exit 2; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(TORCH)
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
