@@ -1,7 +1,7 @@
 """What every gaze generator is: it predicts true gaze in training and samples gaze for speech and a head motion.
 
-A generator is one file here: `categorical`, `regressed` (the paper) or `vae` (the paper's baseline); docs/extend.md
-adds one.
+A generator is one file here: `events`, `categorical`, `regressed` (the paper) or `vae` (the paper's baseline);
+docs/extend.md adds one.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ GAZE_GENERATORS = Role(
     "gaze generator",
     {
         "categorical": "talkingeyes.models.gaze.categorical:CategoricalGaze",
+        "events": "talkingeyes.models.gaze.events:EventGaze",
         "regressed": "talkingeyes.models.gaze.regressed:RegressedGaze",
         "vae": "talkingeyes.models.gaze.vae:VAEGaze",
     },

@@ -1,0 +1,100 @@
+"""Head motion as strokes: from one moment of slow turning to the next, as a point process; a cubic spline between.
+
+Not in the paper. The head of a speaker never rests, but its speed dips several times a second (as
+metrics/detectors/head_moves.py reads it); poses at the dips, joined by a spline, give back fitted motion within half a
+degree and without its trembling (docs/log.md). An event (layers/event_process.py) is a dip: when, and in which pose.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from scipy.interpolate import CubicSpline
+from torch import Tensor, nn
+
+from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
+from talkingeyes.settings import PartSettings
+
+SPREAD = (1.0, 1.0, 0.6)
+# Strokes are drawn so many bins beyond the end, so that the last frames lie between two of them.
+BEYOND = 12
+
+
+class EventHeadSettings(PartSettings):
+    """The process, and how far it may stray from the most likely poses."""
+
+    kind: Literal["events"]
+    process: EventProcessSettings
+
+
+class EventHead(nn.Module):
+    """Head rotation vectors of speech features."""
+
+    mean: Tensor
+    scale: Tensor
+    configured_by = EventHeadSettings
+
+    def __init__(self, settings: EventHeadSettings, speech: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(3))
+        self.register_buffer("scale", torch.ones(()))
+        self.bin_frames = settings.process.bin_frames
+        self.process = EventProcess(settings.process, speech, SPREAD)
+
+    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
+        """Set what a motion is centred on and divided by."""
+        self.mean.copy_(mean)
+        self.scale.fill_(scale)
+
+    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
+        """In units of the standard deviation."""
+        return (head - self.mean) / self.scale
+
+    def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
+        """The likelihood of the strokes of true motion; nothing is reconstructed, so gaze is trained on the true head."""
+        events = EventSequence.of_frames(dips(head), self.normal(head), self.bin_frames)
+        terms = self.process.terms(events, self._condition(speech, 0))
+        return HeadPrediction(head, {f"head_{name}": value for name, value in terms.items()})
+
+    @torch.no_grad()
+    def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        """Strokes drawn bin after bin, shown as frames."""
+        within = self._condition(speech, BEYOND)
+        count, numbers = within.shape[1], len(SPREAD) + 3
+        uniform = torch.stack(
+            [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
+        )
+        drawn = self.process.sample(within, uniform.to(within), 1.0)
+        start = (torch.arange(count, device=within.device) + drawn.phase) * self.bin_frames
+        made = [
+            splined(start[row][event].cpu().numpy(), places[event].cpu().numpy(), speech.shape[1])
+            for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
+        ]
+        return torch.from_numpy(np.stack(made).astype(np.float32)).to(within) * self.scale + self.mean
+
+    def _condition(self, speech: Float[Tensor, "B T S"], beyond: int) -> Float[Tensor, "B N S"]:
+        count = math.ceil(speech.shape[1] / self.bin_frames)
+        missing = (count + beyond) * self.bin_frames - speech.shape[1]
+        filled = torch.cat([speech, speech[:, -1:].expand(-1, missing, -1)], dim=1)
+        return filled.unflatten(1, (count + beyond, self.bin_frames)).mean(2)
+
+
+def dips(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:
+    """Frames in which the head turns more slowly than just before and no faster than just after."""
+    speed = head.diff(dim=1).norm(dim=-1)
+    lower = (speed[:, 1:-1] < speed[:, :-2]) & (speed[:, 1:-1] <= speed[:, 2:])
+    return torch.nn.functional.pad(lower, (1, head.shape[1] - 1 - lower.shape[1]))
+
+
+def splined(knot_frames: Float[ndarray, " K"], poses: Float[ndarray, "K 3"], frames: int) -> Float[ndarray, "T 3"]:
+    """Poses at frames between knots; the first pose before the first knot, the last after the last."""
+    if len(knot_frames) == 1:
+        return np.repeat(poses, frames, axis=0)
+    at = np.clip(np.arange(frames), knot_frames[0], knot_frames[-1])
+    return np.asarray(CubicSpline(knot_frames.astype(float), poses.astype(float))(at))

@@ -1,0 +1,225 @@
+"""Events in time bins: when the next one comes, and where it leads (a marked point process, discretised).
+
+In every bin a hazard says whether an event happens; what one leads to is a mixture of Gaussians, some at places of
+their own and some relative to the present place. Both follow from the past events (a recurrent network over them, not
+over frames), from how long the last one is ago, and from a condition around the bin. The end of a sequence is
+censoring: a bin without an event is a term of the likelihood like any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.layers.draw import draw
+from talkingeyes.settings import Settings
+
+OLDEST = 63  # bins since the last event are told apart up to this many
+LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
+
+
+class EventProcessSettings(Settings):
+    """Size of the process, and what guards it against leaning on its own history."""
+
+    width: Annotated[int, Field(gt=0)]
+    # Frames of a bin; at most one event a bin.
+    bin_frames: Annotated[int, Field(gt=0)]
+    # Gaussians at places of their own, and relative to the present place, which are moved and sized by what is known.
+    fixed: Annotated[int, Field(ge=0)]
+    relative: Annotated[int, Field(gt=0)]
+    # Convolutions over the condition, of kernel 5 with dilation 1, 2, ...: 3 layers reach 14 bins to each side.
+    layers: Annotated[int, Field(ge=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+    # In training: share of past events that are hidden, and noise on past places (in units of the scale).
+    history_dropout: Annotated[float, Field(ge=0, lt=1)]
+    history_noise: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class EventSequence:
+    """At most K events of each of B sequences, the first in bin 0; `real` tells them from padding. Places are normal."""
+
+    bins: Int[Tensor, "B K"]
+    places: Float[Tensor, "B K D"]
+    real: Bool[Tensor, "B K"]
+
+    @classmethod
+    def of_frames(cls, event: Bool[Tensor, "B T"], place: Float[Tensor, "B T D"], bin_frames: int) -> EventSequence:
+        """Events at marked frames, each to the place at its frame; the first bin holds the place at frame 0 alone."""
+        event = event.clone()
+        event[:, :bin_frames] = False
+        event[:, 0] = True
+        most = int(event.sum(1).max())
+        order = (~event).long().argsort(dim=1, stable=True)[:, :most]
+        real = event.gather(1, order)
+        return cls(order // bin_frames, place.gather(1, order[..., None].expand(-1, -1, place.shape[-1])), real)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn in N bins: whether an event happened, when in its bin (0 to 1), and the place since then."""
+
+    event: Bool[Tensor, "B N"]
+    phase: Float[Tensor, "B N"]
+    place: Float[Tensor, "B N D"]
+
+
+@dataclass(frozen=True)
+class _Past:
+    """What is known before bins: features of the events so far, the present place and the age of the last event."""
+
+    state: Float[Tensor, "B N W"]
+    place: Float[Tensor, "B N D"]
+    age: Int[Tensor, "B N"]
+
+
+@dataclass(frozen=True)
+class _Gaussians:
+    """Logits, centres and logarithms of the standard deviations of M Gaussians."""
+
+    logits: Float[Tensor, "*N M"]
+    centre: Float[Tensor, "*N M D"]
+    log_sd: Float[Tensor, "*N M D"]
+
+
+class EventProcess(nn.Module):
+    """Hazard and place of events of D numbers under a condition of C numbers a bin."""
+
+    def __init__(self, settings: EventProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
+        """`spread`: how far places lie from 0, a number each; where the Gaussians start from."""
+        super().__init__()
+        self.settings = settings
+        numbers, width = len(spread), settings.width
+        self.listen = ConvolutionStack(condition, width, settings.layers, settings.dropout)
+        self.token = nn.Linear(2 * numbers + 1 + width, width)
+        self.remember = nn.GRU(width, width, batch_first=True)
+        self.start = nn.Parameter(torch.zeros(width))
+        self.age = nn.Embedding(OLDEST + 1, width)
+        self.enter = nn.Linear(2 * width + numbers, width)
+        self.trunk = nn.Sequential(nn.GELU(), nn.Dropout(settings.dropout), nn.Linear(width, width), nn.GELU())
+        self.hazard = nn.Linear(width, 1)
+        self.weigh = nn.Linear(width, settings.fixed + settings.relative)
+        far, near = settings.fixed, settings.relative
+        start = _quantiles(far + near, numbers) * torch.tensor([1.0] * far + [0.3] * near)[:, None]
+        self.means = nn.Parameter(start * torch.tensor(spread))
+        self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(self.means.shape).clone())
+        # Of the relative ones: how they are shifted and widened.
+        self.adapt = nn.Linear(width, 2 * settings.relative * numbers)
+        nn.init.zeros_(self.adapt.weight)
+        nn.init.zeros_(self.adapt.bias)
+
+    def terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
+        """Negative log-likelihoods: `when` a bin, `where` an event."""
+        heard = self.listen(condition)
+        past = self._past(events, heard)
+        features = self._features(past, heard)
+        count = condition.shape[1]
+        happened = torch.zeros(len(heard), count, device=heard.device)
+        happened.scatter_add_(1, events.bins, events.real.float())
+        when = F.binary_cross_entropy_with_logits(self.hazard(features)[:, 1:, 0], happened[:, 1:].clamp(max=1))
+        index = events.bins[..., None]
+        at_events = features.gather(1, index.expand(-1, -1, features.shape[-1]))
+        from_place = past.place.gather(1, index.expand(-1, -1, past.place.shape[-1]))
+        likelihood = self._log_density(at_events, from_place, events.places)
+        return {"when": when, "where": -(likelihood * events.real).sum() / events.real.sum()}
+
+    @torch.no_grad()
+    def sample(self, condition: Float[Tensor, "B N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
+        """Draw bin after bin from D + 3 uniform numbers a bin. The temperature narrows the choice and the Gaussians."""
+        heard = self.listen(condition)
+        batch, count = heard.shape[:2]
+        state = self.start.expand(batch, -1)
+        place = torch.zeros(batch, self.means.shape[1], device=heard.device)
+        age = torch.zeros(batch, dtype=torch.long, device=heard.device)
+        events, places = [], []
+        for now in range(count):
+            past = _Past(state[:, None], place[:, None], age[:, None])
+            features = self._features(past, heard[:, now : now + 1])[:, 0]
+            event = uniform[:, now, 0] < self.hazard(features)[:, 0].sigmoid() if now else torch.ones_like(age) > 0
+            moved = torch.nonzero(event)[:, 0]
+            if len(moved):
+                old = place[moved]
+                new = self._draw(features[moved], old, uniform[moved, now, 2:], temperature)
+                token = self._tokens(new[:, None], old[:, None], age[moved, None], heard[moved, now : now + 1])
+                state, place, age = state.clone(), place.clone(), age.clone()
+                state[moved] = self.remember(token, state[None, moved].contiguous())[0][:, 0]
+                place[moved], age[moved] = new, 0
+            age = age + 1
+            events.append(event)
+            places.append(place)
+        return Drawn(torch.stack(events, 1), uniform[..., 1], torch.stack(places, 1))
+
+    def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
+        """What was known before each bin of true events; in training with noise on places and some events hidden."""
+        seen = events.places
+        if self.training:
+            seen = seen + self.settings.history_noise * torch.randn_like(seen)
+        before = F.pad(seen[:, :-1], (0, 0, 1, 0))
+        since = F.pad(events.bins.diff(dim=1), (1, 0)).clamp(min=0)
+        at = heard.gather(1, events.bins[..., None].expand(-1, -1, heard.shape[-1]))
+        tokens = self._tokens(seen, before, since, at)
+        if self.training:
+            tokens = (
+                tokens
+                * (torch.rand(tokens.shape[:2], device=tokens.device) >= self.settings.history_dropout)[..., None]
+            )
+        first = self.start.expand(1, len(seen), -1).contiguous()
+        states = torch.cat([first[0][:, None], self.remember(tokens, first)[0]], dim=1)
+        order = torch.arange(heard.shape[1], device=heard.device)
+        bins = torch.where(events.real, events.bins, heard.shape[1])
+        known = torch.searchsorted(
+            bins.contiguous(), order.expand(len(bins), -1).contiguous()
+        )  # events before each bin
+        last = (known - 1).clamp(min=0)
+        place = events.places.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
+        age = torch.where(known > 0, order - bins.gather(1, last), 0)
+        return _Past(states.gather(1, known[..., None].expand(-1, -1, states.shape[-1])), place, age)
+
+    def _tokens(
+        self, place: Float[Tensor, "B K D"], before: Float[Tensor, "B K D"], since: Int[Tensor, "B K"], heard: Tensor
+    ) -> Float[Tensor, "B K W"]:
+        out: Tensor = self.token(torch.cat([place, place - before, since[..., None].float().log1p(), heard], dim=-1))
+        return out
+
+    def _features(self, past: _Past, heard: Float[Tensor, "B N W"]) -> Float[Tensor, "B N W"]:
+        entered = self.enter(torch.cat([past.state, heard, past.place], dim=-1)) + self.age(past.age.clamp(max=OLDEST))
+        out: Tensor = self.trunk(entered)
+        return out
+
+    def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"]) -> _Gaussians:
+        """The mixture where so much is known."""
+        adapted = self.adapt(features).unflatten(-1, (2, self.settings.relative, place.shape[-1]))
+        shift, widen = (F.pad(each, (0, 0, self.settings.fixed, 0)) for each in adapted.unbind(-3))
+        relative = torch.arange(len(self.means), device=place.device) >= self.settings.fixed
+        centre = self.means + shift + relative[:, None] * place[..., None, :]
+        return _Gaussians(self.weigh(features), centre, (self.log_sds + widen).clamp(LEAST_LOG_SD, MOST_LOG_SD))
+
+    def _log_density(
+        self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], to: Float[Tensor, "B K D"]
+    ) -> Float[Tensor, "B K"]:
+        mixture = self._gaussians(features, place)
+        error = (to[..., None, :] - mixture.centre) * (-mixture.log_sd).exp()
+        inside = (-0.5 * error.square() - mixture.log_sd).sum(-1)
+        return (mixture.logits.log_softmax(-1) + inside).logsumexp(-1)
+
+    def _draw(
+        self, features: Float[Tensor, "B W"], place: Float[Tensor, "B D"], uniform: Tensor, temperature: float
+    ) -> Float[Tensor, "B D"]:
+        mixture = self._gaussians(features, place)
+        chosen = draw(mixture.logits, uniform[:, 0], temperature)
+        normal = torch.special.ndtri(uniform[:, 1:].double().clamp(1e-6, 1 - 1e-6)).to(place)
+        row = torch.arange(len(place), device=place.device)
+        return mixture.centre[row, chosen] + temperature * normal * mixture.log_sd[row, chosen].exp()
+
+
+def _quantiles(count: int, numbers: int) -> Float[Tensor, "M D"]:
+    """Points spread evenly under a standard normal law."""
+    points = torch.quasirandom.SobolEngine(numbers, scramble=True, seed=0).draw(count)
+    return torch.special.ndtri(points.double().clamp(0.01, 0.99)).float()
