@@ -20,6 +20,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "head": pictures.picture_of_head,
     "export": files.export_motion,
     "import": files.import_motions,
+    "pack": files.pack,
     "track": corpora.track,
 }
 

@@ -1,4 +1,4 @@
-"""`talkingeyes export` and `talkingeyes import`: motion for other programs, and from them."""
+"""`talkingeyes export`, `import` and `pack`: motion for other programs and from them, a model in one file."""
 
 from __future__ import annotations
 
@@ -57,3 +57,20 @@ def import_motions(
         typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} frames a second")
         for note in done.read.notes:
             typer.echo(f"{done.name}: note: {note}", err=True)
+
+
+def pack(
+    models: Annotated[
+        list[Path],
+        typer.Argument(metavar="MODEL_DIR...", help="Folders of the train stage; `--model` means the first."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The file to write (.safetensors).")],
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Put a trained model into one file, for `--model FILE` on another machine."""
+    from talkingeyes.pack import pack as make
+
+    done = make(models, out, force=force)
+    typer.echo(f"{out}: {', '.join(done.models)}, {done.size_bytes / 1e6:.1f} MB")
+    for note in done.notes:
+        typer.echo(f"{out}: note: {note}", err=True)
