@@ -78,11 +78,12 @@ def _check(samples: int, seed: int, fps: float) -> None:
 def _perform(
     model: Path, sound: Float[ndarray, " N"], samples: int, seed: int, fps: float, blinks: str
 ) -> list[Performance]:
-    if not model.is_dir():
+    if not model.exists():
         raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
+    from talkingeyes.performance.direction import Direction
     from talkingeyes.performance.perform import Performer
 
-    return Performer.load(model).perform(sound, samples, seed, fps, blinks)
+    return Performer.load(model).perform(sound, samples, seed, fps, Direction(blinks=blinks))
 
 
 def _write(folder: Path, performances: list[Performance], sound: Float[ndarray, " N"], formats: Sequence[str]) -> None:

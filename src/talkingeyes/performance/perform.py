@@ -22,11 +22,14 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.learning.trained import Generator, load_generator
 from talkingeyes.motion import Blink, Events, Motion
+from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.model_file import opened
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
 
 SHUT = 0.5
+MODELS_OWN = Direction()
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,12 @@ class Performer:
 
     @classmethod
     def load(cls, model: Path) -> Performer:
-        """From a folder of the train stage. Raises InputError if it is missing or damaged."""
+        """From a folder of the train stage or a packed file. Raises InputError if it is missing or damaged."""
+        with opened(model) as folder:
+            return cls._of_folder(folder)
+
+    @classmethod
+    def _of_folder(cls, model: Path) -> Performer:
         generator = load_generator(model)
         try:
             embedding = json.loads((model / "embedding.json").read_text())
@@ -68,13 +76,13 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: str = "physio",
+        direction: Direction = MODELS_OWN,
     ) -> list[Performance]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
 
         Raises InputError for a blink profile that the model does not have.
         """
-        return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, blink_profile)
+        return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, direction)
 
     def perform_embedded(
         self,
@@ -82,12 +90,12 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: str = "physio",
+        direction: Direction = MODELS_OWN,
     ) -> list[Performance]:
         """The same for speech that is embedded already."""
-        if blink_profile not in self.blink_profiles:
-            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {blink_profile}")
-        profile = self.blink_profiles[blink_profile]
+        if direction.blinks not in self.blink_profiles:
+            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {direction.blinks}")
+        profile = self.blink_profiles[direction.blinks]
         drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
         return [self._one(drawn, index, seed, fps, profile) for index in range(samples)]
 
