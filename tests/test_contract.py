@@ -45,7 +45,8 @@ def network(name: str) -> SpeechToMotion:
     """A model of conf/model/, untrained."""
     settings = TranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
-    made = SpeechToMotion(settings, [str(index) for index in range(CHANNELS)], codebook(settings.prior))
+    names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
+    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior))
     made.head.normalise_by(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()

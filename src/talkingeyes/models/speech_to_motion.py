@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, HeadPartSettings
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.models.speech import CausalSpeechSettings, SpeechInput, SpeechSettings
 from talkingeyes.settings import Settings
 
 
@@ -29,7 +29,7 @@ class SpeechToMotionSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
     prior: str | None
-    speech: SpeechSettings
+    speech: CausalSpeechSettings | SpeechSettings
     head: HeadPartSettings
     gaze: GazePartSettings
     # Share of the clips of a batch whose gaze is conditioned on the reconstructed head (the paper: 1), not the true.

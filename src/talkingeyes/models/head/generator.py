@@ -1,6 +1,6 @@
 """What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
 
-A generator is one file here: `vae` (the paper's); docs/extend.md adds one.
+A generator is one file here: `vae` (the paper's) or `causal_vae` (for streams); docs/extend.md adds one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ from talkingeyes.settings import PartSettings, Role
 
 HEAD_GENERATORS = Role(
     "head generator",
-    {"vae": "talkingeyes.models.head.vae:VAEHead"},
+    {
+        "vae": "talkingeyes.models.head.vae:VAEHead",
+        "causal_vae": "talkingeyes.models.head.causal:CausalHead",
+    },
     ("normalise_by", "normal", "predict", "sample"),
 )
 HeadPartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(HEAD_GENERATORS.read)]
