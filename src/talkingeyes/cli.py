@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import typer
 
-from talkingeyes.commands import corpora, files, measures, performances, pictures
+from talkingeyes.commands import corpora, files, measures, pages, performances, pictures
 from talkingeyes.run import shell
 
 COMMANDS: Mapping[str, Callable[..., None]] = {
@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "import": files.import_motions,
     "pack": files.pack,
     "track": corpora.track,
+    "view": pages.view,
 }
 
 app = typer.Typer(
