@@ -7,6 +7,7 @@ between saccades gaze follows the frames. The head is a cubic spline, the eyes m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,24 +70,24 @@ def resample(
     new_head = (
         CubicSpline(times, head)(np.minimum(new_times, times[-1])) if len(head) > 1 else head[new_times.astype(int)]
     )
-    smooth = space_rad - _staircase(found, times)[:, None]
+    smooth = space_rad - staircase(found, times)[:, None]
     between = np.stack(
         [np.interp(new_times, times, smooth[:, eye, axis]) for eye in (0, 1) for axis in (0, 1)], axis=-1
     ).reshape(-1, 2, 2)
-    new_space = between + _staircase(found, new_times)[:, None]
+    new_space = between + staircase(found, new_times)[:, None]
     return Performed(new_head, rotation.eye_in_head(new_head, new_space))
 
 
-def _staircase(found: tuple[Saccade, ...], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+def staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
     """The sum of what all saccades have added until each time."""
-    total = np.zeros((len(times_s), 2))
+    moving, landed = np.zeros((len(times_s), 2)), np.zeros((len(times_s) + 1, 2))
     for each in found:
         near = slice(*np.searchsorted(times_s, [each.onset_s, each.onset_s + each.duration_s]))
         step = np.subtract(each.end_rad, each.start_rad)
         done = saccades.progress((times_s[near] - each.onset_s) / each.duration_s, each.skew)
-        total[near] += step * done[:, None]
-        total[near.stop :] += step
-    return total
+        moving[near] += step * done[:, None]
+        landed[near.stop] += step
+    return np.asarray(moving + np.cumsum(landed[:-1], axis=0))
 
 
 def _onset_s(points: Float[ndarray, "K 2"], duration_s: float, skew: float, first_s: float, fps: float) -> float:

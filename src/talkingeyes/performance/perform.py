@@ -22,8 +22,13 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.learning.trained import Generator, load_generator
 from talkingeyes.motion import Blink, Events, Motion
+from talkingeyes.performance.course import Course
+from talkingeyes.performance.direct import Asked, blinks_of, directed
 from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.keys import save_keys
+from talkingeyes.performance.listening import listening
+from talkingeyes.performance.manner import SPEAKERS_FILE, Manner, load_speakers
 from talkingeyes.performance.model_file import opened
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
@@ -39,6 +44,12 @@ class Performance:
     motion: Motion
     events: Events
 
+    def save(self, path: Path | str) -> None:
+        """Write the motion (.npz), and its events beside it as keys for editing (NAME.events.json)."""
+        path = Path(path)
+        self.motion.save(path)
+        save_keys(path.with_name(f"{path.stem}.events.json"), self.events, self.motion.fps)
+
 
 @dataclass(frozen=True)
 class Performer:
@@ -49,6 +60,8 @@ class Performer:
     fps: float
     # By name: of the paper, of physiology, of the corpus that the model was trained on.
     blink_profiles: Mapping[str, BlinkProfile] = field(default_factory=lambda: blinks.PROFILES)
+    # By name: the habits of the speakers that it was trained on.
+    speakers: Mapping[str, Manner] = field(default_factory=dict)
 
     @classmethod
     def load(cls, model: Path) -> Performer:
@@ -64,9 +77,10 @@ class Performer:
             encoder = make_encoder(EmbedSettings.model_validate(embedding["settings"]))
             seen = json.loads((model / "blinks.json").read_text())["speakers"]
             law = BlinkProfile("lognormal", math.exp(seen["log_normal"]["mean"]), seen["log_normal"]["sd"])
+            speakers = load_speakers(model / SPEAKERS_FILE)
             # A corpus in which nobody blinks has no law of its own.
             own = {"corpus": law} if seen["count"] > seen["without_blinks"] else {}
-            return cls(encoder, generator, float(embedding["fps"]), blinks.PROFILES | own)
+            return cls(encoder, generator, float(embedding["fps"]), blinks.PROFILES | own, speakers)
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
 
@@ -80,9 +94,10 @@ class Performer:
     ) -> list[Performance]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
 
-        Raises InputError for a blink profile that the model does not have.
+        Raises InputError for a profile of blinks or a style that the model does not have.
         """
-        return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, direction)
+        self._check(direction)
+        return self._all(self.encoder(sound, self.fps), sound, samples, seed, fps, direction)
 
     def perform_embedded(
         self,
@@ -92,27 +107,57 @@ class Performer:
         fps: float,
         direction: Direction = MODELS_OWN,
     ) -> list[Performance]:
-        """The same for speech that is embedded already."""
+        """The same for speech that is embedded already; who speaks when is not known then, so there is no partner."""
+        self._check(direction)
+        if direction.partner is not None:
+            raise InputError("partner: should come with the sound of the speech itself, got embedded speech")
+        return self._all(embedding, np.zeros(0), samples, seed, fps, direction)
+
+    def _check(self, direction: Direction) -> None:
         if direction.blinks not in self.blink_profiles:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {direction.blinks}")
-        profile = self.blink_profiles[direction.blinks]
-        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
-        return [self._one(drawn, index, seed, fps, profile) for index in range(samples)]
+        if isinstance(direction.style, str) and direction.style not in self.speakers:
+            known = ", ".join(self.speakers) or "a measured one (the model keeps no speakers)"
+            raise InputError(f"style: should be one of {known}, got {direction.style}")
 
-    def _one(self, drawn: Samples, index: int, seed: int, fps: float, profile: BlinkProfile) -> Performance:
+    def _all(
+        self,
+        embedding: Float[ndarray, "T C"],
+        sound: Float[ndarray, " N"],
+        samples: int,
+        seed: int,
+        fps: float,
+        direction: Direction,
+    ) -> list[Performance]:
+        style = direction.style
+        manner = self.speakers[style] if isinstance(style, str) else style
+        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
+        performances = []
+        for index in range(samples):
+            heard = None if direction.partner is None else listening(sound, direction.partner, [seed, index, 3])
+            performances.append(self._one(drawn, index, seed, fps, Asked(direction, manner, heard)))
+        return performances
+
+    def _one(self, drawn: Samples, index: int, seed: int, fps: float, asked: Asked) -> Performance:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
-        blinked = blinks.draw_blinks(profile, len(head) / self.fps, random)
+        blinked = blinks_of(self.blink_profiles[asked.direction.blinks], asked, len(head) / self.fps, random)
         space = held_over(blinked, rotation.gaze_in_space(head, gaze), self.fps)
-        found = find_saccades(space.mean(1), self.fps)
-        if fps == self.fps:
-            eye = rotation.eye_in_head(head, space)
-        else:
-            performed = resample(head, space, found, self.fps, fps)
-            head, eye = performed.head, performed.gaze
-        closure = blinks.closure(blinked, np.arange(len(head)) / fps)
-        motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
-        return Performance(motion, Events(saccades=found, blinks=tuple(blinked)))
+        course = Course(self.fps, head, space, find_saccades(space.mean(1), self.fps))
+        course = directed(course, asked, [seed, index])
+        return played(course, blinked, fps)
+
+
+def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
+    """A course and its blinks at a frame rate."""
+    if fps == course.fps:
+        head, eye = course.head, rotation.eye_in_head(course.head, course.space_rad)
+    else:
+        performed = resample(course.head, course.space_rad, course.saccades, course.fps, fps)
+        head, eye = performed.head, performed.gaze
+    closure = blinks.closure(blinked, np.arange(len(head)) / fps)
+    motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
+    return Performance(motion, Events(saccades=course.saccades, blinks=tuple(blinked)))
 
 
 def sample_seeds(seed: int, samples: int) -> list[int]:
