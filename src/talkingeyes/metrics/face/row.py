@@ -1,0 +1,104 @@
+"""The face's part of a row: the figures of one sound, and of all sounds with intervals over them.
+
+Compared with the true motion (in a corpus without truth: the fitted). MVE and LVE average over frames, the others over
+sounds, as in ProbTalk3D's text. The mean face wins MVE and every multi-sample error, a shut mouth closes on every
+bilabial: read a row beside truth, fitted and baselines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, bootstrap, mean_of, ratio_of
+from talkingeyes.metrics.face.emotion import EmotionClassifier, features, recognised
+from talkingeyes.metrics.face.surface import Surface
+from talkingeyes.metrics.face.talking import Talking, talking
+from talkingeyes.metrics.face.vertices import VertexErrors, halves_diversity, vertex_errors
+
+OVER_FRAMES = ("mve", "lve", "lve_squared")
+
+
+@dataclass(frozen=True)
+class FaceCase:
+    """One sound. `own`: the samples are real motions of this very sound, the first of them what is compared with."""
+
+    samples: FaceSamples
+    own: bool
+    truth: FaceSamples  # all takes
+    valid: Bool[ndarray, " T"]
+    annotation: Annotation
+    sound: Float[ndarray, " N"]
+    seed: tuple[int, ...]  # of the halves
+
+
+@dataclass(frozen=True)
+class FaceFigures:
+    """One sound; `errors` is None where there is no second motion to compare with. NaN where a figure is undefined."""
+
+    errors: VertexErrors | None
+    talking: Talking
+    diversity: float
+    diversity_truth: float
+    emotion: str
+    hits: float  # share of the samples whose emotion was told
+
+
+def measure_face(surface: Surface, classifier: EmotionClassifier, case: FaceCase) -> FaceFigures:
+    """The figures of one sound."""
+    compared = range(int(case.own), len(case.samples.jaw))
+    told = classifier.tell(features(surface, case.samples))
+    own = halves_diversity(surface, case.samples, np.random.default_rng(case.seed))
+    return FaceFigures(
+        errors=vertex_errors(surface, case.truth, case.samples, compared, case.valid) if compared else None,
+        talking=talking(surface, case.samples, case.annotation, case.sound),
+        diversity=own,
+        diversity_truth=halves_diversity(surface, case.truth, np.random.default_rng(case.seed)),
+        emotion=case.annotation.emotion,
+        hits=float(np.mean([each == case.annotation.emotion for each in told])),
+    )
+
+
+def cropped_faces(faces: FaceSamples, frames: int) -> FaceSamples:
+    """The first frames."""
+    jaw, expression = faces.jaw[:, :frames], faces.expression[:, :frames]
+    return FaceSamples(faces.fps, jaw, expression, faces.expression_names, faces.head_model)
+
+
+def summarise_face(sounds: Sequence[FaceFigures], settings: BootstrapSettings) -> dict[str, Estimate]:
+    """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
+    errors = [each.errors for each in sounds if each.errors is not None]
+    frames = np.array([each.frames for each in errors], float)
+    found: dict[str, Estimate] = {}
+    for name in (field.name for field in fields(VertexErrors) if field.name != "frames"):
+        values = np.array([getattr(each, name) for each in errors])
+        statistic = ratio_of(values * frames, frames) if name in OVER_FRAMES else mean_of(values)
+        found |= _estimate(name, statistic, len(values), settings)
+    for name in (field.name for field in fields(Talking)):
+        found |= _mean(name, np.array([getattr(each.talking, name) for each in sounds]), settings)
+    own, truth = (np.array([getattr(each, name) for each in sounds]) for name in ("diversity", "diversity_truth"))
+    several = ~np.isnan(own + truth)
+    found |= _mean("diversity", own, settings)
+    if truth[several].all():
+        found |= _estimate("diversity_ratio", ratio_of(own[several], truth[several]), int(several.sum()), settings)
+    hits, emotions = np.array([each.hits for each in sounds]), np.array([each.emotion for each in sounds])
+    return found | _estimate(
+        "emotion_recognised", lambda drawn: recognised(hits[drawn], emotions[drawn]), len(sounds), settings
+    )
+
+
+def _mean(name: str, values: Float[ndarray, " N"], settings: BootstrapSettings) -> dict[str, Estimate]:
+    known = values[~np.isnan(values)]
+    return _estimate(name, mean_of(known), len(known), settings)
+
+
+def _estimate(
+    name: str, statistic: Callable[[ndarray], float], count: int, settings: BootstrapSettings
+) -> dict[str, Estimate]:
+    return {name: bootstrap(statistic, count, settings)} if count else {}
