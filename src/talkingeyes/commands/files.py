@@ -12,25 +12,27 @@ def export_motion(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz).")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The file to write.")],
     format: Annotated[
-        str,
+        str | None,
         typer.Option(
             "-f",
             "--format",
             help="flame, vhap, diffposetalk, livelink, arkit, glb, vrm, usd, vocaset, bvh, events or mp4.",
         ),
-    ],
+    ] = None,
     head: Annotated[str, typer.Option(help="Of glb, usd, vocaset and mp4: anny (the open head) or flame.")] = "anny",
     model: Annotated[
         Path | None, typer.Option(help="Your own FLAME file: for --head flame, and where a face must be mapped.")
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Another frame rate, 10 to 240.")] = None,
+    keys: Annotated[Path | None, typer.Option(help="Its saccades and blinks as edited: an .events.json.")] = None,
     sound: Annotated[Path | None, typer.Option(help="The speech to hear, in mp4.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Write a motion for other programs (docs/formats.md)."""
-    from talkingeyes.conversion import export
+    from talkingeyes.conversion import export, format_of
 
-    done = export(motion, out, format=format, head=head, model=model, fps=fps, sound=sound, force=force)
+    format = format or format_of(out)
+    done = export(motion, out, format=format, head=head, model=model, fps=fps, keys=keys, sound=sound, force=force)
     typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} frames a second")
 
 

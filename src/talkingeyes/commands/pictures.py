@@ -20,7 +20,7 @@ def render(
     sound: Annotated[Path | None, typer.Option(help="The speech to hear.")] = None,
     size: Annotated[int, typer.Option(help="Pixels, 16 to 4096.")] = 512,
     keys: Annotated[
-        Path | None, typer.Option(help="Its saccades and blinks as edited: the file of `export -f events`.")
+        Path | None, typer.Option(help="Its saccades and blinks as edited: an .events.json of `animate`.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
