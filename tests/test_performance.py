@@ -12,9 +12,10 @@ from talkingeyes.errors import InputError
 from talkingeyes.kinematics import space_speed_deg_s
 from talkingeyes.motion import Blink, Saccade
 from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.events import resample
 from talkingeyes.performance.perform import Performer, held_over, sample_seeds
 from talkingeyes.physiology import saccades
+from talkingeyes.physiology.steps import find_saccades
 
 
 def scene(onsets_s: list[float], amplitude_deg: float, fps: float, seconds: float = 4.0) -> tuple[Any, Any]:

@@ -3,7 +3,8 @@
 The line of sight leaves at the target's onset in one saccade of the main sequence and lands on it; a target that moves
 is then followed (smooth pursuit without delay). Vergence comes after at its own pace (a time constant of 0.2 s). The
 head starts 30 ms later and takes what lies beyond a threshold of eccentricity, or all that eyes do not reach in comfort
-(physiology.eye_head); the eyes make up for it. A saccade of the model's own that is under way is let finish.
+(physiology.eye_head); the eyes make up for it. A saccade of the model's own just before is
+left out.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from talkingeyes import rotation
 from talkingeyes.motion import HeadMove, Saccade
 from talkingeyes.performance import sight
-from talkingeyes.performance.course import LEAST_STEP_RAD, Course, lawful, turned
+from talkingeyes.performance.course import LEAST_STEP_RAD, Course, lawful, turned, without
 from talkingeyes.performance.targets import TargetTrack
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.vergence import TIME_CONSTANT_S
@@ -29,6 +30,8 @@ COMFORT_RAD = np.radians([[-17.0, -17.0], [17.0, 11.0]])
 HEAD_PURSUIT_S = 0.15
 # Between targets closer than this gaze does not go back to what the model does.
 LEAST_BACK_S = 0.25
+# Nor do two saccades follow each other within this.
+LEAST_INTERVAL_S = 0.15
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class _Gaze:
 
 def aimed(course: Course, track: TargetTrack) -> Course:
     """The course with gaze at the targets of a track while they last."""
+    course = without(course, _hasty(course, track))
     legs = _legs(course, track)
     if not legs:
         return course
@@ -90,6 +94,13 @@ def _legs(course: Course, track: TargetTrack) -> list[_Leg]:
     return legs
 
 
+def _hasty(course: Course, track: TargetTrack) -> set[int]:
+    """The model's saccades that come so shortly before a target that no second one could follow."""
+    onsets = np.array([each.onset_s for each in course.saccades])
+    spans = [np.searchsorted(onsets, [each.start_s - LEAST_INTERVAL_S, each.start_s]) for each in track.targets]
+    return {index for first, stop in spans for index in range(first, stop)}
+
+
 def _free_s(course: Course, time_s: float) -> float:
     """When the saccade that is under way at a time ends."""
     return max(
@@ -126,7 +137,7 @@ def _go_back(gaze: _Gaze, own: _Gaze, leg: _Leg, course: Course) -> None:
     step = own.together_rad[first] - gaze.together_rad[first - 1]
     lands_s = leg.start_s + float(saccades.duration_s(float(np.hypot(*step))))
     for each in own.saccades:
-        if each.onset_s < lands_s < each.onset_s + each.duration_s:
+        if each.onset_s < lands_s + LEAST_INTERVAL_S and lands_s < each.onset_s + each.duration_s:
             lands_s = each.onset_s + each.duration_s
     landed = min(int(np.ceil(lands_s * course.fps)) - first, len(times) - 1)
     goal = own.together_rad[leg.part].copy()

@@ -7,7 +7,7 @@ it plays at any frame rate as a real one. Angles are (yaw, pitch) in radians, ti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,6 +79,15 @@ def reaimed(course: Course, offsets_rad: Float[ndarray, "K 2"]) -> Course:
     steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
     smooth = course.smooth_rad + offsets_rad[0]
     return with_steps(course, smooth, steps + np.diff(offsets_rad, axis=0))
+
+
+def without(course: Course, indices: Iterable[int]) -> Course:
+    """The course without some of its saccades: gaze stays where it was, and the next saccade takes their steps too."""
+    steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
+    offsets = np.zeros((len(steps) + 1, 2))
+    for index in sorted(indices):
+        offsets[index + 1] = offsets[index] - steps[index]
+    return reaimed(course, offsets)
 
 
 def with_steps(course: Course, smooth_rad: Float[ndarray, "T 2 2"], steps_rad: Float[ndarray, "N 2"]) -> Course:

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from talkingeyes.fitting.manner import Manner
 from talkingeyes.motion import Blink
 from talkingeyes.performance.aiming import aimed
 from talkingeyes.performance.contact import contacted
 from talkingeyes.performance.course import Course, scaled, within_reach
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import Listening
-from talkingeyes.performance.manner import Manner, in_manner
+from talkingeyes.performance.manner import in_manner
 from talkingeyes.performance.targets import LISTENER, TargetTrack
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile

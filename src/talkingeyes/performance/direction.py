@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.errors import InputError
-from talkingeyes.performance.manner import Manner
+from talkingeyes.fitting.manner import Manner
 from talkingeyes.performance.targets import TargetTrack
 
 MOST_LIVELY = 3.0

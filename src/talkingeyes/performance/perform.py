@@ -20,18 +20,19 @@ from talkingeyes import rotation
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
+from talkingeyes.fitting.manner import SPEAKERS_FILE, Manner, load_speakers
 from talkingeyes.learning.trained import Generator, load_generator
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.course import Course
 from talkingeyes.performance.direct import Asked, blinks_of, directed
 from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.events import resample
 from talkingeyes.performance.keys import save_keys
 from talkingeyes.performance.listening import listening
-from talkingeyes.performance.manner import SPEAKERS_FILE, Manner, load_speakers
 from talkingeyes.performance.model_file import opened
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
+from talkingeyes.physiology.steps import find_saccades
 
 SHUT = 0.5
 MODELS_OWN = Direction()
