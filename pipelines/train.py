@@ -13,6 +13,7 @@ import numpy as np
 
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Normaliser, recordings
+from talkingeyes.fitting.manner import SPEAKERS_FILE
 from talkingeyes.learning.checkpoint import load, save
 from talkingeyes.learning.loop import train
 from talkingeyes.learning.place import Place
@@ -89,9 +90,11 @@ def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Re
 
 
 def _keep_what_animate_needs(workspace: Workspace, folder: Path) -> None:
-    """The encoder's settings and the blinks of the corpus, so that a model's folder is whole."""
+    """The encoder's settings, the blinks of the corpus and its speakers' habits, so that a model's folder is whole."""
     shutil.copyfile(workspace.data("embed", "embedding.json"), folder / "embedding.json")
     shutil.copyfile(workspace.data("fit", "blinks.json"), folder / "blinks.json")
+    if workspace.data("fit", SPEAKERS_FILE).exists():
+        shutil.copyfile(workspace.data("fit", SPEAKERS_FILE), folder / SPEAKERS_FILE)
 
 
 if __name__ == "__main__":

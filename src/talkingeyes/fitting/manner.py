@@ -62,7 +62,7 @@ def _blinks(motion: Motion) -> int:
     return int((edges[1::2] - edges[::2] <= LONGEST_BLINK_S * motion.fps).sum())
 
 
-def pooled(manners: Sequence[Manner], seconds: Sequence[float]) -> Manner:
+def in_all(manners: Sequence[Manner], seconds: Sequence[float]) -> Manner:
     """The habits of a person over clips: means weighted by their length, ranges those within clips."""
     weight = np.asarray(seconds) / np.sum(seconds)
     mean = {name: weight @ np.array([getattr(each, name) for each in manners]) for name in asdict(manners[0])}
