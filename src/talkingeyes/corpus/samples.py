@@ -84,7 +84,7 @@ class FaceSamples:
         try:
             with np.load(path, allow_pickle=False) as file:
                 names = tuple(json.loads(str(file["expression_names"])))
-                arrays = [file[name].astype(np.float64) for name in ("jaw", "expression")]
-                return cls(float(file["fps"]), *arrays, names, str(file["head_model"]))
+                jaw, expression = (file[name].astype(np.float64) for name in ("jaw", "expression"))
+                return cls(float(file["fps"]), jaw, expression, names, str(file["head_model"]))
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{path}: not a readable file of sampled faces ({error})") from None
