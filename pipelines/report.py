@@ -1,7 +1,7 @@
 """Stage `report`: Table III beside the paper's, what is required and whether it is reached, and plots.
 
-Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json; for plots the corpus and
-        data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
+Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json and notes.txt; for plots the
+        corpus and data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
 Writes  data/report/: metrics.json {row: {split: {part: {figure: value}}}}, table3.md, table3.csv, and as PNG: figures,
         traces (several samples of one sound), speeds, codes, benchmark (all measures beside the truth's intervals)
 Run     python -m pipelines.report
@@ -75,7 +75,8 @@ def run(workspace: Workspace) -> Report:
         (folder / "table3.csv").write_text(comma_separated(rows))
         benchmarks = _benchmarks(workspace.data("evaluate"), ordered(rows))
         critic = _json(workspace.data("critic", "report.json"))
-        (folder / "table3.md").write_text(_page(rows, critic, asked, benchmarks))
+        notes = workspace.data("critic", "notes.txt").read_text()
+        (folder / "table3.md").write_text(_page(rows, critic, notes, asked, benchmarks))
         plot_strips(
             {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
         )
@@ -98,11 +99,12 @@ def run(workspace: Workspace) -> Report:
 def _page(
     rows: Mapping[str, Table],
     critic: Mapping[str, Any],
+    notes: str,
     asked: list[Requirement],
     benchmarks: Mapping[str, Sequence[BenchmarkRow]],
 ) -> str:
     parts = [INTRODUCTION, markdown(rows), BENCHMARK, benchmark_markdown(benchmarks, TITLES)]
-    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), ""]
+    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), "", notes]
     return "\n".join(parts)
 
 

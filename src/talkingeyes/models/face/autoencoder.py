@@ -7,7 +7,7 @@ of: codes (`vqvae`) or a Gaussian (`vae`). Stage 2 predicts `latents` from speec
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch
 import torch.nn.functional as F
@@ -39,6 +39,7 @@ class AutoencoderSettings(PartSettings):
     decoder: WindowTransformerSettings
 
 
+@runtime_checkable
 class FaceAutoencoder(Protocol):
     """The role: a torch module made as `Class(settings, numbers)`, `numbers` of expression and jaw a frame."""
 
