@@ -23,7 +23,21 @@ from talkingeyes.run import quiet
 # The report gathers what `evaluate` wrote and has nothing to set; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"report"}
 NO_STAGE = {"corpus", "workspace", "machine", "model", "experiment", "params"}
-NO_STAGE |= {"facts", "facts_link", "track", "real", "store", "until", "objective", "study", "hydra", "sweep"}
+NO_STAGE |= {
+    "evaluate_face",
+    "face_table",
+    "facts",
+    "facts_link",
+    "track",
+    "real",
+    "store",
+    "until",
+    "objective",
+    "study",
+    "hydra",
+    "sweep",
+}
+NO_STAGE |= {"evaluate_face", "face_table"}
 # The record of runs changes no result.
 NOT_A_DEPENDENCY = {"talkingeyes.record", "talkingeyes.comparison"}
 

@@ -47,13 +47,13 @@ class FaceFigures:
     diversity: float
     diversity_truth: float
     emotion: str
-    hits: float  # share of the samples whose emotion was told
+    hits: float  # share of the samples whose emotion was told; NaN where nobody can
 
 
-def measure_face(surface: Surface, classifier: EmotionClassifier, case: FaceCase) -> FaceFigures:
+def measure_face(surface: Surface, classifier: EmotionClassifier | None, case: FaceCase) -> FaceFigures:
     """The figures of one sound."""
     compared = range(int(case.own), len(case.samples.jaw))
-    told = classifier.tell(features(surface, case.samples))
+    told = classifier.tell(features(surface, case.samples)) if classifier else []
     own = halves_diversity(surface, case.samples, np.random.default_rng(case.seed))
     return FaceFigures(
         errors=vertex_errors(surface, case.truth, case.samples, compared, case.valid) if compared else None,
@@ -61,7 +61,7 @@ def measure_face(surface: Surface, classifier: EmotionClassifier, case: FaceCase
         diversity=own,
         diversity_truth=halves_diversity(surface, case.truth, np.random.default_rng(case.seed)),
         emotion=case.annotation.emotion,
-        hits=float(np.mean([each == case.annotation.emotion for each in told])),
+        hits=float(np.mean([each == case.annotation.emotion for each in told])) if told else float("nan"),
     )
 
 
@@ -87,9 +87,10 @@ def summarise_face(sounds: Sequence[FaceFigures], settings: BootstrapSettings) -
     found |= _mean("diversity", own, settings)
     if truth[several].all():
         found |= _estimate("diversity_ratio", ratio_of(own[several], truth[several]), int(several.sum()), settings)
-    hits, emotions = np.array([each.hits for each in sounds]), np.array([each.emotion for each in sounds])
+    known = [each for each in sounds if not np.isnan(each.hits)]
+    hits, emotions = np.array([each.hits for each in known]), np.array([each.emotion for each in known])
     return found | _estimate(
-        "emotion_recognised", lambda drawn: recognised(hits[drawn], emotions[drawn]), len(sounds), settings
+        "emotion_recognised", lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known), settings
     )
 
 
