@@ -113,7 +113,10 @@ def _poses(workspace: Workspace, name: str, settings: PoseModelSettings, seed: i
     )
     task = PoseTask(settings, seed, of_train, of_val, normaliser)
     progress = _progress(workspace, name, settings, seed, place)
-    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    if settings.loop is None:
+        history = [{"step": 0.0, **task.validate()}]
+    else:
+        history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
     with workspace.output("train", name) as folder:
         save(folder, task.module.state_dict(), pose_config(settings, normaliser, task.module), history)
         _keep_what_animate_needs(workspace, folder)

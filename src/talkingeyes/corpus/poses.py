@@ -60,7 +60,8 @@ def poses_of(head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]) ->
 def head_of(pose: Float[ndarray, "*N 6"]) -> Float[ndarray, "*N 3"]:
     """Rotation vectors of poses; with the last three numbers, the inverse of `poses_of`."""
     pitch, yaw, roll = (pose[..., index].ravel() for index in range(3))
-    return Rotation.from_euler("YXZ", np.stack([yaw, -pitch, roll], axis=1)).as_rotvec().reshape(*pose.shape[:-1], 3)
+    turned = Rotation.from_euler("YXZ", np.stack([yaw, -pitch, roll], axis=1))
+    return np.asarray(turned.as_rotvec().reshape(*pose.shape[:-1], 3))
 
 
 def resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
@@ -82,7 +83,7 @@ def linearly_resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) 
     place = (_times(len(rows), fps, new_fps)[1] * fps).clip(0, len(rows) - 1)
     left = place.astype(int)
     share = (place - left)[:, None].astype(rows.dtype)
-    return rows[left] * (1 - share) + rows[np.minimum(left + 1, len(rows) - 1)] * share
+    return np.asarray(rows[left] * (1 - share) + rows[np.minimum(left + 1, len(rows) - 1)] * share)
 
 
 def _times(count: int, fps: float, new_fps: float) -> tuple[ndarray, ndarray]:
@@ -98,7 +99,7 @@ def gaussian_filtered(pose: Float[ndarray, "T N"], width_frames: float, reach: i
     weights = np.exp(-0.5 * (offsets / width_frames) ** 2)
     known = np.convolve(np.ones(len(pose)), weights, mode="full")[reach : reach + len(pose)]
     columns = [np.convolve(column, weights, mode="full")[reach : reach + len(pose)] for column in pose.T]
-    return np.stack(columns, axis=1) / known[:, None]
+    return np.asarray(np.stack(columns, axis=1) / known[:, None])
 
 
 class PoseRecordings(Sequence[PoseRecording]):

@@ -92,6 +92,19 @@ class SpeechToMotion(nn.Module):
         """Motions of one speech, a seed each."""
         speech = self.speech(embedding[None].to(self.temperature.device)).expand(len(seeds), -1, -1)
         head = self.head.sample(speech, seeds)
+        return Generated(head, self._gaze(speech, head, seeds, temperature))
+
+    @torch.no_grad()
+    def look(
+        self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int]
+    ) -> Float[Tensor, "B T 2 3"]:
+        """Gaze for heads that another model moves, a seed each."""
+        device = self.temperature.device
+        speech = self.speech(embedding[None].to(device)).expand(len(seeds), -1, -1)
+        return self._gaze(speech, head.to(device), seeds, None)
+
+    def _gaze(
+        self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None
+    ) -> Float[Tensor, "B T 2 3"]:
         chosen = float(self.temperature) if temperature is None else temperature
-        condition = Condition(speech, head, self.head.normal(head))
-        return Generated(head, self.gaze.sample(condition, seeds, chosen))
+        return self.gaze.sample(Condition(speech, head, self.head.normal(head)), seeds, chosen)
