@@ -9,7 +9,7 @@ The codebook term of eq. 3 is minimised by its closed form (layers/quantiser.py)
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 import torch
 from jaxtyping import Float, Int
@@ -32,7 +32,7 @@ class FaceVQVAESettings(AutoencoderSettings):
     quantiser: QuantiserSettings
 
     @model_validator(mode="after")
-    def _whole_codes(self) -> Self:
+    def _whole_codes(self) -> FaceVQVAESettings:
         if self.latent % self.quantiser.width:
             raise out_of_bounds(f"latent should be a multiple of quantiser.width, {self.quantiser.width}", self.latent)
         return self
