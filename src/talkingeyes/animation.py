@@ -48,14 +48,14 @@ ROOMS = ("audio", "export", "head", "learning", "models", "motion.py", "performa
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked for besides the speech and the model; `formats` and `film` are of what is written."""
+    """What is asked for besides speech and model; `formats` and `pictures` (films, plot, sheet) are of what is written."""
 
     samples: int = 3
     seed: int = 0
     fps: float = 25.0
     direction: Direction = MODELS_OWN
     formats: tuple[str, ...] = ()
-    film: bool = True
+    pictures: bool = True
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a number or a format that will not do."""
@@ -108,14 +108,14 @@ def animate_into(
     model: Path | str = MODEL,
     direction: Direction = MODELS_OWN,
     formats: Sequence[str] = (),
-    film: bool = True,
+    pictures: bool = True,
     force: bool = False,
 ) -> list[Performance]:
     """The same as a folder: motions, events, films, a plot, and the formats of `conversion.FORMATS` asked for.
 
     `force` replaces what an earlier call wrote.
     """
-    order = Order(samples, seed, float(fps), direction, tuple(formats), film)
+    order = Order(samples, seed, float(fps), direction, tuple(formats), pictures)
     return carry_out(speech, out, order, model, force)
 
 
@@ -126,7 +126,7 @@ def carry_out(
     target = output.target(Path(out), OWN_FILES, force)
     sound = heard(speech)
     performances = perform(performer(Path(model)), sound, order)
-    write(target, performances, sound, order, made_of(sound, Path(model), order), spoken_of(speech))
+    write(target, performances, sound, order, made_of(sound, origin_of(Path(model)), order), spoken_of(speech))
     return performances
 
 
@@ -154,14 +154,26 @@ def perform(model: Performer, sound: Float[ndarray, " N"], order: Order) -> list
     return model.perform(sound, order.samples, order.seed, order.fps, order.direction)
 
 
-def made_of(sound: Float[ndarray, " N"], model: Path, order: Order) -> dict[str, Any]:
-    """All that a result follows from: the sound, the model, what is asked for, the code."""
+@dataclass(frozen=True)
+class Origin:
+    """What makes results: the code and the model."""
+
+    version: str
+    code_sha256: str
+    model_sha256: str
+
+
+def origin_of(model: Path) -> Origin:
+    """This code with a model."""
+    return Origin(version("talkingeyes"), code_digest(ROOMS), _model_digest(model))
+
+
+def made_of(sound: Float[ndarray, " N"], origin: Origin, order: Order) -> dict[str, Any]:
+    """All that a result follows from: code, model, sound, what is asked for."""
     return {
         "schema": "talkingeyes.made_of/1",
-        "version": version("talkingeyes"),
-        "code_sha256": code_digest(ROOMS),
+        **asdict(origin),
         "sound_sha256": hashlib.sha256(np.ascontiguousarray(sound).tobytes()).hexdigest(),
-        "model_sha256": model_digest(model),
         **json.loads(json.dumps(asdict(order), default=_digest_of_array)),
     }
 
@@ -172,7 +184,7 @@ def _digest_of_array(value: object) -> object:
     raise TypeError(f"an order should hold plain values and arrays, got {type(value).__name__}")
 
 
-def model_digest(model: Path) -> str:
+def _model_digest(model: Path) -> str:
     """Of a packed file or of the files in a folder."""
     digest = hashlib.sha256()
     for path in [model] if model.is_file() else sorted(each for each in model.iterdir() if each.is_file()):
@@ -196,7 +208,8 @@ def write(
                 spoken.save(folder / "speech.wav")
             for index, performance in enumerate(performances):
                 _write_sample(folder / f"sample_{index:02d}", performance, sound, order, bars)
-            _draw(folder, performances, sound)
+            if order.pictures:
+                _draw(folder, performances, sound)
             (folder / MADE_OF).write_text(json.dumps(made, indent=1) + "\n")
     except OSError as error:
         raise InputError(f"{target}: should be a folder that can be written, got: {error.strerror or error}") from None
@@ -212,7 +225,7 @@ def _write_sample(stem: Path, performance: Performance, sound: Float[ndarray, " 
     performance.save(stem.with_name(f"{stem.name}.npz"))
     for format in order.formats:
         conversion.write(motion, performance.events, format, conversion.beside(stem, format))
-    if order.film:
+    if order.pictures:
         painter = Painter(open_head(), FRAMINGS["head"].view(PICTURE_PX, PICTURE_PX))
         drawn = painter.draw(motion)
         pictures = progress(drawn, f"{stem.name}.mp4", len(motion)) if bars else drawn

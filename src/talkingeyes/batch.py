@@ -26,7 +26,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes import animation, output
-from talkingeyes.animation import MADE_OF, OWN_FILES, Order
+from talkingeyes.animation import MADE_OF, OWN_FILES, Order, Origin
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.errors import InputError
 from talkingeyes.run import each
@@ -57,7 +57,7 @@ class _Task:
     speech: Path
     target: Path
     model: Path
-    model_digest: str
+    origin: Origin
     order: Order
     force: bool
 
@@ -80,9 +80,9 @@ def animate_all(
     sounds = found_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
     animation.performer(Path(model))  # refused here rather than for every sound
-    digest = animation.model_digest(Path(model))
+    origin = animation.origin_of(Path(model))
     folder.mkdir(parents=True, exist_ok=True)
-    tasks = [_Task(path, folder / name, Path(model), digest, order, force) for name, path in sounds.items()]
+    tasks = [_Task(path, folder / name, Path(model), origin, order, force) for name, path in sounds.items()]
     lines = list(each(_line, tasks, jobs, "animate"))
     _write_summary(folder, lines)
     return lines
@@ -129,11 +129,11 @@ def _line(task: _Task) -> Line:
         sound = read_speech(task.speech)
         order = replace(task.order, seed=seed_of(task.order.seed, sound))
         line = replace(line, seconds=round(len(sound) / SAMPLE_RATE, 3), seed=order.seed)
-        made = animation.made_of(sound, task.model, order)
+        made = animation.made_of(sound, task.origin, order)
         if _is_made_of(task.target, made):
             return replace(line, status=KEPT)
         target = output.target(task.target, OWN_FILES, task.force)
-        performances = animation.perform(_performer(task.model, task.model_digest), sound, order)
+        performances = animation.perform(_performer(task.model, task.origin), sound, order)
         animation.write(target, performances, sound, order, made, bars=False)
         return replace(line, status=MADE)
     except Exception as error:  # whatever it is, the other sounds go on; the table says what it was
@@ -148,7 +148,7 @@ def seed_of(seed: int, sound: Float[ndarray, " N"]) -> int:
 
 
 @lru_cache(maxsize=1)
-def _performer(model: Path, digest: str) -> Performer:
+def _performer(model: Path, origin: Origin) -> Performer:
     """The model, loaded once a process; a model that changed is another one."""
     return animation.performer(model)
 

@@ -48,7 +48,7 @@ def animate(
     formats: Annotated[
         list[str] | None, typer.Option("-f", "--format", help="Another format for each motion, as `export` has them.")
     ] = None,
-    film: Annotated[bool, typer.Option(help="A small film of each motion.")] = True,
+    pictures: Annotated[bool, typer.Option(help="A small film of each motion, a plot, a sheet of heads.")] = True,
     jobs: Annotated[int | None, typer.Option(help="Processes; a sound each, each with a folder of its own.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
 ) -> None:
@@ -73,7 +73,7 @@ def animate(
         partner=partner,
         style=style,
     )
-    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), film)
+    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures)
     if len(sounds) > 1 or any(path.is_dir() for path in sounds) or (jobs is not None and sounds):
         _animate_all(sounds, out, order, model, 1 if jobs is None else jobs, force)
         return
