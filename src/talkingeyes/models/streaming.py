@@ -7,6 +7,8 @@ causal speech layers, the head `causal_vae`, gaze `categorical` whose condition 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -49,39 +51,31 @@ class MotionStream:
         self._past, self._turn, self._run = stack.start(1), head.start([seed]), gaze.start(1)
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
         self._early = stack.ahead  # what the layers say before the first frame
-        self._heard: list[Tensor] = []  # features of less than a code
+        self._heard = torch.zeros(1, 0, network.settings.speech.width)  # features of less than a code
 
     @torch.no_grad()
     def push(self, embedding: Float[Tensor, "T C"]) -> Generated:
-        """The motion that can be given now, a seed a row: whole codes, perhaps none."""
+        """The motion that can be given now: whole codes, perhaps none. Parts of one length give the same bits."""
         return self._speak(self._network.speech.standard(embedding[None]))
 
     @torch.no_grad()
     def finish(self) -> Generated:
         """The rest of the motion, the last code perhaps not whole."""
         found = self._speak(torch.zeros(1, self._stack.ahead, self._stack.enter.in_features))
-        if not self._heard:
-            return found
-        speech = torch.cat(self._heard, dim=1)
-        self._heard = []
-        rest = self._code(speech)
-        return Generated(torch.cat([found.head, rest.head], dim=1), torch.cat([found.gaze, rest.gaze], dim=1))
+        return joined([found, self._code(self._heard)]) if self._heard.shape[1] else found
 
     def _speak(self, standard: Float[Tensor, "1 T H"]) -> Generated:
-        parts = []
-        # Frame by frame, whatever came at once: the parts that a sound comes in do not change a bit.
-        for frame in standard.split(1, dim=1):
-            said = self._stack.step(frame, self._past)
-            if self._early:
-                self._early -= 1
-                continue
-            self._heard.append(said)
-            if len(self._heard) == self._gaze.patch:
-                parts.append(self._code(torch.cat(self._heard, dim=1)))
-                self._heard = []
-        head = [torch.zeros(1, 0, 3), *(part.head for part in parts)]
-        gaze = [torch.zeros(1, 0, 2, 3), *(part.gaze for part in parts)]
-        return Generated(torch.cat(head, dim=1), torch.cat(gaze, dim=1))
+        if not standard.shape[1]:
+            return joined([])
+        said = self._stack.step(standard, self._past)
+        early = min(self._early, said.shape[1])
+        self._early -= early
+        self._heard = torch.cat([self._heard, said[:, early:]], dim=1)
+        patch, parts = self._gaze.patch, []
+        while self._heard.shape[1] >= patch:
+            parts.append(self._code(self._heard[:, :patch]))
+            self._heard = self._heard[:, patch:]
+        return joined(parts)
 
     def _code(self, speech: Float[Tensor, "1 P S"]) -> Generated:
         """The frames of a code, or of its beginning where the stream ends."""
@@ -91,3 +85,10 @@ class MotionStream:
         drawn = torch.rand(1, generator=self._uniform)
         signal = self._gaze.advance(self._run, memory, drawn, self._temperature)[:, : speech.shape[1]]
         return Generated(head, gaze_of(self._gaze.codebook.settings.signal, head, signal))
+
+
+def joined(parts: Sequence[Generated]) -> Generated:
+    """Parts of a motion, one after another; perhaps none."""
+    head = torch.cat([torch.zeros(1, 0, 3), *(part.head for part in parts)], dim=1)
+    gaze = torch.cat([torch.zeros(1, 0, 2, 3), *(part.gaze for part in parts)], dim=1)
+    return Generated(head, gaze)
