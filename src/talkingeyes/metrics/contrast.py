@@ -265,7 +265,8 @@ class Contrast:
     def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
         """Cosines with the motion features turned round in time by a few random shifts."""
         steps, least = motion.shape[1], self._least_shift(motion.shape[1])
-        return _at_times(speech, motion, self.random.integers(least, steps - least + 1, size=self.settings.shifts))
+        shifts = self.random.integers(least, steps - least + 1, size=self.settings.shifts)
+        return _at_times(speech, motion, shifts.tolist())
 
     def _least_shift(self, steps: int) -> int:
         """The least wrong time, in steps; half of a window that is too short for it."""
@@ -275,5 +276,5 @@ class Contrast:
 def _at_times(
     speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"], shifts: Iterable[int]
 ) -> Float[Tensor, "B W"]:
-    columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(int(s), 1).flatten(1)) for s in shifts]
+    columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(shift, 1).flatten(1)) for shift in shifts]
     return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)
