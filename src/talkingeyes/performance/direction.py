@@ -14,9 +14,12 @@ from numpy import ndarray
 
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import Manner
+from talkingeyes.models.face.style import Style, StyleKey
+from talkingeyes.performance.parts import AS_MODELLED, Parts
 from talkingeyes.performance.targets import TargetTrack
 
 MOST_LIVELY = 3.0
+NEUTRAL_FACE = (StyleKey(0.0, Style(None, "neutral", 0)),)
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Direction:
     `blinks` names the profile of their rate (physio, paper or corpus), `targets` what gaze goes to and when, `contact`
     the share of time that gaze is at the listener (0 to 1; None: as the model does), `partner` the sound (16 kHz) of
     whom the subject talks with, `style` whose habits are followed: a speaker kept with the model, or measured ones.
+    `face` is the style of the face from moments on (emotion, intensity, speaker), `parts` what is replaced or off.
     """
 
     blinks: str = "physio"
@@ -47,6 +51,8 @@ class Direction:
     liveliness: Liveliness = Liveliness()
     partner: Float[ndarray, " N"] | None = None
     style: Manner | str | None = None
+    face: tuple[StyleKey, ...] = NEUTRAL_FACE
+    parts: Parts = AS_MODELLED
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a number out of bounds."""
@@ -56,5 +62,7 @@ class Direction:
             value = getattr(self.liveliness, each.name)
             if not (math.isfinite(value) and 0.0 <= value <= MOST_LIVELY):
                 raise InputError(f"liveliness of {each.name}: should be 0 (none) to {MOST_LIVELY:g}, got {value:g}")
+        if not self.face:
+            raise InputError("face: should have at least one style, got none")
         if self.partner is not None and not np.isfinite(self.partner).all():
             raise InputError("partner: should be a sound of finite samples, got NaN or infinite ones")
