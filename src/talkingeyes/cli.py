@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "pack": files.pack,
     "track": corpora.track,
     "view": pages.view,
+    "serve": pages.serve,
 }
 
 app = typer.Typer(
@@ -33,6 +34,7 @@ app = typer.Typer(
 )
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
+app.add_typer(pages.study, name="study")
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 LOCAL = "127.0.0.1"
+MOST_MESSAGE_BYTES = 1 << 17  # of a WebSocket; what is longer ends it
 NAMES = (LOCAL, "localhost", "[::1]", "testserver")  # the last: of FastAPI's test client
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; media-src 'self' blob:; img-src 'self' data: blob:; "
@@ -68,4 +69,5 @@ def serve(app: FastAPI, host: str, port: int, started: Callable[[str], None], pa
     with listener:
         started(f"http://{host}:{listener.getsockname()[1]}{path}")
         with contextlib.suppress(KeyboardInterrupt):  # how one ends it
-            uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False)).run(sockets=[listener])
+            config = uvicorn.Config(app, log_level="warning", access_log=False, ws_max_size=MOST_MESSAGE_BYTES)
+            uvicorn.Server(config).run(sockets=[listener])
