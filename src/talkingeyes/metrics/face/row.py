@@ -7,8 +7,9 @@ bilabial: read a row beside truth, fitted and baselines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,7 +17,7 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, bootstrap, mean_of, ratio_of
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_of, ratio_of
 from talkingeyes.metrics.face.emotion import EmotionClassifier, features, recognised
 from talkingeyes.metrics.face.surface import Surface
 from talkingeyes.metrics.face.talking import Talking, talking
@@ -73,33 +74,63 @@ def cropped_faces(faces: FaceSamples, frames: int) -> FaceSamples:
 
 def summarise_face(sounds: Sequence[FaceFigures], settings: BootstrapSettings) -> dict[str, Estimate]:
     """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
+    found = _statistics(sounds)
+    return {name: bootstrap(each.statistic, each.count, settings) for name, each in found.items()}
+
+
+@dataclass(frozen=True)
+class SeededEstimate(Estimate):
+    """An estimate with its range over seeds."""
+
+    least: float
+    most: float
+
+
+def summarise_seeds(seeds: Sequence[Sequence[FaceFigures]], settings: BootstrapSettings) -> dict[str, SeededEstimate]:
+    """The same sounds under several seeds of training and sampling: their mean, its interval over sounds, their range."""
+    by_seed = [_statistics(each) for each in seeds]
+    found = {}
+    for name, first in by_seed[0].items():
+        alike = [each[name].statistic for each in by_seed if name in each and each[name].count == first.count]
+        values = [statistic(np.arange(first.count)) for statistic in alike]
+        estimate = bootstrap(partial(_mean_of_seeds, alike), first.count, settings)
+        found[name] = SeededEstimate(estimate.value, estimate.low, estimate.high, min(values), max(values))
+    return found
+
+
+@dataclass(frozen=True)
+class _Measured:
+    statistic: Statistic
+    count: int
+
+
+def _mean_of_seeds(statistics: Sequence[Statistic], drawn: ndarray) -> float:
+    return float(np.mean([statistic(drawn) for statistic in statistics]))
+
+
+def _statistics(sounds: Sequence[FaceFigures]) -> dict[str, _Measured]:
+    """Every figure that some sound allows."""
     errors = [each.errors for each in sounds if each.errors is not None]
     frames = np.array([each.frames for each in errors], float)
-    found: dict[str, Estimate] = {}
+    found: dict[str, _Measured] = {}
     for name in (field.name for field in fields(VertexErrors) if field.name != "frames"):
         values = np.array([getattr(each, name) for each in errors])
-        statistic = ratio_of(values * frames, frames) if name in OVER_FRAMES else mean_of(values)
-        found |= _estimate(name, statistic, len(values), settings)
+        found[name] = _Measured(
+            ratio_of(values * frames, frames) if name in OVER_FRAMES else mean_of(values), len(values)
+        )
     for name in (field.name for field in fields(Talking)):
-        found |= _mean(name, np.array([getattr(each.talking, name) for each in sounds]), settings)
+        found[name] = _mean(np.array([getattr(each.talking, name) for each in sounds]))
     own, truth = (np.array([getattr(each, name) for each in sounds]) for name in ("diversity", "diversity_truth"))
     several = ~np.isnan(own + truth)
-    found |= _mean("diversity", own, settings)
+    found["diversity"] = _mean(own)
     if truth[several].all():
-        found |= _estimate("diversity_ratio", ratio_of(own[several], truth[several]), int(several.sum()), settings)
+        found["diversity_ratio"] = _Measured(ratio_of(own[several], truth[several]), int(several.sum()))
     known = [each for each in sounds if not np.isnan(each.hits)]
     hits, emotions = np.array([each.hits for each in known]), np.array([each.emotion for each in known])
-    return found | _estimate(
-        "emotion_recognised", lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known), settings
-    )
+    found["emotion_recognised"] = _Measured(lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known))
+    return {name: each for name, each in found.items() if each.count}
 
 
-def _mean(name: str, values: Float[ndarray, " N"], settings: BootstrapSettings) -> dict[str, Estimate]:
+def _mean(values: Float[ndarray, " N"]) -> _Measured:
     known = values[~np.isnan(values)]
-    return _estimate(name, mean_of(known), len(known), settings)
-
-
-def _estimate(
-    name: str, statistic: Callable[[ndarray], float], count: int, settings: BootstrapSettings
-) -> dict[str, Estimate]:
-    return {name: bootstrap(statistic, count, settings)} if count else {}
+    return _Measured(mean_of(known), len(known))
