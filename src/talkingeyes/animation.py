@@ -12,7 +12,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from talkingeyes.performance.direction import Direction
 from talkingeyes.run import code_digest, progress
 
 if TYPE_CHECKING:
+    from talkingeyes.performance.dialogue import Dialogue
     from talkingeyes.performance.perform import Performance, Performer
     from talkingeyes.speech import SpokenText
 
@@ -42,13 +43,14 @@ MADE_OF = "made_of.json"
 OWN_FILES = re.compile(
     r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png|made_of\.json|speech\.(wav|json)"
 )
+DIALOGUE = re.compile("first|second")
 SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
 ROOMS = ("audio", "export", "head", "learning", "models", "motion.py", "performance", "physiology", "rotation.py")
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked for besides speech and model; `formats` and `pictures` (films, plot, sheet) are of what is written."""
+    """What is asked for; `formats` and `pictures` (films, plot, sheet) are of what is written."""
 
     samples: int = 3
     seed: int = 0
@@ -130,6 +132,28 @@ def carry_out(
     return performances
 
 
+def carry_out_dialogue(
+    sounds: Sequence[Float[ndarray, " N"]],
+    out: Path | str,
+    order: Order,
+    model: Path | str = MODEL,
+    force: bool = False,
+) -> list[Dialogue]:
+    """An order for two people who talk with each other, as the folders `first` and `second`."""
+    from talkingeyes.performance.dialogue import converse
+
+    target = output.target(Path(out), DIALOGUE, force)
+    directions = (order.direction, order.direction)
+    dialogues = converse(performer(Path(model)), sounds, order.samples, order.seed, order.fps, directions)
+    origin = origin_of(Path(model))
+    with output.appearing(target) as folder:
+        for index, name in enumerate(("first", "second")):
+            own, other = sounds[index], sounds[1 - index]
+            made = made_of(own, origin, replace(order, direction=replace(order.direction, partner=other)))
+            write(folder / name, [getattr(each, name) for each in dialogues], own, order, made)
+    return dialogues
+
+
 def performer(model: Path) -> Performer:
     """The model in a folder of the train stage, or in a packed file."""
     from talkingeyes.performance.perform import Performer
@@ -185,10 +209,15 @@ def _digest_of_array(value: object) -> object:
 
 
 def _model_digest(model: Path) -> str:
-    """Of a packed file or of the files in a folder."""
+    """Of a packed file, or of the files in a folder and in that of the face beside it."""
+    from talkingeyes.performance.face import beside
+
+    if model.is_file():
+        return hashlib.sha256(model.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for path in [model] if model.is_file() else sorted(each for each in model.iterdir() if each.is_file()):
-        digest.update(path.name.encode() * model.is_dir() + hashlib.sha256(path.read_bytes()).digest())
+    for folder in filter(None, (model, beside(model))):
+        for path in sorted(each for each in folder.iterdir() if each.is_file()):
+            digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from talkingeyes.errors import InputError
 from talkingeyes.film import target_file
+from talkingeyes.performance.face import beside
 from talkingeyes.performance.model_file import KEY, SCHEMA, SUFFIX, encoder_identity
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ class PackedModel:
 
 
 def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: bool = False) -> PackedModel:
-    """Write trained models into one file; `--model` means the first, others (a face) stand beside it.
+    """Write trained models into one file; `--model` means the first, others stand beside it.
+
+    With one model goes the one of the face that stands beside its folder, if there is one.
 
     Raises InputError (one line) for a folder that is no trained model.
     """
@@ -42,6 +45,8 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
 
     target = target_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
+    if len(folders) == 1 and (face := beside(folders[0])):
+        folders.append(face)  # `animate` takes it from there too
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
         raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")

@@ -39,8 +39,20 @@ def animate(
     gaze_liveliness: Annotated[float, typer.Option(help="Gaze: 0 none, 1 the model's, 2 twice.")] = 1.0,
     blink_liveliness: Annotated[float, typer.Option(help="Blinks: 0 none, 1 the profile's, 2 twice.")] = 1.0,
     partner: Annotated[Path | None, typer.Option(help="The sound of whom the subject talks with, in step.")] = None,
+    dialogue: Annotated[
+        bool, typer.Option("--dialogue", help="Two people who talk: two sounds, or one with a channel each.")
+    ] = False,
     style: Annotated[
         str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
+    ] = None,
+    emotion: Annotated[
+        str, typer.Option(help="Of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt.")
+    ] = "neutral",
+    intensity: Annotated[int | None, typer.Option(help="Of the emotion: 1, 2 or 3.")] = None,
+    speaker: Annotated[str | None, typer.Option(help="Whose face: a speaker whom its model knows.")] = None,
+    without: Annotated[list[str] | None, typer.Option(help="A part to switch off: head, gaze, blinks or face.")] = None,
+    replaced: Annotated[
+        list[str] | None, typer.Option("--replace", help="PART=MOTION.npz: a part taken from another motion.")
     ] = None,
     model: Annotated[
         Path, typer.Option(help="A trained model: a folder (`make repro` makes this one) or a file of `pack`.")
@@ -72,18 +84,48 @@ def animate(
         blinking=blink_liveliness,
         partner=partner,
         style=style,
+        emotion=emotion,
+        intensity=intensity,
+        speaker=speaker,
+        without=without or (),
+        replaced=_parts(replaced or []),
     )
     order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures)
+    if dialogue:
+        _animate_dialogue(sounds, out, order, model, force)
+        return
     if len(sounds) > 1 or any(path.is_dir() for path in sounds) or (jobs is not None and sounds):
         _animate_all(sounds, out, order, model, 1 if jobs is None else jobs, force)
         return
-    _animate_one(sounds[0] if text is None else _spoken(text, voice, language), out, order, model, force)
-
-
-def _spoken(text: str, voice: str | None, language: str | None) -> SpokenText:
+    if text is None:
+        _animate_one(sounds[0], out, order, model, force)
+        return
+    from talkingeyes.directing import strength
     from talkingeyes.speech import speak
 
-    return speak(text, voice=voice, language=language)
+    felt = strength(emotion, intensity)
+    spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=felt)
+    _animate_one(spoken, out, order, model, force)
+
+
+def _parts(replaced: list[str]) -> dict[str, str]:
+    """PART=FILE as a mapping."""
+    found = dict(each.split("=", 1) for each in replaced if "=" in each)
+    if len(found) < len(replaced):
+        raise InputError(f"replace: should be PART=MOTION.npz, a part each, got {' '.join(replaced)}")
+    return found
+
+
+def _animate_dialogue(sounds: list[Path], out: Path, order: Order, model: Path, force: bool) -> None:
+    from talkingeyes.animation import carry_out_dialogue
+    from talkingeyes.audio.waveform import read_dialogue, read_speech
+
+    if len(sounds) not in (1, 2) or order.direction.partner is not None:
+        raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
+    heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
+    dialogues = carry_out_dialogue(heard, out, order, model, force)
+    first = dialogues[0].first.motion
+    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {order.fps:g} frames a second")
 
 
 def _animate_one(speech: Path | SpokenText, out: Path, order: Order, model: Path, force: bool) -> None:
