@@ -54,10 +54,12 @@ class _Gaze:
 
 def aimed(course: Course, track: TargetTrack) -> Course:
     """The course with gaze at the targets of a track while they last."""
+    last_s = course.times_s[-1]
+    track = replace(track, targets=tuple(each for each in track.targets if each.start_s <= last_s - LEAST_BACK_S))
+    if not track.targets:
+        return course
     course = without(course, _hasty(course, track))
     legs = _legs(course, track)
-    if not legs:
-        return course
     if track.frame == "world":
         course = turned(course, _head_along_rad(course, legs))
     own = _Gaze(course.together_rad, (course.space_rad[:, 0] - course.space_rad[:, 1]) / 2.0, list(course.saccades))

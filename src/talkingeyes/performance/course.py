@@ -139,13 +139,16 @@ def turned(course: Course, along_rad: Float[ndarray, "T 2"]) -> Course:
     return replace(course, head=course.head + extra)
 
 
-def within_reach(course: Course) -> Course:
-    """Gaze no further from the head than eyes turn."""
-    angles = rotation.angles_of_gaze(rotation.eye_in_head(course.head, course.space_rad))
+def within_reach(course: Course, own: Course) -> Course:
+    """Gaze no further from the head than eyes turn, where it is not the model's own."""
+    moved = np.abs(course.space_rad - own.space_rad).max(axis=(1, 2)) + np.abs(course.head - own.head).max(axis=1)
+    changed = np.flatnonzero(moved > LEAST_STEP_RAD)
+    head = course.head[changed]
+    angles = rotation.angles_of_gaze(rotation.eye_in_head(head, course.space_rad[changed]))
     yaw = np.clip(angles[..., 0], -eye_head.YAW_LIMIT_RAD, eye_head.YAW_LIMIT_RAD)
     pitch = np.clip(angles[..., 1], *eye_head.PITCH_LIMITS_RAD)
     beyond = ((yaw != angles[..., 0]) | (pitch != angles[..., 1])).any(axis=-1)
-    space = course.space_rad.copy()
     eyes = rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1)[beyond])
-    space[beyond] = rotation.gaze_in_space(course.head[beyond], eyes)
+    space = course.space_rad.copy()
+    space[changed[beyond]] = rotation.gaze_in_space(head[beyond], eyes)
     return replace(course, space_rad=space)

@@ -54,7 +54,7 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     """The course as it is asked for; `seeds` are those of this sample."""
     if asked.nothing:
         return course
-    direction = asked.direction
+    own, direction = course, asked.direction
     if asked.manner:
         course = in_manner(course, asked.manner, [*seeds, 1])
     course = lively(course, direction.liveliness)
@@ -69,7 +69,7 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
         course = contacted(course, listener, asked.listening.look, [*seeds, 2], listens)
     if direction.targets:
         course = aimed(course, direction.targets)
-    return within_reach(course)
+    return within_reach(course, own)
 
 
 def lively(course: Course, dials: Liveliness) -> Course:

@@ -37,7 +37,7 @@ class Listening:
     nods: tuple[HeadMove, ...]
 
 
-def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " N"], seeds: Sequence[int]) -> Listening:
+def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " M"], seeds: Sequence[int]) -> Listening:
     """What a person does about a partner's speech (16 kHz, beginning at the same time as the own)."""
     random = np.random.default_rng(seeds)
     annotation = turns(own, partner)
@@ -46,7 +46,7 @@ def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " N"], seeds: S
     return Listening(annotation, look, tuple(gestures.backchannels(annotation, style, random)))
 
 
-def turns(own: Float[ndarray, " N"], partner: Float[ndarray, " N"]) -> Annotation:
+def turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
     """Who speaks when, by level alone, and the stretches in which the partner has the turn."""
     mine, theirs = _spoken(own), _spoken(partner)
     held: list[Span] = []

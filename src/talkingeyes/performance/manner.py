@@ -21,7 +21,7 @@ from talkingeyes.performance.retime import retimed
 from talkingeyes.physiology import saccades
 
 # No more than so many times larger than the model's: a still clip has no motion to scale up.
-MOST_GAIN = 4.0
+MOST_GAIN = 8.0
 LEAST_RANGE_RAD = float(np.radians(0.05))
 MEASURED_FPS = 25.0
 LEAST_FIXATION_S = 0.2

@@ -26,8 +26,9 @@ SCHEMA = "talkingeyes.targets/1"
 COLUMNS = ("start_s", "end_s", "name", "x_m", "y_m", "z_m")
 AHEAD_M = 1.0
 NEAREST_M, FARTHEST_M = 0.15, 1e6
-# How far to the side, up and down from straight ahead head and eyes together are sent.
-MOST_YAW_DEG, MOST_PITCH_DEG = 75.0, 45.0
+# How far to the side, up and down head and eyes together are sent, and eyes alone.
+MOST_DEG = {"world": (75.0, 45.0), "head": (20.0, 12.0)}
+LEAST_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,9 @@ def steady(name: str) -> TargetTrack:
 
 
 def _of_json(content: Any) -> TargetTrack:
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise ValueError(f'schema should be "{SCHEMA}", got {_short(content.get("schema", None), content)}')
+    schema = content.get("schema") if isinstance(content, dict) else type(content).__name__
+    if schema != SCHEMA:
+        raise ValueError(f"schema should be {SCHEMA}, got {schema}")
     if strange := set(content) - {"schema", "frame", "objects", "targets"}:
         raise ValueError(f"should hold schema, frame, objects and targets, got {min(strange)}")
     frame = content.get("frame", "world")
@@ -145,21 +147,20 @@ def _place(name: str, value: Any) -> Place:
     positions = [[_number(each) for each in row] for row in rows]
     if not times or len(times) != len(positions) or any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"{name} should have ascending times_s, one a position, got {times}")
-    for position in positions:
-        _check_reach(name, position)
     return Place(tuple(times), tuple((x, y, z) for x, y, z in positions))
 
 
-def _check_reach(name: str, position_m: Sequence[float]) -> None:
+def _check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
     x, y, z = position_m
     distance = math.hypot(x, y, z)
     if not NEAREST_M <= distance <= FARTHEST_M:
         raise ValueError(f"{name} should be {NEAREST_M} m to {FARTHEST_M:g} m away, got {distance:g} m")
     yaw, pitch = math.degrees(math.atan2(x, z)), math.degrees(math.asin(y / distance))
-    if abs(yaw) > MOST_YAW_DEG or abs(pitch) > MOST_PITCH_DEG:
+    aside, above = MOST_DEG[frame]
+    if abs(yaw) > aside or abs(pitch) > above:
         raise ValueError(
-            f"{name} should be within {MOST_YAW_DEG:g} degrees to the side and {MOST_PITCH_DEG:g} up or down of "
-            f"straight ahead, got {yaw:.0f} and {pitch:.0f}"
+            f"{name} should be within {aside:g} degrees to the side and {above:g} up or down of straight ahead, "
+            f"got {yaw:.0f} and {pitch:.0f}"
         )
 
 
@@ -182,22 +183,21 @@ def _checked(
     rows: Sequence[tuple[float, float, Any]], places: Mapping[str, Place], frame: Literal["world", "head"]
 ) -> TargetTrack:
     """The track of rows (start, end, name); an end left open is the start of the next, or the end of the sound."""
-    if not rows:
-        raise ValueError("should hold at least one target")
+    if not rows and not places:
+        raise ValueError("should hold at least one target or object")
+    for name, place in places.items():
+        for position in place.positions_m:
+            _check_reach(name, position, frame)
     known = [CAMERA, LISTENER, *places]
     targets: list[Target] = []
     for number, (start, end, name) in enumerate(rows, 1):
         if not isinstance(name, str) or name not in known:
             raise ValueError(f"target {number} should be one of {', '.join(dict.fromkeys(known))}, got {name}")
         following = rows[number][0] if number < len(rows) else math.inf
-        if start < 0 or min(end, following) <= start or (end > following and end < math.inf):
+        if start < 0 or min(end, following) < start + LEAST_S or (end > following and end < math.inf):
             span = f"{start:g} to {end:g} s" if end < math.inf else f"{start:g} s"
             raise ValueError(
                 f"target {number} should start at 0 s or later, end after it and before the next, got {span}"
             )
         targets.append(Target(start, min(end, following), name))
     return TargetTrack(tuple(targets), dict(places), frame)
-
-
-def _short(schema: Any, content: Any) -> str:
-    return str(schema) if isinstance(content, dict) else type(content).__name__
