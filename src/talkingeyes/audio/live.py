@@ -7,6 +7,9 @@ so far (the last 30 s), and, before there is much, the usual one. `whole` gives 
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
+from collections import deque
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -28,7 +31,8 @@ class RunningLevel:
 
     def __init__(self) -> None:
         self._rest = np.zeros(0, np.float32)
-        self._audible_dbfs: list[float] = []  # of the blocks in memory; NaN where silent
+        self._blocks_dbfs: deque[float] = deque()  # in memory
+        self._audible_dbfs: list[float] = []  # those of them that are not silent, in order
         self.levels_dbfs = [USUAL_DBFS]  # after 0, 1, 2, ... blocks
 
     def push(self, chunk: Float[ndarray, " N"]) -> None:
@@ -38,16 +42,25 @@ class RunningLevel:
         self._rest = sound[whole:]
         for block in sound[:whole].reshape(-1, BLOCK):
             level = float(block_levels_dbfs(block)[0])
-            self._audible_dbfs = [*self._audible_dbfs, level if level > SILENT_DBFS else np.nan][-MEMORY_BLOCKS:]
+            self._remember(level)
             self.levels_dbfs.append(self._now())
 
+    def _remember(self, level: float) -> None:
+        self._blocks_dbfs.append(level)
+        if level > SILENT_DBFS:
+            insort(self._audible_dbfs, level)
+        if len(self._blocks_dbfs) > MEMORY_BLOCKS and (old := self._blocks_dbfs.popleft()) > SILENT_DBFS:
+            del self._audible_dbfs[bisect_left(self._audible_dbfs, old)]
+
     def _now(self) -> float:
-        levels = np.array(self._audible_dbfs)
-        audible = levels[~np.isnan(levels)]
-        if not len(audible):
+        count = len(self._audible_dbfs)
+        if not count:
             return USUAL_DBFS
-        loud = float(np.percentile(audible, LOUD_PERCENTILE))
-        return (USUAL_BLOCKS * USUAL_DBFS + len(audible) * loud) / (USUAL_BLOCKS + len(audible))
+        place = LOUD_PERCENTILE / 100 * (count - 1)
+        low, share = int(place), place % 1
+        high = self._audible_dbfs[min(low + 1, count - 1)]
+        loud = self._audible_dbfs[low] * (1 - share) + high * share
+        return (USUAL_BLOCKS * USUAL_DBFS + count * loud) / (USUAL_BLOCKS + count)
 
 
 class LiveProsody:

@@ -53,12 +53,12 @@ class MotionStream:
         self._early = stack.ahead  # what the layers say before the first frame
         self._heard = torch.zeros(1, 0, network.settings.speech.width)  # features of less than a code
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def push(self, embedding: Float[Tensor, "T C"]) -> Generated:
         """The motion that can be given now: whole codes, perhaps none. Parts of one length give the same bits."""
         return self._speak(self._network.speech.standard(embedding[None]))
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def finish(self) -> Generated:
         """The rest of the motion, the last code perhaps not whole."""
         found = self._speak(torch.zeros(1, self._stack.ahead, self._stack.enter.in_features))

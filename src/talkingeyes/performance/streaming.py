@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import json
 import math
-from bisect import bisect_right
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -171,7 +172,7 @@ class Stream:
     def __init__(self, model: LiveModel, seed: int, wish: LiveWish) -> None:
         assert isinstance(model.network.gaze, CategoricalGaze)
         self._model, self._wish = model, wish
-        self._blinks = list(model.blinks_of(seed, wish))
+        self._blinks = deque(model.blinks_of(seed, wish))
         self._motion = MotionStream(model.network, sample_seeds(seed, 1)[0])
         self._prosody = LiveProsody(model.embedding, model.fps, together=model.network.gaze.patch)
         self._samples, self._frames = 0, 0
@@ -221,6 +222,6 @@ class Stream:
         """How far the lids are shut; blinks that are over are forgotten."""
         if not len(times_s):
             return np.zeros(0)
-        self._blinks = [blink for blink in self._blinks if blinks.end_s(blink) >= times_s[0]]
-        begun = bisect_right(self._blinks, times_s[-1], key=lambda blink: blink.onset_s)
-        return blinks.closure(self._blinks[:begun], times_s)
+        while self._blinks and blinks.end_s(self._blinks[0]) < times_s[0]:
+            self._blinks.popleft()
+        return blinks.closure([*takewhile(lambda blink: blink.onset_s <= times_s[-1], self._blinks)], times_s)
