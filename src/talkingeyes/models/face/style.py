@@ -105,6 +105,6 @@ class StyleVocabulary:
         return found
 
     def style_of(self, clip: Clip) -> Style:
-        """The style of a clip; of a speaker who is not known, the mean of all; neutral where nobody said, as of videos."""
+        """Of a speaker who is not known, the mean of all; of a clip whose emotion nobody said (a video), neutral."""
         speaker = clip.speaker if clip.speaker in self.speakers else None
         return Style(speaker, clip.emotion or NEUTRAL, clip.intensity)
