@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench facts real ui clean
+.PHONY: help setup repro params test check tiny sweep bench face facts real ui clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -63,6 +63,9 @@ sweep: setup  ## A small search with two objectives in build/sweep, in under ten
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
+
+face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
+	$(BIN)/python -m pipelines.face_table
 
 facts: setup  ## The acceptance table of the corpus: how eyes, head, lids and jaw move, beside people. Another: corpus=DIR
 	$(BIN)/python -m pipelines.facts $(corpus)
