@@ -6,11 +6,14 @@ A mistake is one line on stderr and exit status 2.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 
 import typer
+from typer.exceptions import TyperException
 
 from talkingeyes.commands import corpora, files, measures, pages, performances, pictures
+from talkingeyes.errors import InputError
 from talkingeyes.run import shell
 
 COMMANDS: Mapping[str, Callable[..., None]] = {
@@ -39,7 +42,22 @@ app.add_typer(pages.study, name="study")
 
 def main() -> None:
     """The entry point of the console script."""
-    shell(app)
+    shell(_command)
+
+
+def _command() -> None:
+    """Run what was typed; what typer would tell in several lines of usage is one line here too."""
+    try:
+        status = app(prog_name="talkingeyes", standalone_mode=False)
+    except TyperException as error:
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context else "talkingeyes"
+        said = error.format_message() if hasattr(error, "format_message") else str(error)
+        raise InputError(f"{said.rstrip('.')} (`{where} --help` says what there is)") from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    if status:
+        sys.exit(status)
 
 
 if __name__ == "__main__":

@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.takes import motions_in
 from talkingeyes.errors import InputError
 from talkingeyes.film import on_head, open_named
 from talkingeyes.motion import Events, Motion
@@ -103,21 +102,12 @@ def _of_clip(corpus: Corpus, name: str) -> Known:
 
 def _takes(file: Path) -> Iterator[Take]:
     """The motion of a file, or each of the samples in it."""
-    samples = _samples(file)
-    if samples is None:
+    motions = motions_in(file)
+    if len(motions) == 1:
         yield _taken(file, file.stem)
         return
-    for index, (head, gaze) in enumerate(zip(samples.head, samples.gaze, strict=True)):
-        yield Take(f"{file.stem}, sample {index}", Motion.of(samples.fps, head, gaze))
-
-
-def _samples(file: Path) -> Samples | None:
-    try:
-        with np.load(file, allow_pickle=False) as content:
-            sampled = "schema" not in content.files and {"fps", "head", "gaze"} <= set(content.files)
-    except (OSError, ValueError, EOFError):
-        return None  # Motion.load says what is wrong
-    return Samples.load(file) if sampled else None
+    for index, motion in enumerate(motions):
+        yield Take(f"{file.stem}, sample {index}", motion)
 
 
 def _taken(file: Path, name: str) -> Take:
