@@ -16,11 +16,14 @@ from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Normaliser, recordings
 from talkingeyes.fitting.manner import SPEAKERS_FILE
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.sag import FaceSurface
 from talkingeyes.learning.checkpoint import load, save
 from talkingeyes.learning.face_priors import load_prior
 from talkingeyes.learning.face_trained import face_config, save_face_baseline
 from talkingeyes.learning.face_translation import FaceData, FaceTask, FaceTranslationSettings
 from talkingeyes.learning.loop import train
+from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, pgface_config, read_shapes
 from talkingeyes.learning.place import Place
 from talkingeyes.learning.poses import PoseModelSettings, PoseTask
 from talkingeyes.learning.progress import Progress
@@ -33,7 +36,7 @@ from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.run import SUMS, Report, Workspace, main
 
-NetworkSettings = TranslationSettings | FaceTranslationSettings | PoseModelSettings
+NetworkSettings = TranslationSettings | FaceTranslationSettings | PoseModelSettings | PGFaceSettings
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -47,6 +50,8 @@ def run(workspace: Workspace, name: str) -> Report:
         return _face(workspace, name, workspace.settings(f"model.{name}", FaceTranslationSettings), seed, place)
     if isinstance(model, dict) and model.get("kind") == "speech_to_pose":
         return _poses(workspace, name, workspace.settings(f"model.{name}", PoseModelSettings), seed)
+    if isinstance(model, dict) and model.get("kind") == "pgface":
+        return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceSettings), seed)
     place.leave_unless_first()
     if isinstance(model, dict) and model.get("kind") == "head_then_gaze":
         return _joined(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
@@ -125,6 +130,29 @@ def _poses(workspace: Workspace, name: str, settings: PoseModelSettings, seed: i
     of_rival = sum(parameter.numel() for parameter in task.rival.parameters()) if task.rival else 0
     figures = {**history[-1], "parameters": weights - of_rival, "parameters_rival": of_rival}
     return Report(metrics=figures, history=history)
+
+
+def _pgface(workspace: Workspace, name: str, settings: PGFaceSettings, seed: int) -> Report:
+    """The face's shape of speech and head pose."""
+    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    normaliser, place, surface = (
+        Normaliser.of(embed),
+        Place.alone(workspace.params["machine"]),
+        FaceSurface(open_head()),
+    )
+    of_train, of_val = (
+        [read_shapes(fit, embed, clip, settings.poses) for clip in recordings(corpus, fit, embed, split, take=0).clips]
+        for split in ("train", "val")
+    )
+    task = PGFaceTask(settings, seed, of_train, of_val, normaliser, surface)
+    progress = _progress(workspace, name, settings, seed, place)
+    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    with workspace.output("train", name) as folder:
+        save(folder, task.module.state_dict(), pgface_config(settings, normaliser, surface), history)
+        _keep_what_animate_needs(workspace, folder)
+    progress.remove()
+    weights = sum(parameter.numel() for parameter in task.module.parameters())
+    return Report(metrics={**history[-1], "parameters": weights}, history=history)
 
 
 def _joined(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:

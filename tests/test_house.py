@@ -22,7 +22,7 @@ from talkingeyes.run import quiet
 
 # The report gathers what `evaluate` wrote and has nothing to set; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"report"}
-NO_STAGE = {"corpus", "workspace", "machine", "model", "experiment", "params"}
+NO_STAGE = {"corpus", "workspace", "machine", "model", "experiment", "params", "posegan_table"}
 NO_STAGE |= {
     "evaluate_face",
     "face_table",

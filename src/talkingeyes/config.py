@@ -19,6 +19,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.learning.face_priors import FacePriorSettings
 from talkingeyes.learning.face_translation import FaceTranslationSettings
+from talkingeyes.learning.pgface import PGFaceSettings
 from talkingeyes.learning.poses import PoseModelSettings
 from talkingeyes.learning.priors import PriorSettings
 from talkingeyes.learning.trained import HeadThenGazeSettings
@@ -53,7 +54,12 @@ class ObjectiveSettings(Settings):
 
 
 ModelSettings = Annotated[
-    TranslationSettings | FaceTranslationSettings | PoseModelSettings | HeadThenGazeSettings | BaselineSettings,
+    TranslationSettings
+    | FaceTranslationSettings
+    | PoseModelSettings
+    | PGFaceSettings
+    | HeadThenGazeSettings
+    | BaselineSettings,
     Field(discriminator="kind"),
 ]
 PretrainSettings = Annotated[PriorSettings | FacePriorSettings, Field(discriminator="kind")]
