@@ -97,11 +97,11 @@ class SpeechToFace(nn.Module):
     def generate(
         self,
         embedding: Float[Tensor, "T C"],
-        style: Float[Tensor, "T D"],
+        style: Float[Tensor, "U D"],
         seeds: list[int],
         temperature: float | None = None,
     ) -> Float[Tensor, "B T F"]:
-        """Faces of one speech under one course of style, a seed each."""
+        """Faces of one speech under one course of style (a vector for all frames, or one each), a seed each."""
         device = self.temperature.device
         fused = self._fused(embedding[None].to(device), style[None].to(device))
         chosen = float(self.temperature) if temperature is None else temperature

@@ -75,12 +75,12 @@ class FaceAutoencoder(Protocol):
         """Take what it knows of its own latents from training faces, when stage 1 has ended."""
         ...
 
-    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T N"]:
+    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
         """Standard normal numbers of draws, a seed a row; they change over `slow_frames` frames."""
         ...
 
     def drawn(
-        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T N"], temperature: float
+        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
         """What the decoder is given in generation (B is S or 1); at temperature 0 noise counts for nothing."""
         ...

@@ -58,7 +58,7 @@ class FaceBasis:
         """
         if not any(name.endswith(SIDES) for name in self.expression_names):
             raise InputError(
-                f"windows.mirror: should be false for the head {self.head_model}, whose shapes have no sides"
+                f"windows.mirror: should be false for {self.head_model}, whose shapes have no sides, got true"
             )
         order = [self.expression_names.index(_other_side(name)) for name in self.expression_names]
         sign = np.array([1, -1, -1], face.dtype)

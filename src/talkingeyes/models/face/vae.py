@@ -71,12 +71,12 @@ class FaceVAE(nn.Module):
         """A reparameterised draw."""
         return _gaussian(latents).draw()
 
-    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T N"]:
+    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
         """A number for each of the latent."""
         return slow_normal(seeds, frames, self.settings.latent, slow_frames)
 
     def drawn(
-        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T N"], temperature: float
+        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
         """The mean and `temperature` times the deviation."""
         gaussian = _gaussian(latents)

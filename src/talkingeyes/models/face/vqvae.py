@@ -114,19 +114,19 @@ class FaceVQVAE(nn.Module):
         """Nearest codes, straight through."""
         return self._joined(self.quantiser(self._cut(latents * self.latent_scale)).values)
 
-    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T N"]:
+    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
         """One number for each code at each place of a frame."""
         places = self.settings.latent // self.settings.quantiser.width
         return slow_normal(seeds, frames, places * self.settings.quantiser.codes, slow_frames)
 
     def drawn(
-        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T N"], temperature: float
+        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
         """The values of drawn codes."""
         return self._joined(self.quantiser.codebook[self.codes(latents, noise, temperature)])
 
     def codes(
-        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T N"], temperature: float
+        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Int[Tensor, "S N"]:
         """Codes by a softmax over minus squared distances, in units of `temperature` times `spread` (section 3.3.3):
         the largest of the logits plus Gumbel noise."""

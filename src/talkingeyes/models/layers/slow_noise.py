@@ -11,25 +11,25 @@ import math
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn import functional
 
 
 def slow_normal(seeds: list[int], frames: int, numbers: int, slow_frames: int) -> Float[Tensor, "B T N"]:
     """White noise under a Hann window of 2 `slow_frames` - 1 frames, brought back to variance 1; 1: white."""
     window = torch.hann_window(2 * slow_frames + 1, periodic=False)[1:-1]
     window = window / window.square().sum().sqrt()
-    white = torch.stack(
-        [
-            torch.randn((frames + len(window) - 1, numbers), generator=torch.Generator().manual_seed(seed))
-            for seed in seeds
-        ]
-    )
+    white = torch.stack([_white(seed, frames + len(window) - 1, numbers) for seed in seeds])
     if len(window) == 1:
         return white
-    return (
-        torch.nn.functional.conv1d(white.transpose(1, 2).flatten(0, 1)[:, None], window[None, None])
-        .reshape(len(seeds), numbers, frames)
-        .transpose(1, 2)
-    )
+    slow = functional.conv1d(white.transpose(1, 2).flatten(0, 1)[:, None], window[None, None])
+    return slow.reshape(len(seeds), numbers, frames).transpose(1, 2)
+
+
+def _white(seed: int, frames: int, numbers: int) -> Float[Tensor, "T N"]:
+    """torch draws in sixteens, and the last few otherwise: whole sixteens are drawn, so that a prefix is a prefix."""
+    count = frames * numbers
+    drawn = torch.randn(-(-count // 16) * 16, generator=torch.Generator().manual_seed(seed))
+    return drawn[:count].reshape(frames, numbers)
 
 
 def gumbel_of(normal: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:
