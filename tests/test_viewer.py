@@ -71,7 +71,7 @@ def test_the_page_is_told_of_truth_samples_words_and_sound(place: Path) -> None:
     scene = scene_of(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
     page = TestClient(viewer_app(scene, open_head()))
     told = page.get("/scene.json").json()
-    assert [(take["name"], take["truth"]) for take in told["takes"]] == [("truth", True), ("a", False), ("b", False)]
+    assert [(take["name"], take["truth"]) for take in told["takes"]] == [("true", True), ("a", False), ("b", False)]
     assert told["words"] == [[0.2, 0.6, "good"], [0.7, 1.2, "morning"]]
     assert (told["seconds"], told["sound"]) == (2.0, True)
     assert told["takes"][1]["blinks"] == [[0.5, 0.85]]

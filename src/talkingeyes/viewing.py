@@ -75,7 +75,7 @@ def scene_of(
     if not files:
         raise InputError("motions: should be one file or more, got none")
     known = Known() if corpus is None else _of_clip(Corpus(Path(corpus)), files[0].stem)
-    true = known.truth if truth is None else replace(_taken(Path(truth), "truth"), truth=True)
+    true = known.truth if truth is None else replace(_taken(Path(truth), Path(truth).stem), truth=True)
     takes = tuple([] if true is None else [true]) + tuple(take for file in files for take in _takes(file))
     if len(takes) > MOST_TAKES:
         raise InputError(f"motions: should be at most {MOST_TAKES} to look at together, got {len(takes)}")
@@ -94,7 +94,7 @@ def _of_clip(corpus: Corpus, name: str) -> Known:
     clip = next((clip for clip in corpus.clips if clip.id == name), None)
     if clip is None:
         raise InputError(f"corpus: should have a clip named as the first motion, got none called {name}")
-    true = _taken(sharded(corpus.root / "truth", name, ".npz"), "truth") if corpus.has_truth else None
+    true = _taken(sharded(corpus.root / "truth", name, ".npz"), name) if corpus.has_truth else None
     return Known(
         corpus.speech(clip), corpus.annotation(clip).words, None if true is None else replace(true, truth=True)
     )
