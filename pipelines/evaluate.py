@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces
+from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces, shows_face
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
@@ -123,9 +123,11 @@ def run(workspace: Workspace, name: str) -> Report:
 def _faces(
     sources: Sources, work: Sequence[Item], settings: EvaluateSettings, jobs: int
 ) -> dict[str, dict[str, Estimate]]:
-    """The figures of the face, by split."""
+    """The figures of the face, by split; none where motions have no face."""
     places = FaceSources(sources.row, sources.corpus, sources.fit, sources.sample, settings.seed)
-    measured = measure_faces(places, [item.takes for item in work], jobs) if work else []
+    if not work or not shows_face(places, work[0].takes[0]):
+        return {}
+    measured = measure_faces(places, [item.takes for item in work], jobs)
     pairs = list(zip(work, measured, strict=True))
     by_split = {split: [one for item, one in pairs if item.takes[0].split == split] for split in SPLITS}
     return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}

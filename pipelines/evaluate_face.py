@@ -51,6 +51,11 @@ def gives_face(sample: Path) -> bool:
         return "jaw" in file.files
 
 
+def shows_face(sources: FaceSources, clip: Clip) -> bool:
+    """Whether motions of the corpus have faces: an expression, if only at rest."""
+    return bool(Motion.load(sharded(sources.fit / "motion", clip.id, ".npz")).expression_names)
+
+
 def measure_faces(sources: FaceSources, sounds: Sequence[Sequence[Clip]], jobs: int) -> list[FaceFigures]:
     """The figures of each sound, of which the fitted takes are given, the first of them take 0."""
     classifier = learn_emotions(sources, min(jobs, 1 + len(sounds) // FACES_WORTH_A_PROCESS))
