@@ -43,7 +43,7 @@ def embedded(folder: Path, seconds: int) -> np.ndarray:
 
     content = json.loads((folder / "embedding.json").read_text())
     encoder = make_encoder(EmbedSettings.model_validate(content["settings"]))
-    once = encoder(read_speech(SPEECH).samples, content["fps"])
+    once = encoder(read_speech(SPEECH), content["fps"])
     return np.resize(once, (round(seconds * content["fps"]), once.shape[1]))
 
 
