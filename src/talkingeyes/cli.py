@@ -42,10 +42,10 @@ app.add_typer(pages.study, name="study")
 
 def main() -> None:
     """The entry point of the console script."""
-    shell(_command)
+    shell(_run)
 
 
-def _command() -> None:
+def _run() -> None:
     """Run what was typed; what typer would tell in several lines of usage is one line here too."""
     try:
         status = app(prog_name="talkingeyes", standalone_mode=False)

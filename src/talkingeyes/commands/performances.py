@@ -18,7 +18,7 @@ def animate(
     speech: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[SPEECH...]",
+            metavar="SPEECH",
             help="A sound file: wav, flac, ogg, mp3, m4a; 0.3 s to an hour; or several, or a folder.",
             show_default=False,
         ),
