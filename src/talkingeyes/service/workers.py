@@ -17,7 +17,7 @@ from typing import Any
 from talkingeyes.errors import InputError
 from talkingeyes.service.worker import DONE, LENGTH, MISTAKE, packed
 
-START_S = 60.0  # within which a process has loaded its model
+START_S = 300.0  # within which a process has loaded its model
 
 
 class BusyError(Exception):
