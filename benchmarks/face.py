@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.audio.encoder_moonshine import SPEECH
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.run import quiet, shell
 
@@ -43,7 +43,7 @@ def embedded(folder: Path, seconds: int) -> np.ndarray:
 
     content = json.loads((folder / "embedding.json").read_text())
     encoder = make_encoder(EmbedSettings.model_validate(content["settings"]))
-    once = encoder(read_speech(SPEECH), content["fps"])
+    once = encoder(read_speech(packaged(SPEECH)), content["fps"])
     return np.resize(once, (round(seconds * content["fps"]), once.shape[1]))
 
 
