@@ -183,6 +183,11 @@ def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
         (tmp_path / name).mkdir()
     assert beside(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
     assert beside(tmp_path / "probtalk3d") is None
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / "talkingeyes").symlink_to(tmp_path / "talkingeyes")
+    (tmp_path / "linked" / "probtalk3d").symlink_to(tmp_path / "elsewhere")
+    assert beside(tmp_path / "linked" / "talkingeyes") == tmp_path / "linked" / "probtalk3d", "links stay links"
     (tmp_path / "probtalk3d").rmdir()
     assert beside(tmp_path / "talkingeyes") is None
     (tmp_path / "talkingeyes" / "config.json").write_text('{"model": {"parts": ["head", "gaze"]}}')

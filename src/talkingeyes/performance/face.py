@@ -77,8 +77,8 @@ class FacePerformer:
 
 def beside(model: Path) -> Path | None:
     """The folder of the model of the face that stands beside a model of head and gaze, if there is one."""
-    folder = model.resolve().parent / FOLDER
-    return folder if folder.is_dir() and folder != model.resolve() else None
+    folder = model.absolute().parent / FOLDER  # not resolved: runs of experiments show results of a store as links
+    return folder if folder.is_dir() and folder != model.absolute() else None
 
 
 def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[StyleKey]) -> Motion:

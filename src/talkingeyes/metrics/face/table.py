@@ -106,7 +106,7 @@ def _written(found: Mapping[str, float] | None, digits: int) -> str:
     if not found:
         return ""
     text = f"{found['value']:.{digits}f} <sub>{found['low']:.{digits}f}–{found['high']:.{digits}f}"
-    if "least" in found:
+    if found.get("least", 0.0) < found.get("most", 0.0):
         text += f"; seeds {found['least']:.{digits}f}–{found['most']:.{digits}f}"
     return f"{text}</sub>"
 
