@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import sqlite3
+import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -37,6 +38,7 @@ from talkingeyes.study.results import preferences, wilcoxon_p
 from talkingeyes.study.server import study_app
 from talkingeyes.study.tables import p_text, table
 from talkingeyes.studying import make, results
+from tests.browser import CHROMIUM, browsing
 
 FPS, FRAMES = 25.0, 15
 
@@ -330,6 +332,40 @@ def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 3 * same < other  # not the same bytes: films are encoded
     with pytest.raises(InputError, match="earlier output"):
         make("own.yaml", "study", data=data, size=32)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = toy_data(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
+    Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
+    make("own.yaml", "study", data=data, size=64)
+    command = [sys.executable, "-m", "talkingeyes.cli", "study", "run", "study", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, browsing(tmp_path / "p") as browser:
+        assert server.stdout is not None
+        address = server.stdout.readline().split(" ")[0]
+        browser.open(address)
+        browser.until("document.body.dataset.state == 'begin'")
+        browser.value("document.getElementById('start').click()")
+        for place in range(2):
+            browser.until(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
+            browser.value("document.querySelectorAll('input[value=left]').forEach((choice) => choice.click())")
+            assert browser.value("document.getElementById('next').disabled")  # nothing was watched yet
+            for side in ("left", "right"):
+                browser.value(f"document.getElementById('{side}').play()")
+                browser.until(f"document.getElementById('{side}').classList.contains('seen')")
+            browser.value("document.getElementById('next').click()")
+            if place == 0:
+                browser.until("document.body.dataset.place == '1'")
+                browser.open("about:blank")
+                browser.open(address)  # closed and opened again: goes on where it was
+        browser.until("document.body.dataset.state == 'end'")
+        server.send_signal(2)
+        assert server.wait(timeout=30) == 0
+    assert results("study").began == 1
+    assert Study.load(Path("study")).answers.participants()[0].done
 
 
 def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -184,7 +184,8 @@ def _draw(task: tuple[Design, Material, Film, Path, int]) -> None:
     design, material, film, path, size = task
     fault = design.attention.fault if film.condition == design.attention.fault else None
     name = design.attention.condition if fault else film.condition
-    seconds = next((stratum.seconds for stratum in design.strata if stratum.name == film.stratum), None)
+    lasts = {stratum.name: stratum.seconds for stratum in design.strata}
+    seconds = lasts.get(film.stratum, design.strata[0].seconds)  # the check is as long as the first kind
     source = material.files.get(name, {}).get(film.clip)
     if source is not None and source.suffix == ".mp4":
         write_again(source, seconds, fault, path)
