@@ -48,7 +48,7 @@ def run(workspace: Workspace) -> Report:
         }
         (folder / "report.json").write_text(json.dumps(report, indent=1))
         notes = [f"{part}: {one.note}" for part, one in trained.items() if one.note]
-        (folder / "notes.txt").write_text("".join(f"{note}\n" for note in notes))
+        (folder / "notes.txt").write_text("".join(f"- {note}\n" for note in notes))
         for note in notes:
             print(f"critic of {note}")
         explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)

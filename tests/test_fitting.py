@@ -356,7 +356,7 @@ def opening_of(*blinks: tuple[int, float], frames: int = 150) -> np.ndarray:
 
 def test_two_blinks_in_a_row_are_two_and_a_blink_of_lowered_lids_is_one(settings: FitSettings):
     running = opening_of((30, 0.9), (34, 0.9))
-    assert dips(running, FPS, settings.blink) == ((28, 32), (32, 36))
+    assert dips(running, FPS, settings.blink) == ((28, 31), (31, 37))
     lowered = opening_of((90, 0.6))
     lowered[60:] -= 0.35  # and stays: no blink of its own
     assert dips(lowered, FPS, settings.blink) == ((88, 93),)

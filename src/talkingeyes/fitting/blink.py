@@ -114,19 +114,19 @@ def lids(observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: 
 def dips(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> tuple[tuple[int, int], ...]:
     """Blinks as (start, stop), in order and apart; between two that run into each other the eyes are widest."""
     mean, reach, longest = opening.mean(axis=1), max(2, round(settings.reach_s * fps)), round(settings.longest_s * fps)
-    lowest, _ = find_peaks(
+    found, _ = find_peaks(
         -mean, height=-settings.shut, prominence=settings.depth, plateau_size=(1, longest), wlen=2 * longest + 1
     )
-    lowest = [frame for frame in lowest if _falls(opening, int(frame), reach) > settings.depth / 2]
+    lowest = [frame for frame in found.tolist() if _falls(opening, frame, reach) > settings.depth / 2]
     between = [first + int(np.argmax(mean[first:second])) for first, second in pairwise(lowest)]
     edges = [0, *between, len(mean)]
-    found = []
+    spans = []
     for frame, low, high in zip(lowest, edges, edges[1:], strict=False):
-        start = _side(mean[max(low, frame - reach) : frame + 1][::-1], settings.open)
-        stop = _side(mean[frame : min(high, frame + reach)], settings.open)
-        if start + stop - 1 <= longest:
-            found.append((int(frame) - start + 1, int(frame) + stop))
-    return tuple(found)
+        start = max(low, frame + 1 - _side(mean[max(0, frame - reach) : frame + 1][::-1], settings.open))
+        stop = min(high, frame + _side(mean[frame : frame + reach], settings.open))
+        if stop - start <= longest:
+            spans.append((start, stop))
+    return tuple(spans)
 
 
 def _falls(opening: Float[ndarray, "T 2"], frame: int, reach: int) -> float:
