@@ -50,7 +50,10 @@ ROOMS = ("audio", "export", "head", "learning", "models", "motion.py", "performa
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked for; `formats` and `pictures` (films, plot, sheet) are of what is written."""
+    """What is asked for; `formats` and `pictures` (films, plot, sheet) are of what is written.
+
+    `flame` is the user's own FLAME file, which maps a face for the formats that show it on FLAME.
+    """
 
     samples: int = 3
     seed: int = 0
@@ -58,6 +61,7 @@ class Order:
     direction: Direction = MODELS_OWN
     formats: tuple[str, ...] = ()
     pictures: bool = True
+    flame: Path | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a number or a format that will not do."""
@@ -68,6 +72,8 @@ class Order:
         if not (math.isfinite(self.fps) and FPS_BOUNDS[0] <= self.fps <= FPS_BOUNDS[1]):
             raise InputError(f"fps: should be {FPS_BOUNDS[0]:.0f} to {FPS_BOUNDS[1]:.0f}, got {self.fps}")
         conversion.check_formats(self.formats)
+        if self.flame is not None and not self.flame.is_file():
+            raise InputError(f"{self.flame}: should be your FLAME file, got no file")
 
 
 def animate(
@@ -111,13 +117,16 @@ def animate_into(
     direction: Direction = MODELS_OWN,
     formats: Sequence[str] = (),
     pictures: bool = True,
+    flame: Path | str | None = None,
     force: bool = False,
 ) -> list[Performance]:
     """The same as a folder: motions, events, films, a plot, and the formats of `conversion.FORMATS` asked for.
 
     `force` replaces what an earlier call wrote.
     """
-    order = Order(samples, seed, float(fps), direction, tuple(formats), pictures)
+    order = Order(
+        samples, seed, float(fps), direction, tuple(formats), pictures, None if flame is None else Path(flame)
+    )
     return carry_out(speech, out, order, model, force)
 
 
@@ -198,14 +207,16 @@ def made_of(sound: Float[ndarray, " N"], origin: Origin, order: Order) -> dict[s
         "schema": "talkingeyes.made_of/1",
         **asdict(origin),
         "sound_sha256": hashlib.sha256(np.ascontiguousarray(sound).tobytes()).hexdigest(),
-        **json.loads(json.dumps(asdict(order), default=_digest_of_array)),
+        **json.loads(json.dumps(asdict(order), default=_digest_of)),
     }
 
 
-def _digest_of_array(value: object) -> object:
+def _digest_of(value: object) -> object:
     if isinstance(value, ndarray):
         return {"sha256": hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}
-    raise TypeError(f"an order should hold plain values and arrays, got {type(value).__name__}")
+    if isinstance(value, Path):
+        return {"sha256": hashlib.sha256(value.read_bytes()).hexdigest()}
+    raise TypeError(f"an order should hold plain values, arrays and files, got {type(value).__name__}")
 
 
 def _model_digest(model: Path) -> str:
@@ -253,7 +264,7 @@ def _write_sample(stem: Path, performance: Performance, sound: Float[ndarray, " 
     motion = performance.motion
     performance.save(stem.with_name(f"{stem.name}.npz"))
     for format in order.formats:
-        conversion.write(motion, performance.events, format, conversion.beside(stem, format))
+        conversion.write(motion, performance.events, format, conversion.beside(stem, format), model=order.flame)
     if order.pictures:
         painter = Painter(open_head(), FRAMINGS["head"].view(PICTURE_PX, PICTURE_PX))
         drawn = painter.draw(motion)

@@ -132,7 +132,8 @@ def write(
     from talkingeyes.export import arkit, bvh, flame_parameters, glb, keys, usd, vertices, vrm
 
     expression = FORMATS[format].expression
-    drawn = open_named(head, model) if expression == "chosen" else open_named("anny", None)
+    shown_on = head if expression == "chosen" else "anny"
+    drawn = open_named(shown_on, None if shown_on == "anny" else model)
     shown = motion if expression == "none" else expressed(motion, expression, drawn, model)
     writers: dict[str, Callable[[], None]] = {
         "flame": lambda: flame_parameters.write_flame(shown, path),
@@ -174,7 +175,8 @@ def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | s
         return motion
     if model is None:
         raise InputError(
-            f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted}, got none"
+            f"model: should be your FLAME file (of animate: --flame), which maps the expression of {motion.head_model} "
+            f"to {wanted}, got none"
         )
     return on_head(motion, drawn if wanted == drawn.name else open_named(wanted, model), model)
 

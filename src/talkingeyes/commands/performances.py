@@ -60,6 +60,7 @@ def animate(
     formats: Annotated[
         list[str] | None, typer.Option("-f", "--format", help="Another format for each motion, as `export` has them.")
     ] = None,
+    flame: Annotated[Path | None, typer.Option(help="Your own FLAME file, for formats that show a face on it.")] = None,
     pictures: Annotated[bool, typer.Option(help="A small film of each motion, a plot, a sheet of heads.")] = True,
     jobs: Annotated[int | None, typer.Option(help="Processes; a sound each, each with a folder of its own.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
@@ -90,7 +91,7 @@ def animate(
         without=without or (),
         replaced=_parts(replaced or []),
     )
-    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures)
+    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures, flame)
     if dialogue:
         _animate_dialogue(sounds, out, order, model, force)
         return
