@@ -26,6 +26,7 @@ from talkingeyes.motion import Motion
 from talkingeyes.settings import Settings
 
 BASIS_FRAMES = 800  # that the basis of shapes is made of
+STILL = 1e-6  # a number of the pose that varies by less stays as it is
 
 
 class PGFaceSettings(Settings):
@@ -91,7 +92,8 @@ class PGFaceTask:
         self.random = np.random.default_rng(seed)
         self.module = PGFace(settings.network, normaliser.channels, len(surface.vertices))
         self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
-        self.module.pose_scale.copy_(torch.from_numpy(np.concatenate([each.pose for each in train]).std(0)))
+        deviation = np.concatenate([each.pose for each in train]).std(0)
+        self.module.pose_scale.copy_(torch.from_numpy(np.where(deviation > STILL, deviation, 1.0)))
         self._learn_basis()
         self.places = [
             (index, start) for index, each in enumerate(train) for start in range(len(each) - settings.network.window)

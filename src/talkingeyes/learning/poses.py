@@ -27,6 +27,8 @@ from talkingeyes.models.head.rival import motions
 from talkingeyes.models.speech_to_pose import STARTS, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.settings import Settings
 
+STILL = 1e-6  # a number of the pose that varies by less stays as it is
+
 
 class PoseWindowSettings(Settings):
     """Training windows."""
@@ -132,7 +134,7 @@ class PoseTask:
     def _prepare(self) -> None:
         """Statistics, poses to start at, and what the baselines draw from."""
         poses = np.concatenate([each.pose for each in self.train])
-        scale = poses.std(0)
+        scale = np.where(poses.std(0) > STILL, poses.std(0), 1.0).astype(np.float32)
         self.module.scale.copy_(torch.from_numpy(scale))
         self.module.rest.copy_(torch.from_numpy(np.stack([each.centre for each in self.train]).mean(0)))
         if self.module.rival is not None:

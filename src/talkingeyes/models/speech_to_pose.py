@@ -88,7 +88,6 @@ class SpeechToPose(nn.Module):
         assert self.rival is not None
         return self.rival.terms(batch.pose / self.scale, made.detach(), batch.style)
 
-    @torch.no_grad()
     def stream(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
     ) -> Iterator[Float[ndarray, "S U 6"]]:
@@ -101,9 +100,7 @@ class SpeechToPose(nn.Module):
         pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, noise, strict=True)])
         length = self.head.window or max(len(speech), 2)
         for first in range(0, max(len(speech) - 1, 1), length - 1):
-            part = torch.from_numpy(np.array(speech[first : first + length], np.float32))
-            heard = self.hear(part.expand(len(noise), -1, -1), styles)
-            made = self.head.sample(heard, pose, noise)
+            made = self._window(speech[first : first + length], styles, pose, noise)
             pose = made[:, -1]
             # The first frame of a further window is the last one of the window before.
             yield (made[:, min(first, 1) :] * self.scale).numpy()
@@ -117,6 +114,17 @@ class SpeechToPose(nn.Module):
     def style_of(self, speaker: str) -> Float[ndarray, " K"]:
         """The style of a training speaker."""
         return np.asarray(np.eye(len(self.speakers), dtype=np.float32)[self.speakers.index(speaker)])
+
+    @torch.no_grad()
+    def _window(
+        self,
+        speech: Float[ndarray, "T C"],
+        styles: Float[Tensor, "S K"],
+        start: Float[Tensor, "S 6"],
+        noise: list[torch.Generator],
+    ) -> Float[Tensor, "S T 6"]:
+        part = torch.from_numpy(np.array(speech, np.float32)).expand(len(noise), -1, -1)
+        return self.head.sample(self.hear(part, styles), start, noise)
 
     def _style(self, style: Float[ndarray, " K"] | None, noise: torch.Generator) -> Float[Tensor, " K"]:
         drawn = torch.randint(len(self.speakers), (1,), generator=noise)
