@@ -19,6 +19,8 @@ import typer
 import yaml
 
 from talkingeyes import cli
+from talkingeyes.config import compose
+from talkingeyes.errors import InputError
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")])
@@ -81,10 +83,24 @@ def _make(words: list[str]) -> str | None:
 def _python(words: list[str]) -> str | None:
     if words[0] == "-m":
         module = words[1]
-        found = find_spec(module.split(".")[0]) is not None and find_spec(module) is not None
-        return None if found else f"no such module: {module}"
+        if find_spec(module.split(".")[0]) is None or find_spec(module) is None:
+            return f"no such module: {module}"
+        return _composes(words[2:]) if module == "pipelines.experiment" else None
     exists = (REPOSITORY / words[0]).is_file() or words[0] in ("-c", "local_viewer.py")  # the last: GaussianAvatars'
     return None if exists else f"no such script: {words[0]}"
+
+
+def _composes(words: list[str]) -> str | None:
+    """Whether conf/ has what is set; of the values of a sweep the first. What docs/extend.md adds, test_extend runs."""
+    own = {"sway", "crossings"}
+    wanted = [word.split(",")[0] for word in words if "=" in word and not word.startswith("hydra")]
+    if any(name in word for word in wanted for name in own):
+        return None
+    try:
+        compose(wanted)
+    except InputError as error:
+        return str(error)
+    return None
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
@@ -103,6 +119,8 @@ def test_a_command_that_does_not_exist_is_found() -> None:
         "make coffee",
         "make repro corpse=x",
         "python -m pipelines.dance",
+        "python -m pipelines.experiment train.sead=1",
+        "python -m pipelines.experiment -m sweep=none",
         "python scripts/none.py",
         "teyes",
     ):
