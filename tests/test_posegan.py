@@ -376,3 +376,53 @@ def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None
     assert models["posegan_without_motion"]["weights"]["motion"] == 0
     assert not models["posegan_without_start"]["head"]["initial_pose"]
     assert models["gaze_after_vqvae"]["made_of"] == ["head_vqvae", "talkingeyes"]
+
+
+class TestTables:
+    """From what is measured to the page."""
+
+    def test_new_people_are_measured_by_style_and_language(self) -> None:
+        from talkingeyes.metrics.pose import measuring
+
+        made = task("posegan").module
+        people = [recordings(300, 4)[index::2] for index in (0, 1)]
+        windows = windows_of([each for clips in people for each in clips], ["a", "b"], 64, 8)
+        loop = LoopSettings(
+            steps=10, batch=8, learning_rate=5e-3, schedule="constant", weight_decay=0.0, clip_norm=1.0,
+            validate_every=10,
+        )  # fmt: skip
+        labelled = Labelled(windows.pose, windows.speaker)
+        classifier = trained_classifier(ClassifierSettings(seed=0, width=8, dropout=0.0, loop=loop), labelled, labelled)
+        found = measuring._transfer(made, people, classifier, 0)
+        assert found["the best of the learnt styles"] <= found["any learnt style"]
+        assert found["the person's own other clip"] < found["another new person"]
+        languages = measuring._languages(made, [clips[0] for clips in people], classifier, 0)
+        assert set(languages) == {"en"}
+        assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
+
+    def test_the_page_has_every_table_with_the_paper_beside(self) -> None:
+        from talkingeyes.metrics.pose.page import page
+
+        row = {
+            "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,
+            "speed": 1.0, "jerkiness": 1.0, "jitter": 0.01, "seams": float("nan"), "variety": 1.0, "pace": 0.1,
+            "parameters": 1234, "generation_s": 0.5,
+        }  # fmt: skip
+        seed = {
+            "speakers": ["a", "b"],
+            "table1": {"own": [0.9, 0.8], "random": [[0.5, 0.4], [0.3, 0.2]]},
+            "classifier": row,
+            "truth": row,
+            "rows": {name: row for name in HEADS},
+            "training_s": {name: 60.0 for name in HEADS},
+            "noise": {"20": row},
+            "strangers": {"transfer": {"nearest, of 4 s": 0.4}, "languages": {"fr": row}},
+        }
+        other = {**seed, "rows": {name: {**row, "l2_pose": 2.0} for name in HEADS}}
+        measures = {"measures": {"gaze/x": {"value": {"value": 3.0}}, "gaze/y": {"value": None}}}
+        text = page([seed, other], {"truth": [measures, measures], "gaze_after_cnn": [measures, measures]})
+        assert "| CNN | 1.50 <sub>1.00–2.00</sub> | 0.100 <sub>0.100–0.100</sub> | 0.82 | 0.11 |" in text
+        assert "| mean | 0.85 (paper 0.85) | 0.35 (paper 0.65) |" in text
+        assert "0.50 <sub>0.50–0.50</sub>" in text
+        assert "gaze/x" in text
+        assert "gaze/y" not in text
