@@ -32,7 +32,7 @@ from talkingeyes import conversion
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.performance.streaming import LiveModel
 from talkingeyes.viewer.head_file import FIXED
-from tests.browser import CHROMIUM, browsing
+from tests.browser import CHROMIUM, FLAGS, browsing
 
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # a busy machine may keep a client waiting that long
 LIMITED = f"""
@@ -266,11 +266,11 @@ class TestStreams:
 
     def test_who_leaves_in_the_middle_leaves_room(self, service: Service) -> None:
         for _ in range(2 * STREAMS):
-            connection = service.stream()
-            connection.send("{}")
-            connection.recv(120)
-            connection.send(pcm(speech(0.5)))
-            connection.socket.close()  # without a word
+            with service.stream() as connection:
+                connection.send("{}")
+                connection.recv(120)
+                connection.send(pcm(speech(0.5)))
+                connection.socket.shutdown(socket.SHUT_RDWR)  # without a word
         time.sleep(0.5)
         well(service)
 
@@ -392,3 +392,19 @@ class TestPage:
             browser.until("document.body.dataset.state === 'playing'")
             browser.picture(tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 20_000
+
+    def test_the_microphone_moves_the_head_and_becomes_a_performance(
+        self, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        (tmp_path / "speech.wav").write_bytes(wav(speech(3.0), 48_000))
+        fake = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
+        file = f"--use-file-for-fake-audio-capture={tmp_path / 'speech.wav'}"
+        monkeypatch.setattr("tests.browser.FLAGS", (*FLAGS, *fake, file))
+        with browsing(tmp_path / "profile") as browser:
+            browser.open(service.address)
+            browser.until("document.body.dataset.state === 'ready'")
+            browser.value("document.getElementById('record').click()")
+            browser.until("document.body.dataset.state === 'live'")
+            browser.until("Number(document.body.dataset.frames) > 25")
+            browser.value("document.getElementById('record').click()")
+            browser.until("document.body.dataset.state === 'playing'")

@@ -6,6 +6,7 @@ temporary folder, which goes with it. The processes that work on files are `stud
 
 from __future__ import annotations
 
+import signal
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -57,9 +58,15 @@ def host_service(
         speakers = Workers("talkingeyes.service.speaking:speaker", [str(streamed.resolve())], jobs, 0)
     studio = Workers("talkingeyes.hosting:studio", [str(Path(model).resolve())], limits.files, 2 * limits.files)
     formats = {name: each.suffix for name, each in conversion.FORMATS.items()}
+    signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
         equipment = Equipment(studio, speakers, head_glb(open_head()), formats)
         serve(service_app(equipment, limits, Path(folder), host), host, port, started)
+
+
+def _interrupted(*_: Any) -> None:
+    """Whoever ends the service by a signal interrupts it, so that its folder goes, too."""
+    raise KeyboardInterrupt
 
 
 def studio(model: str) -> Callable[[Any], Any]:

@@ -12,7 +12,6 @@ import asyncio
 import contextlib
 import json
 import secrets
-from dataclasses import dataclass
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -28,12 +27,12 @@ MOST_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s
 PUSH_S = 20.0  # within which a worker answers a chunk
 
 
-@dataclass(frozen=True)
 class RefusedError(Exception):
     """Why a stream ends, and the code of it."""
 
-    code: int
-    reason: str
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code, self.reason = code, reason
 
 
 class Streams:

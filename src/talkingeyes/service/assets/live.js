@@ -150,6 +150,7 @@ async function record() {
 function arrived(live, data) {
   const rows = new Float32Array(data.slice(4));
   for (let at = 0; at < rows.length; at += live.columns) live.rows.push(rows.subarray(at, at + live.columns));
+  document.body.dataset.frames = live.rows.length;
 }
 
 function draw() {
