@@ -63,9 +63,9 @@ Written by `python -m pipelines.face_table` (`make face`), which goes on where i
 [face_models.md](face_models.md).
 
 Seeds of training and sampling: {seeds}. Each figure is their mean; small, its 95 % interval over sounds and, of several
-seeds, their range. On the vertices of the open head, in millimetres, against the true motion (its first take); ten samples a
-sound. Definitions and what each cannot tell: [face_measures.md](face_measures.md). The last column are the paper's
-numbers on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not the values.
+seeds, their range. On the vertices of the open head, in millimetres, against the true motion (its first take); ten
+samples a sound. Definitions and what each cannot tell: [face_measures.md](face_measures.md). The last column are the
+paper's numbers on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not the values.
 
 """
 
@@ -119,7 +119,8 @@ def main() -> None:
     table = {name: _summary(seeds, settings) for name, seeds in by_name.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
-    (out / "face_table.md").write_text(INTRODUCTION.format(seeds=", ".join(map(str, seeds))) + face_markdown(table) + PICTURES)
+    introduction = INTRODUCTION.format(seeds=", ".join(map(str, seeds)))
+    (out / "face_table.md").write_text(introduction + face_markdown(table) + PICTURES)
     data = {folder.parts[1]: entry.output for folder, entry in entries.items()}
     _draw(out / "pictures", data, {name: seeds[0] for name, seeds in by_name.items()})
     print(face_markdown(table))
