@@ -124,6 +124,8 @@ def test_only_own_files_are_served(place: Path) -> None:
     assert page.post("/scene.json").status_code == 405
     answer = page.get("/", headers={"host": "elsewhere.example"})
     assert answer.status_code == 400
+    invited = TestClient(viewer_app(scene_of(["a.npz"]), open_head(), "studio.example"))
+    assert invited.get("/", headers={"host": "studio.example:8010"}).status_code == 200
     assert "default-src 'self'" in page.get("/").headers["content-security-policy"]
 
 

@@ -59,7 +59,7 @@ def view(
     drawn = open_named(head, model)
     scene = scene_of(motions, truth=truth, sound=sound, words=words, corpus=corpus)
     takes = tuple(replace(take, motion=on_head(take.motion, drawn, model)) for take in scene.takes)
-    serve(viewer_app(replace(scene, takes=takes), drawn), host, port, started)
+    serve(viewer_app(replace(scene, takes=takes), drawn, host), host, port, started)
 
 
 def scene_of(

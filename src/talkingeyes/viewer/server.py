@@ -14,18 +14,18 @@ from talkingeyes.head.model import HeadModel
 from talkingeyes.viewer.assets import NAMES, Asset, asset
 from talkingeyes.viewer.head_file import head_glb, pose_rows
 from talkingeyes.viewer.scene import Scene, described
-from talkingeyes.viewer.serving import application
+from talkingeyes.viewer.serving import LOCAL, application
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
 
-def viewer_app(scene: Scene, head: HeadModel) -> FastAPI:
+def viewer_app(scene: Scene, head: HeadModel, host: str = LOCAL) -> FastAPI:
     """The application that shows a scene on a head."""
     from fastapi import HTTPException, Response
 
     files = _files(scene, head)
-    app = application()
+    app = application(host)
 
     @app.get("/{name:path}")
     def file(name: str) -> Response:
