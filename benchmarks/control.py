@@ -4,14 +4,14 @@ The packaged recording (44 s) is performed by the default model; the dialogue is
 is measured in the motion that comes out. Windows: the speed of head and gaze about the seams of the encoder's windows
 over that elsewhere; with the same sound in one window, at the same places, for comparison.
 
-Run     python benchmarks/control.py [FOLDER OF A MODEL]     (make bench, after make repro; 2 minutes of CPU)
+Run     python benchmarks/control.py [FOLDER OF A MODEL]     (make bench, after make repro; a minute of CPU)
 Reads   data/train/talkingeyes, or the folder that is named
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from talkingeyes import rotation
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
+from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.manner import Manner, measured
 from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
 from talkingeyes.motion import Motion
@@ -28,7 +29,7 @@ from talkingeyes.performance.contact import share_of_contact
 from talkingeyes.performance.dialogue import converse
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import turns
-from talkingeyes.performance.perform import Performance, Performer
+from talkingeyes.performance.perform import Performance, Performer, sample_seeds
 from talkingeyes.performance.targets import Place, Target, TargetTrack
 from talkingeyes.physiology import saccades
 from talkingeyes.run import quiet, shell
@@ -46,6 +47,17 @@ PLACES_M = {
 TURN_S = 7.0
 PAUSE_S = 0.6
 SEAM_S = 0.5
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a model gave once; each table directs it anew."""
+
+    samples: Samples
+
+    def generate(self, embedding: np.ndarray, seeds: list[int], fps: float) -> Samples:
+        """The same again."""
+        return self.samples
 
 
 def made(performer: Performer, speech: np.ndarray, fps: float = 25.0, **asked: object) -> list[Performance]:
@@ -261,8 +273,9 @@ def main() -> None:
     performer = Performer.load(Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL)
     speech = read_speech(packaged(SPEECH))
     embedded = performer.encoder(speech, performer.fps)
+    drawn = performer.generator.generate(embedded, sample_seeds(0, SAMPLES), performer.fps)
     for table in (targets, contact, dials, styles):
-        table(performer, embedded)
+        table(replace(performer, generator=Drawn(drawn)), embedded)
     dialogue(performer, speech)
     windows(performer, speech)
 

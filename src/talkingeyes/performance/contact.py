@@ -1,8 +1,8 @@
 """Eye contact as a share of time: which fixations are at the listener and which are averted is chosen anew.
 
 The model's own fixations and their times stay. They are ranked by how far from the listener gaze is about them, so that
-those which the model holds near come first, in stretches as long as the model's; as many as make up the share are
-at the listener's face, the last one cut in two to meet it. What has to move is re-aimed: into the face, or away in the
+those which the model holds near come first, in stretches of some two seconds; as many as make up the share are at
+the listener's face, the last one cut in two to meet it. What has to move is re-aimed: into the face, or away in the
 amplitudes and directions of people who avert their gaze (Lee, Badler & Badler 2002; Andrist et al. 2013). The head goes
 along. A larger share keeps all contact that a smaller one has.
 """
@@ -29,7 +29,7 @@ CONTACT_RAD = float(np.radians(4.0))
 NEAR_RAD, FAR_RAD = float(np.radians(2.8)), float(np.radians(6.0))
 LEAST_AVERSION_DEG, MOST_AVERSION_DEG = 7.0, 20.0
 AVERSION_S = 2.0
-MEMORY_S = 0.7
+MEMORY_S = 0.2
 LEAST_PART_S = 0.3
 HEAD_THRESHOLD_RAD, HEAD_GAIN = float(np.radians(5.0)), 0.4
 
