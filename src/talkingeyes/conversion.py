@@ -175,8 +175,8 @@ def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | s
         return motion
     if model is None:
         raise InputError(
-            f"model: should be your FLAME file (of animate: --flame), which maps the expression of {motion.head_model} "
-            f"to {wanted}, got none"
+            f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted} "
+            "(--flame of animate), got none"
         )
     return on_head(motion, drawn if wanted == drawn.name else open_named(wanted, model), model)
 
