@@ -38,4 +38,6 @@ def _face(index: int, name: str, frames: int, random: np.random.Generator) -> Fa
 def data(train: int = 12, val: int = 3) -> FaceData:
     """What a model of the toy faces learns from."""
     known = faces(train, seed=1)
-    return FaceData(known, faces(val, seed=2, frames=48), BASIS, StyleVocabulary.of(each.clip for each in known), NORMALISER)
+    return FaceData(
+        known, faces(val, seed=2, frames=48), BASIS, StyleVocabulary.of(each.clip for each in known), NORMALISER
+    )

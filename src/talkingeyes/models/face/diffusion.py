@@ -3,7 +3,7 @@
 Trained to find x_0 in x_t = sqrt(a_t) x_0 + sqrt(1 - a_t) noise under a cosine schedule (Nichol & Dhariwal 2021).
 Sampled by DDIM's update (Song et al. 2021, eq. 12 and 16): with `eta` 1 at every step it is DDPM (Ho et al. 2020),
 with 0 at a few steps the DDIM of ProbTalk3D's comparison. It works on expression and jaw, where the paper takes
-vertices, and on 100 steps where FaceDiffuser takes 500.
+vertices, and on fewer steps than FaceDiffuser's 500.
 """
 
 from __future__ import annotations
