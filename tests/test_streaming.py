@@ -117,10 +117,10 @@ def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
 
 
 def test_dials(live: LiveModel) -> None:
-    sound = speech(8.0)
-    assert not live.whole(sound, 1, LiveWish(liveliness=Liveliness(blinks=0.0))).lid.any()
-    shut = [np.count_nonzero(live.whole(sound, 1, LiveWish(liveliness=Liveliness(blinks=x))).lid) for x in (1.0, 3.0)]
-    assert shut[0] < shut[1]
+    sound = speech()
+    counts = [len(live.blinks_of(1, LiveWish(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)]
+    assert counts[0] == 0
+    assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]
     still = live.whole(sound, 1, LiveWish(liveliness=Liveliness(head=0.0)))
     np.testing.assert_allclose(still.head, still.head[:1].repeat(len(still), 0), atol=1e-6)
     wish = LiveWish("paper", Liveliness(2.0, 0.5, 1.0))

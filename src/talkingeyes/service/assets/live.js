@@ -91,10 +91,25 @@ async function perform(sound) {
 }
 
 function offer(place) {
-  $("downloads").replaceChildren(
-    "Download: ",
-    ...about.formats.map((format) => Object.assign(document.createElement("a"), { href: `${place}/${format}`, download: "", textContent: format })),
-  );
+  $("downloads").replaceChildren("Download: ", ...about.formats.map((format) => link(`${place}/${format}`, format)));
+}
+
+// The first click has the file made, and says why if it cannot be; then it is downloaded.
+function link(href, textContent) {
+  const made = Object.assign(document.createElement("a"), { href, textContent, download: "" });
+  made.onclick = async (event) => {
+    if (made.dataset.made) return;
+    event.preventDefault();
+    try {
+      const file = await fetch(href);
+      if (!file.ok) await answer(file);
+      made.dataset.made = "yes";
+      made.click();
+    } catch (error) {
+      failed(error);
+    }
+  };
+  return made;
 }
 
 // Sound goes out 40 ms at a time, rows come back; what was said is kept, and becomes a performance at the end.
