@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,7 @@ TRAPS = {
 LEAST_SOUNDS = 20
 
 
+@runtime_checkable
 class Critic(Protocol):
     """What gives Corr. of motions under sounds (metrics.correlation.Correlation)."""
 
