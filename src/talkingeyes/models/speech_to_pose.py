@@ -70,8 +70,9 @@ class SpeechToPose(nn.Module):
         self.register_buffer("starts", torch.zeros(len(speakers), STARTS, 6))
 
     def hear(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> Heard:
-        """Learnt features with the style added, and the embedding as it comes."""
-        return Heard(self.speech(speech) + self.styles(style)[:, None], self.speech.standard(speech))
+        """Learnt features with the style added, the style, and the embedding as it comes."""
+        vector = self.styles(style)
+        return Heard(self.speech(speech) + vector[:, None], vector, self.speech.standard(speech))
 
     def predict(self, batch: PoseBatch) -> PosePrediction:
         """Poses (in units of the deviation), all terms of the loss and their weighted sum, `total`."""

@@ -126,10 +126,10 @@ def _row(
 ) -> dict[str, Any]:
     """What one model does for the speech of the test split, in the style of who speaks."""
     scale = network.scale.numpy()
-    made = [network.sample(each.speech, [seed], network.style_of(each.clip.speaker))[0] / scale for each in test]
+    made = [_made(network, each, each.speech, seed) for each in test]
     whose = [network.speakers.index(each.clip.speaker) for each in test]
     return {
-        **_moving(made, true, network.settings.poses.fps),
+        **_moving(network, made, true),
         **{f"l2_{name}": value for name, value in asdict(distances(made, true)).items()},
         **_told([each * scale for each in made], whose, classifier),
         "variety": variety(made),
@@ -138,16 +138,26 @@ def _row(
     }
 
 
+def _made(
+    network: SpeechToPose, recording: PoseRecording, speech: Float[ndarray, "T C"], seed: int
+) -> Float[ndarray, "T 6"]:
+    """Poses in the speaker's own style, in deviations; every clip has a seed of its own."""
+    own = int(np.random.default_rng([seed, *recording.clip.id.encode()]).integers(2**31))
+    made = network.sample(speech, [own], network.style_of(recording.clip.speaker))[0]
+    return np.asarray(made / network.scale.numpy())
+
+
 def _moving(
-    made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]], fps: float
+    network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
 ) -> dict[str, float]:
-    return {**_free(made, fps), **asdict(liveness(made, true))}
+    return {**_free(network, made), **asdict(liveness(made, true))}
 
 
-def _free(made: Sequence[Float[ndarray, "T 6"]], fps: float) -> dict[str, float]:
+def _free(network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
     """Figures that need no truth; `pace` is in deviations of poses a frame."""
     pace = float(np.mean([np.diff(each, axis=0).std() for each in made]))
-    return {"jitter": jitter(made, fps), "seams": seams(made, LENGTH - 1), "pace": pace}
+    hop = network.head.window - 1 if network.head.window else LENGTH
+    return {"jitter": jitter(made, network.settings.poses.fps), "seams": seams(made, hop), "pace": pace}
 
 
 def _told(poses: Sequence[Float[ndarray, "T 6"]], whose: Sequence[int], classifier: PoseClassifier) -> dict[str, Any]:
@@ -195,9 +205,9 @@ def _in_noise(
             level = np.sqrt(np.mean(sound**2)) * 10 ** (-ratio_db / 20)
             heard = encoder((sound + level * random.standard_normal(len(sound))).astype(np.float32), each.clip.fps)
             speech = linearly_resampled(heard, each.clip.fps, network.settings.poses.fps)[: len(each)]
-            made.append(network.sample(speech, [seed], network.style_of(each.clip.speaker))[0] / scale)
+            made.append(_made(network, each, speech, seed))
         whose = [network.speakers.index(each.clip.speaker) for each in test]
-        moving = _moving(made, true, network.settings.poses.fps)
+        moving = _moving(network, made, true)
         found[f"{ratio_db:g}"] = {**moving, **_told([each * scale for each in made], whose, classifier)}
     return found
 
@@ -266,5 +276,5 @@ def _languages(
             style = nearest(np.eye(len(network.speakers))[whose[-1]])
             made.append(network.sample(each.speech, [seed], style)[0] / scale)
         told = _told([each * scale for each in made], whose, classifier)
-        found[language] = {**_free(made, network.settings.poses.fps), **told}
+        found[language] = {**_free(network, made), **told}
     return found

@@ -38,9 +38,10 @@ PosePartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(POSE_
 
 @dataclass(frozen=True)
 class Heard:
-    """What a generator hears: features that are learnt with it, the style in them, and the embedding as it comes."""
+    """What a generator hears: features that are learnt with it, the style in them and by itself, and the embedding."""
 
     features: Float[Tensor, "B T S"]
+    style: Float[Tensor, "B S"]
     standard: Float[Tensor, "B T H"]
 
 

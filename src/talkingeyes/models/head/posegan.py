@@ -5,7 +5,9 @@ losses are eq. 3, pose (with the distance of the first frame from the initial po
 (eq. 4 and 5, which the text that we have lacks) comes from the rival (`rival.py`). Windows of 256 frames; in longer
 speech the last pose of a window is the initial pose of the next (`speech_to_pose.py`).
 
-Ours: what is left between the initial pose and the first frame is taken back over `anchor_frames` (0: as the paper).
+Ours: the style scales and shifts what the U-Net normalises (Perez et al. 2018), and scales the pose; added to speech
+alone it does not get past the normalisation, and all people move alike (docs/log.md). The initial pose's distance from
+the first frame is taken back over `anchor_frames` (0: as the paper).
 """
 
 from __future__ import annotations
@@ -54,16 +56,18 @@ class PoseGAN(nn.Module):
         self.window = settings.window
         width = settings.width
         self.encoder = ConvolutionStack(speech + 6, width, settings.layers, settings.dropout)
-        self.down = nn.ModuleList(_Halved(width) for _ in range(settings.levels))
-        self.up = nn.ModuleList(_Doubled(width) for _ in range(settings.levels))
-        self.out = nn.Linear(width + 6, 6)
+        self.down = nn.ModuleList(_Halved(width, speech) for _ in range(settings.levels))
+        self.up = nn.ModuleList(_Doubled(width, speech) for _ in range(settings.levels))
+        self.out = nn.Linear(width, 6)
+        self.gain = nn.Linear(speech, 6)
+        self.from_start = nn.Linear(6, 6)
 
     def remember(self, memory: Memory) -> None:
         """It needs nothing."""
 
     def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Eq. 3, the first true frame as the initial pose."""
-        made = self(heard.features, pose[:, 0])
+        made = self(heard, pose[:, 0])
         terms = {
             "pose": losses.reconstruction(made, pose),
             "start": losses.reconstruction(made[:, :1], pose[:, :1]),
@@ -73,28 +77,28 @@ class PoseGAN(nn.Module):
 
     def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
         """One window, anchored at its start."""
-        made: Tensor = self(heard.features, start)
+        made: Tensor = self(heard, start)
         if not self.settings.anchor_frames or not self.settings.initial_pose:
             return made
         fading = 1 - torch.arange(made.shape[1], device=made.device) / self.settings.anchor_frames
         anchored: Tensor = made + fading.clamp(min=0)[:, None] * (start - made[:, 0])[:, None]
         return anchored
 
-    def forward(self, speech: Float[Tensor, "B T S"], start: Float[Tensor, "B 6"]) -> Float[Tensor, "B T 6"]:
+    def forward(self, heard: Heard, start: Float[Tensor, "B 6"]) -> Float[Tensor, "B T 6"]:
         """Poses of one window."""
-        frames = speech.shape[1]
+        frames = heard.features.shape[1]
         if not self.settings.initial_pose:
             start = torch.zeros_like(start)
-        entered = torch.cat([speech, start[:, None].expand(-1, frames, -1)], dim=-1)
+        entered = torch.cat([heard.features, start[:, None].expand(-1, frames, -1)], dim=-1)
         h = self._padded(self.encoder(entered)).transpose(1, 2)
         kept = []
         for halved in self.down:
             kept.append(h)
-            h = halved(h)
+            h = halved(h, heard.style)
         for doubled in self.up:
-            h = doubled(h) + kept.pop()
+            h = doubled(h, heard.style) + kept.pop()
         last = h.transpose(1, 2)[:, :frames]
-        made: Tensor = self.out(torch.cat([last, start[:, None].expand(-1, frames, -1)], dim=-1))
+        made: Tensor = self.out(last) * self.gain(heard.style).exp()[:, None] + self.from_start(start)[:, None]
         return made
 
     def _padded(self, features: Float[Tensor, "B T W"]) -> Float[Tensor, "B U W"]:
@@ -106,23 +110,37 @@ class PoseGAN(nn.Module):
 class _Halved(nn.Module):
     """Half the frame rate."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, width: int, style: int) -> None:
         super().__init__()
         self.convolution = nn.Conv1d(width, width, 4, stride=2, padding=1)
-        self.norm = nn.GroupNorm(GROUPS, width)
+        self.norm = _StyledNorm(width, style)
 
-    def forward(self, h: Float[Tensor, "B W T"]) -> Float[Tensor, "B W U"]:
-        return functional.leaky_relu(self.norm(self.convolution(h)), 0.2)
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
+        return functional.leaky_relu(self.norm(self.convolution(h), style), 0.2)
 
 
 class _Doubled(nn.Module):
     """Twice the frame rate, between frames by straight lines: repeated frames would step."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, width: int, style: int) -> None:
         super().__init__()
         self.convolution = nn.Conv1d(width, width, 3, padding=1)
-        self.norm = nn.GroupNorm(GROUPS, width)
+        self.norm = _StyledNorm(width, style)
 
-    def forward(self, h: Float[Tensor, "B W T"]) -> Float[Tensor, "B W U"]:
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
         twice = functional.interpolate(h, scale_factor=2.0, mode="linear")
-        return functional.leaky_relu(self.norm(self.convolution(twice)), 0.2)
+        return functional.leaky_relu(self.norm(self.convolution(twice), style), 0.2)
+
+
+class _StyledNorm(nn.Module):
+    """Group normalisation that the style scales and shifts."""
+
+    def __init__(self, width: int, style: int) -> None:
+        super().__init__()
+        self.norm = nn.GroupNorm(GROUPS, width, affine=False)
+        self.of_style = nn.Linear(style, 2 * width)
+
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W T"]:
+        scale, shift = self.of_style(style)[..., None].chunk(2, dim=1)
+        styled: Tensor = self.norm(h) * (1 + scale) + shift
+        return styled
