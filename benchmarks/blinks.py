@@ -62,6 +62,9 @@ def compared(spans_s: list[tuple[float, float]], moments: list[tuple[float, str]
 
 def main() -> None:
     """Print a line a clip, and the whole."""
+    if not (ROOT / "clips.parquet").exists():  # make bench, without videos
+        print(f"blinks: no tracked clips in {ROOT} (python -m pipelines.real VIDEOS), nothing to measure")
+        return
     settings = FitSettings.model_validate(compose(["fit=video"])["fit"])
     corpus, counted, rows = Corpus(ROOT), by_eye(), {}
     with (ROOT / "tracked.csv").open(newline="") as file:
