@@ -195,7 +195,7 @@ def test_the_table_of_posegan_has_a_column_a_length(tmp_path: Path) -> None:
     design = load_design("posegan_table4")
     answers = [
         Answer(person, "better", a, b, stratum.name, "c", True, chose_a=(person + place) % 10 < 3)
-        for (a, b), stratum, person, place in itertools.product(design.comparisons, design.strata, range(10), range(2))
+        for (a, b), stratum, person, place in itertools.product(design.comparisons, design.strata, range(20), range(2))
     ]
     header, _, *rows = table(design, preferences(design, answers)).splitlines()
     assert header == "| Method | 4 seconds | 8 seconds | 12 seconds |"
