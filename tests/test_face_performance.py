@@ -15,6 +15,7 @@ from talkingeyes.head.drive import motion_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
 from talkingeyes.motion import Motion
+from talkingeyes.performance import face as faces_of
 from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.face import FacePerformer, beside, between, felt_lid, with_face
 from talkingeyes.performance.parts import Parts
@@ -123,6 +124,30 @@ def test_other_frame_rates_pass_through_the_models_frames_and_never_beyond():
     assert course.min() == 0.0
     assert course.max() == 1.0, "lips that meet stay together: no overshoot"
     assert np.allclose(between(np.ones((1, 2)), FPS, np.arange(3) / 75.0), 1.0)
+
+
+def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
+    embedding, style = np.zeros((FRAMES, 1), np.float32), felt("neutral", 0)
+    whole = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    monkeypatch.setattr(faces_of, "PIECE_S", 1.6)
+    monkeypatch.setattr(faces_of, "OVERLAP_S", 0.8)
+    monkeypatch.setattr(faces_of, "SEAM_S", 0.4)
+    pieces = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    assert pieces.jaw.shape == whole.jaw.shape
+    assert pieces.expression.shape == whole.expression.shape
+    for start in (20, 40, 60):
+        following = WITH_FACE.face._piece(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
+        assert np.array_equal(pieces.jaw[:, start + 15 : start + 25], following.jaw[:, 15:25]), "after its seam its own"
+    one, other = (replace(whole, jaw=np.full((2, 40, 3), value)) for value in (0.0, 1.0))
+    course = faced_over(one, other)
+    assert (np.diff(course) >= 0).all()
+    assert np.diff(course).max() < 0.11, "faded, not cut"
+    assert (course[:20].max(), course[-20:].min()) == (0.0, 1.0)
+
+
+def faced_over(one, other):
+    """The jaw where one piece becomes another, from frame 20 on, over an overlap of 20 frames."""
+    return faces_of.faded(one, other, 20, 20).jaw[0, :, 0]
 
 
 @pytest.mark.parametrize("fps", [FPS, 60.0])

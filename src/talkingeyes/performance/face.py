@@ -8,6 +8,10 @@ nobody else moves them. What it does around the eyes (squint, wide) gives way as
 the blink has it. Raised and drooping lids of an emotion are in `lid`, which the model does not give: they come from the
 law that the synthetic people follow (physiology.face), and a blink closes what they leave open. Between the model's
 frames values are interpolated without overshoot (PCHIP), so lips that meet stay together at any frame rate.
+
+Speech of more than two minutes is given to the model in pieces that overlap by six seconds, each drawn anew (as the
+head's latent is), and faded over in the middle of the overlap, where both know what is said before and after: so memory
+beside the motion itself does not grow with the speech.
 """
 
 from __future__ import annotations
@@ -35,6 +39,7 @@ from talkingeyes.physiology.face import FEELINGS, SHARE_OF_INTENSITY
 
 FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")
+PIECE_S, OVERLAP_S, SEAM_S = 120.0, 6.0, 0.5
 STREAM = 4  # of the seeds of a sample: 0 to 3 are those of head, gaze and what directs them
 
 
@@ -70,15 +75,44 @@ class FacePerformer:
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed: int, samples: int, fps: float
     ) -> FaceSamples:
         """Faces at the model's rate; sample i of a seed is the same however many are asked for."""
-        streams = [np.random.SeedSequence([seed, index, STREAM]) for index in range(samples)]
-        seeds = [int(stream.generate_state(1)[0]) for stream in streams]
-        return self.generator.generate(embedding, style, seeds, fps)
+        piece, overlap = round(PIECE_S * fps), round(OVERLAP_S * fps)
+        faces = self._piece(embedding[:piece], style, (seed, samples, 0), fps)
+        for number, start in enumerate(range(piece - overlap, len(embedding) - overlap, piece - overlap), start=1):
+            later = [replace(key, onset_s=key.onset_s - start / fps) for key in style]
+            following = self._piece(embedding[start : start + piece], later, (seed, samples, number), fps)
+            faces = faded(faces, following, start, overlap)
+        return faces
+
+    def _piece(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], drawn: tuple[int, int, int], fps: float
+    ) -> FaceSamples:
+        """`drawn`: the seed, how many samples, and which piece."""
+        seed, samples, number = drawn
+        streams = [np.random.SeedSequence([seed, index, STREAM, number]) for index in range(samples)]
+        return self.generator.generate(embedding, style, [int(each.generate_state(1)[0]) for each in streams], fps)
 
 
 def beside(model: Path) -> Path | None:
     """The folder of the model of the face that stands beside a model of head and gaze, if there is one."""
     folder = model.absolute().parent / FOLDER  # not resolved: runs of experiments show results of a store as links
     return folder if folder.is_dir() and folder != model.absolute() else None
+
+
+def faded(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) -> FaceSamples:
+    """Faces, then those that follow from frame `start` on; in the middle of the overlap one becomes the other."""
+    both = min(overlap, following.jaw.shape[1])
+    ramp = (np.arange(both) - (both - 1) / 2) / (SEAM_S * faces.fps) + 0.5
+    share = np.clip(ramp, 0.0, 1.0)[None, :, None]
+
+    def joined(one: Float[ndarray, "S T C"], other: Float[ndarray, "S U C"]) -> Float[ndarray, "S V C"]:
+        seam = (1.0 - share) * one[:, start : start + both] + share * other[:, :both]
+        return np.concatenate([one[:, :start], seam, other[:, both:]], axis=1)
+
+    return replace(
+        faces,
+        jaw=joined(faces.jaw, following.jaw),
+        expression=joined(faces.expression, following.expression),
+    )
 
 
 def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[StyleKey]) -> Motion:
