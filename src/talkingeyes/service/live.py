@@ -25,6 +25,7 @@ from talkingeyes.settings import validated
 POLICY, TOO_BIG, FAULT, LATER = 1008, 1009, 1011, 1013  # codes of RFC 6455
 MOST_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s
 PUSH_S = 20.0  # within which a worker answers a chunk
+CLOSE_S = 10.0  # within which a client has read why
 
 
 class RefusedError(Exception):
@@ -138,6 +139,6 @@ def _wish(content: Any) -> Wish:
 async def _close(socket: WebSocket, code: int, reason: str) -> None:
     """Say why, and close; the client may have gone."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
-        async with asyncio.timeout(2.0):
+        async with asyncio.timeout(CLOSE_S):
             await socket.send_text(json.dumps({"error": reason}))
             await socket.close(code, reason.encode()[:120].decode(errors="ignore"))
