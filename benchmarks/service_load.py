@@ -44,7 +44,7 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> H
     await asyncio.sleep(wait_s)
     heard = Heard()
     try:
-        async with connect(address, max_size=None) as socket:
+        async with connect(address, max_size=None, ping_interval=None) as socket:
             await socket.send(json.dumps({"seed": seed}))
             about = json.loads(await socket.recv())
             if "error" in about:

@@ -69,5 +69,8 @@ def serve(app: FastAPI, host: str, port: int, started: Callable[[str], None], pa
     with listener:
         started(f"http://{host}:{listener.getsockname()[1]}{path}")
         with contextlib.suppress(KeyboardInterrupt):  # how one ends it
-            config = uvicorn.Config(app, log_level="warning", access_log=False, ws_max_size=MOST_MESSAGE_BYTES)
+            # No pings: who is silent is sent away by the service itself, and a busy machine answers them late.
+            config = uvicorn.Config(
+                app, log_level="warning", access_log=False, ws_max_size=MOST_MESSAGE_BYTES, ws_ping_interval=None
+            )
             uvicorn.Server(config).run(sockets=[listener])
