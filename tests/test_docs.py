@@ -200,5 +200,5 @@ talkingeyes() {{
     )
     assert ran.returncode == 0, ran.stdout[-2000:] + ran.stderr[-4000:]
     build = tmp_path / "build"
-    for made in ("first/sample_01.mp4", "first.glb", "first.csv", "figures/metrics.json"):
+    for made in ("first/sample_01.mp4", "first.glb", "first.csv", "figures/benchmark.json"):
         assert (build / made).stat().st_size > 0, made
