@@ -138,7 +138,8 @@ def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
     for start in (20, 40, 60):
         following = WITH_FACE.face._piece(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
         assert np.array_equal(pieces.jaw[:, start + 15 : start + 25], following.jaw[:, 15:25]), "after its seam its own"
-    one, other = (replace(whole, jaw=np.full((2, 40, 3), value)) for value in (0.0, 1.0))
+    still = replace(whole, jaw=np.zeros((2, 40, 3)), expression=np.zeros((2, 40, len(NAMES))))
+    one, other = still, replace(still, jaw=np.ones((2, 40, 3)))
     course = faced_over(one, other)
     assert (np.diff(course) >= 0).all()
     assert np.diff(course).max() < 0.11, "faded, not cut"
