@@ -1,6 +1,6 @@
 """How many live streams the service bears: real-time speech on every one, latency of every frame, and a refusal beyond.
 
-Run: python benchmarks/service_load.py [MODEL] [--streams 20] [--seconds 20] [--jobs 1]
+Run: python benchmarks/service_load.py [MODEL] [--streams 20] [--seconds 20] [--jobs 2]
 Starts `talkingeyes serve` on a free port of 127.0.0.1, feeds streams with 40 ms of sound every 40 ms, and prints, frame
 by frame over all streams, how long after its own time a frame came (its sound is spoken, heard, worked on and sent
 back), percentiles of it, frames lost, what a stream more is told, and the CPU seconds that the service used.
@@ -118,7 +118,7 @@ def main() -> None:
     parser.add_argument("model", nargs="?", default="data/train/talkingeyes_live")
     parser.add_argument("--streams", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
     sound = read_speech(packaged(SPEECH))
     sound = np.resize(sound, round(asked.seconds * SAMPLE_RATE))

@@ -34,7 +34,7 @@ def host_service(
     host: str = LOCAL,
     port: int = PORT,
     limits: Limits = LIMITS,
-    jobs: int = 1,
+    jobs: int = 2,
     started: Callable[[str], None],
 ) -> None:
     """Serve until interrupted; `started` is told the address.
