@@ -58,7 +58,8 @@ def _at(seeds: Sequence[Seed], *path: str | int, digits: int = 2) -> str:
         node: Any = seed
         for key in path:
             node = node[key]
-        values.append(float(np.nanmean(node)))
+        figures = np.asarray(node, float)
+        values.append(float(np.nanmean(figures)) if np.isfinite(figures).any() else float("nan"))
     return over(values, digits)
 
 
