@@ -87,7 +87,7 @@ class SeededEstimate(Estimate):
 
 
 def summarise_seeds(seeds: Sequence[Sequence[FaceFigures]], settings: BootstrapSettings) -> dict[str, SeededEstimate]:
-    """The same sounds under several seeds of training and sampling: their mean, its interval over sounds, their range."""
+    """The same sounds under several seeds: the mean of all, its interval over sounds, and the range over seeds."""
     by_seed = [_statistics(each) for each in seeds]
     found = {}
     for name, first in by_seed[0].items():
