@@ -212,10 +212,8 @@ def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) 
 
 def _keep_what_animate_needs(workspace: Workspace, folder: Path) -> None:
     """The encoder's settings, the blinks of the corpus and its speakers' habits, so that a model's folder is whole."""
-    shutil.copyfile(workspace.data("embed", "embedding.json"), folder / "embedding.json")
-    shutil.copyfile(workspace.data("fit", "blinks.json"), folder / "blinks.json")
-    if workspace.data("fit", SPEAKERS_FILE).exists():
-        shutil.copyfile(workspace.data("fit", SPEAKERS_FILE), folder / SPEAKERS_FILE)
+    for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
+        shutil.copyfile(workspace.data(stage, name), folder / name)
 
 
 if __name__ == "__main__":

@@ -51,4 +51,5 @@ def write_live_model(folder: Path, **changes: Any) -> Path:
     )
     law = {"mean": 3.1, "sd": 0.3}
     (folder / "blinks.json").write_text(json.dumps({"speakers": {"log_normal": law, "count": 5, "without_blinks": 0}}))
+    (folder / "speakers.json").write_text("{}")
     return folder

@@ -44,7 +44,7 @@ def test_it_says_what_it_was_made_of(place: Path) -> None:
     packed = read_packed(place / "toy.safetensors")
     assert packed.models == ("toy",)
     assert json.loads(packed.files["toy/config.json"])["model"]["kind"] == "similar"
-    assert set(packed.files) == {"toy/config.json", "toy/embedding.json", "toy/blinks.json"}
+    assert set(packed.files) == {"toy/config.json", "toy/embedding.json", "toy/blinks.json", "toy/speakers.json"}
     assert (packed.encoder["kind"], packed.encoder["channels"]) == ("logmel", 23)
 
 

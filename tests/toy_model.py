@@ -43,6 +43,7 @@ def toy_model(folder: Path) -> Path:
     embedding = {"fps": 25.0, "settings": EMBED, "channels": channels, "mean": mean.tolist(), "std": std.tolist()}
     (folder / "embedding.json").write_text(json.dumps(embedding))
     (folder / "blinks.json").write_text(json.dumps(BLINKS))
+    (folder / "speakers.json").write_text("{}")
     return folder
 
 

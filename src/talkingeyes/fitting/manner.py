@@ -82,9 +82,7 @@ def save_speakers(path: Path, speakers: Mapping[str, Manner]) -> None:
 
 
 def load_speakers(path: Path) -> dict[str, Manner]:
-    """Those kept with a model; none if it has no such file. Raises InputError if the file is damaged."""
-    if not path.exists():
-        return {}
+    """Those kept with a model. Raises InputError if the file is missing or damaged."""
     try:
         content = json.loads(path.read_text())
         return {name: TypeAdapter(Manner).validate_python(values) for name, values in content.items()}
