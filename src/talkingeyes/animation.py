@@ -142,7 +142,7 @@ def carry_out(
 
 
 def carry_out_dialogue(
-    sounds: Sequence[Float[ndarray, " N"]],
+    sounds: Sequence[Float[ndarray, " _"]],
     out: Path | str,
     order: Order,
     model: Path | str = MODEL,

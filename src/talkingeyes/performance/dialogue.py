@@ -30,7 +30,7 @@ class Dialogue:
 
 def converse(
     performer: Performer,
-    sounds: Sequence[Float[ndarray, " N"]],
+    sounds: Sequence[Float[ndarray, " _"]],
     samples: int,
     seed: int,
     fps: float,
