@@ -126,7 +126,10 @@ def main() -> None:
     command += ["--streams", str(asked.streams), "--jobs", str(asked.jobs), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
         assert service.stdout is not None
-        address = service.stdout.readline().split()[0].replace("http", "ws") + "stream"
+        said = service.stdout.readline()
+        if not said:  # it has said why
+            sys.exit(service.wait())
+        address = said.split()[0].replace("http", "ws") + "stream"
         asyncio.run(stream(address, sound[:SAMPLE_RATE], 0.0, 0))  # the processes have loaded their models after that
         before = cpu_of(service.pid)
         found = asyncio.run(load(address, sound, asked.streams))
