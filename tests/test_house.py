@@ -37,7 +37,6 @@ NO_STAGE |= {
     "hydra",
     "sweep",
 }
-NO_STAGE |= {"evaluate_face", "face_table"}
 # The record of runs changes no result.
 NOT_A_DEPENDENCY = {"talkingeyes.record", "talkingeyes.comparison"}
 

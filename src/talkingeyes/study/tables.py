@@ -35,19 +35,12 @@ def _preference(design: Design, by_key: Mapping[tuple[str, str, str, str], Prefe
     for question in design.questions:
         title = "Preference Rate" if len(design.questions) == 1 else question.label
         header += [title, "95 %", "answers"]
-    rows = [header]
-    for a, b in design.comparisons:
-        row = [_title(design, a, b)]
-        for question in design.questions:
-            found = by_key.get((a, b, question.name, ALL))
-            if found is None:
-                row += ["-", "-", "0"]
-                continue
-            p = found.wilcoxon_p if design.test == "wilcoxon" else found.binomial_p
-            interval = f"{100 * found.rate.low:.0f} to {100 * found.rate.high:.0f}"
-            row += [f"{100 * found.rate.value:.0f} ({p_text(p)})", interval, str(found.answers)]
-        rows.append(row)
-    return rows
+
+    def cells(found: Preference) -> list[str]:
+        interval = f"{100 * found.rate.low:.0f} to {100 * found.rate.high:.0f}"
+        return [f"{100 * found.rate.value:.0f} ({_p(design, found)})", interval, str(found.answers)]
+
+    return [header, *_rows(design, by_key, cells, ["-", "-", "0"])]
 
 
 def _split(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:
@@ -55,18 +48,31 @@ def _split(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference
     header = [""]
     for question in design.questions:
         header += [f"{question.label}, A", "B", "p"]
-    rows = [header]
+
+    def cells(found: Preference) -> list[str]:
+        return [f"{100 * found.rate.value:.2f}%", f"{100 * (1 - found.rate.value):.2f}%", _p(design, found)]
+
+    return [header, *_rows(design, by_key, cells, ["-", "-", "-"])]
+
+
+def _rows(
+    design: Design,
+    by_key: Mapping[tuple[str, str, str, str], Preference],
+    cells: Callable[[Preference], list[str]],
+    unanswered: list[str],
+) -> list[list[str]]:
+    """A comparison a row: its title, then the cells of every question."""
+    rows = []
     for a, b in design.comparisons:
-        row = [_title(design, a, b)]
-        for question in design.questions:
-            found = by_key.get((a, b, question.name, ALL))
-            if found is None:
-                row += ["-", "-", "-"]
-                continue
-            p = found.wilcoxon_p if design.test == "wilcoxon" else found.binomial_p
-            row += [f"{100 * found.rate.value:.2f}%", f"{100 * (1 - found.rate.value):.2f}%", p_text(p)]
-        rows.append(row)
+        found = [by_key.get((a, b, question.name, ALL)) for question in design.questions]
+        blocks = [unanswered if each is None else cells(each) for each in found]
+        rows.append([_title(design, a, b), *(cell for block in blocks for cell in block)])
     return rows
+
+
+def _p(design: Design, found: Preference) -> str:
+    """The p-value of the design's test."""
+    return p_text(found.wilcoxon_p if design.test == "wilcoxon" else found.binomial_p)
 
 
 def _lengths(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:
