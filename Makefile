@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench facts real ui clean
+.PHONY: help setup repro params test check tiny sweep bench face facts real ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,9 @@ sweep: setup  ## A small search with two objectives in build/sweep, in under ten
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
 
+face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
+	$(BIN)/python -m pipelines.face_table
+
 facts: setup  ## The acceptance table of the corpus: how eyes, head, lids and jaw move, beside people. Another: corpus=DIR
 	$(BIN)/python -m pipelines.facts $(corpus)
 
@@ -74,6 +77,10 @@ ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: 
 	@$(BIN)/python -m talkingeyes.comparison $(workspace) 127.0.0.1:5000
 	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
 		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
+
+docs: setup  ## Build the docs site: build/site/index.html
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --no-deps -r docs/requirements.lock
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 clean:  ## Remove what runs left in build/ and the caches of tools; data/ and .venv stay
 	rm -rf build .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -4,7 +4,7 @@ head each, and the encoder behind the Frechet distance.
 Reads   data/fit, data/embed (train split; test and unseen only to report on, after training)
 Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC on
         negatives of the same speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker,
-        and of a constant
+        and of a constant; data/critic/notes.txt: a line a part whose figures must be read with care
 Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.progress
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,14 @@ from talkingeyes.models.critic import PARTS
 from talkingeyes.run import SUMS, Report, Workspace, each, main
 
 
+@dataclass(frozen=True)
+class Trained:
+    """What the critic of a part can tell by group of clips, and what a reader of its figures must know."""
+
+    verdicts: dict[str, Verdict]
+    note: str
+
+
 def run(workspace: Workspace) -> Report:
     """Train the three parts, each in a process of its own."""
     settings = workspace.settings("critic", CriticSettings)
@@ -33,11 +41,16 @@ def run(workspace: Workspace) -> Report:
         train = partial(
             train_part, workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings, machine
         )
-        verdicts = dict(zip(PARTS, each(train, PARTS, workspace.jobs, "critic"), strict=True))
+        trained = dict(zip(PARTS, each(train, PARTS, workspace.jobs, "critic"), strict=True))
+        verdicts = {part: one.verdicts for part, one in trained.items()}
         report = {
             part: {group: asdict(verdict) for group, verdict in groups.items()} for part, groups in verdicts.items()
         }
         (folder / "report.json").write_text(json.dumps(report, indent=1))
+        notes = [f"{part}: {one.note}" for part, one in trained.items() if one.note]
+        (folder / "notes.txt").write_text("".join(f"- {note}\n" for note in notes))
+        for note in notes:
+            print(f"critic of {note}")
         explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
     for part in PARTS:
         workspace.data(f".critic-{part}.progress").unlink(missing_ok=True)
@@ -53,7 +66,7 @@ def train_part(
     settings: CriticSettings,
     machine: Mapping[str, Any],
     part: str,
-) -> dict[str, Verdict]:
+) -> Trained:
     """Train and save the critic of one part; what it can tell on each group of speakers."""
     from talkingeyes.learning.checkpoint import save
     from talkingeyes.learning.place import Place
@@ -74,7 +87,8 @@ def train_part(
         "unseen": recordings(corpus, fit, embed, "unseen", take=0),
         "test_and_unseen": recordings(corpus, fit, embed, "test", "unseen", take=0),
     }
-    return {name: judge(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+    verdicts = {name: judge(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+    return Trained(verdicts, learnt.note)
 
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:

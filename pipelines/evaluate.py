@@ -2,7 +2,8 @@
 
 Run: python -m pipelines.evaluate talkingeyes
 Rows: `truth` (the true motion; its takes are its samples), `fitted` (what models train on: the ceiling), `mismatched`
-(fitted motion of other sounds of the speaker), or a model.
+(fitted motion of other sounds of the speaker), or a model. A model of the face has the part `face` alone; truth and
+fitted have it beside the others (`evaluate_face`).
 Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<model>.
 Writes: data/evaluate/<row>/metrics.json {split: {part: {figure: {value, low, high}}}}, speed.csv (share of frames
 that are faster), and benchmark.json: the gaze benchmark on both splits together against the truth, all takes of it (in
@@ -24,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces, shows_face
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
@@ -37,6 +39,7 @@ from talkingeyes.metrics.benchmark.table import as_json
 from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe
 from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate
 from talkingeyes.metrics.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
+from talkingeyes.metrics.face.row import summarise_face
 from talkingeyes.metrics.judges import Judges
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
@@ -91,11 +94,13 @@ def run(workspace: Workspace, name: str) -> Report:
     )
     found: dict[str, dict[str, list[Figures]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
     work = items(sources, settings)
-    judges = Judges.load(sources.critic) if work else None
+    of_face = gives_face(sources.sample)
+    eyes = [] if of_face else work
+    judges = Judges.load(sources.critic) if eyes else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
-    measured = each(partial(evaluate, sources, judges), work, jobs, f"evaluate {name}")
+    measured = each(partial(evaluate, sources, judges), eyes, jobs, f"evaluate {name}")
     benchmark = Benchmark()
-    for item, one in zip(work, measured, strict=True):
+    for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
         benchmark.add(one)
@@ -105,11 +110,27 @@ def run(workspace: Workspace, name: str) -> Report:
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
         for split, parts in found.items()
     }
+    if of_face or name in REAL:
+        for split, figures in _faces(sources, work, settings, jobs).items():
+            table[split]["face"] = figures
     with workspace.output("evaluate", name) as folder:
         (folder / "metrics.json").write_text(json.dumps(_plain(table), indent=1))
         (folder / "benchmark.json").write_text(benchmark.json(settings.bootstrap))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(table), artifacts=[data("evaluate", name, "metrics.json")])
+
+
+def _faces(
+    sources: Sources, work: Sequence[Item], settings: EvaluateSettings, jobs: int
+) -> dict[str, dict[str, Estimate]]:
+    """The figures of the face, by split; none where motions have no face."""
+    places = FaceSources(sources.row, sources.corpus, sources.fit, sources.sample, settings.seed)
+    if not work or not shows_face(places, work[0].takes[0]):
+        return {}
+    measured = measure_faces(places, [item.takes for item in work], jobs)
+    pairs = list(zip(work, measured, strict=True))
+    by_split = {split: [one for item, one in pairs if item.takes[0].split == split] for split in SPLITS}
+    return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}
 
 
 class Benchmark:

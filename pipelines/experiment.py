@@ -33,13 +33,15 @@ Watch = Callable[[int, dict[str, float]], None]
 def calls(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """The stages in order, each with the item that it is called for."""
     models = list(params["model"])
+    watched = [name for name, model in params["model"].items() if "gaze" in model["parts"]]
+    judged = [name for name, model in params["model"].items() if {"gaze", "face"} & set(model["parts"])]
     yield from (("synthesize",), ("fit",), ("embed",))
     yield from (("pretrain", prior) for prior in params["pretrain"])
     yield from (("train", model) for model in models)
     yield ("critic",)
-    yield from (("assess", model) for model in models)
-    yield from (("sample", model) for model in models)
-    yield from (("evaluate", row) for row in (*REFERENCES, *models))
+    yield from (("assess", model) for model in watched)
+    yield from (("sample", model) for model in judged)
+    yield from (("evaluate", row) for row in (*REFERENCES, *judged))
     yield ("report",)
 
 

@@ -2,7 +2,8 @@
 
 Reads   the corpus (observations; truth, if there is one, only to report errors)
 Writes  data/fit/motion/<shard>/<clip>.npz (Motion), rejected.csv (clip, reason), table8.json (the paper's Table VIII),
-        blinks.json (laws of blinks a minute), summary.json (head error, precision and recall of blinks)
+        blinks.json (laws of blinks a minute), speakers.json (habits of the speakers of the train split),
+        summary.json (head error, precision and recall of blinks)
 Run     python -m pipelines.fit
 """
 
@@ -25,6 +26,7 @@ from talkingeyes.fitting.accuracy import pooled
 from talkingeyes.fitting.blink import rates
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import Match, Truth, Verdict, judge
+from talkingeyes.fitting.manner import SHORTEST_S, SPEAKERS_FILE, Manner, in_all, measured, save_speakers
 from talkingeyes.run import Report, Workspace, each, main
 
 # Table VIII of the paper: 30 HDTF videos brought down to 224 x 224; pixels, and pixels a second at 25 fps.
@@ -37,12 +39,13 @@ PAPER = [
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one clip; a rejected one has a reason and no verdict."""
+    """Of one clip; a rejected one has a reason and no verdict. `manner`: None, too, of a clip that is too short."""
 
     rejected: str
     blinks: int
     seconds: float
     verdict: Verdict | None
+    manner: Manner | None = None
 
 
 def run(workspace: Workspace) -> Report:
@@ -59,6 +62,7 @@ def run(workspace: Workspace) -> Report:
         if not kept:
             raise InputError(f"fit: all {len(clips)} clips were rejected, the first because: {outcomes[0].rejected}")
         _write_rejected(folder / "rejected.csv", clips, outcomes)
+        save_speakers(folder / SPEAKERS_FILE, speakers(kept))
         verdicts = [outcome.verdict for _, outcome in kept if outcome.verdict is not None]
         table, summary = table8(verdicts), summary_of(verdicts, len(clips))
         for name, content in {"table8": table, "blinks": blink_laws(kept), "summary": summary}.items():
@@ -77,7 +81,8 @@ def fit_one(corpus_root: Path, motions: Path, settings: FitSettings, by_adam: se
     fit.motion.save(sharded_for_writing(motions, clip.id, ".npz"))
     truth = Truth(corpus.truth(clip), corpus.truth_events(clip)) if corpus.has_truth else None
     verdict = judge(observation, fit, truth, settings, clip.id in by_adam)
-    return Outcome("", outcome.blinks, outcome.seconds, verdict)
+    manner = measured(fit.motion) if fit.motion.seconds >= SHORTEST_S else None
+    return Outcome("", outcome.blinks, outcome.seconds, verdict, manner)
 
 
 def table8(verdicts: Sequence[Verdict]) -> dict[str, Any]:
@@ -145,6 +150,15 @@ def blink_laws(kept: Sequence[tuple[Clip, Outcome]]) -> dict[str, Any]:
         "speakers": asdict(by_speaker),
         "paper": {"normal": {"mean": 40.10, "sd": 15.42}},
     }
+
+
+def speakers(kept: Sequence[tuple[Clip, Outcome]]) -> dict[str, Manner]:
+    """Habits of the speakers of the train split, by name."""
+    found: dict[str, list[tuple[Manner, float]]] = {}
+    for clip, outcome in kept:
+        if clip.split == "train" and outcome.manner is not None:
+            found.setdefault(clip.speaker, []).append((outcome.manner, outcome.seconds))
+    return {name: in_all([manner for manner, _ in clips], [s for _, s in clips]) for name, clips in found.items()}
 
 
 def _write_rejected(path: Path, clips: Sequence[Clip], outcomes: Sequence[Outcome]) -> None:

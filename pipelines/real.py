@@ -36,11 +36,15 @@ MOVES_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said t
 FACING_DEG = 12.0  # median turn of the head below which a clip is said to face the camera
 BLINKS_A_MINUTE = (15.0, 35.0)
 CORRELATION = 0.8
+UNBOUND_RAD = 10.0  # a prior on changes of vergence that is none
 
 
 @dataclass(frozen=True)
 class Row:
-    """One clip: what its fit says. Correlations of yaw: of both eyes, of the eyes with the head; angles in degrees."""
+    """One clip: what its fit says. Correlations of yaw: of both eyes, of the eyes with the head; angles in degrees.
+
+    Both eyes as each was seen, fitted without the prior on how they stand to each other, under which they always agree.
+    """
 
     clip: str
     fps: float
@@ -74,7 +78,9 @@ def measured(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float], 
     """Fit one clip and look at its yaw."""
     fit = fit_clip(corpus.observation(clip), settings)
     motion = fit.motion
-    eyes_rad = angles_of_gaze(motion.gaze)[motion.valid, :, 0]
+    alone = settings.eyes.model_copy(update={"vergence_sd_rad": UNBOUND_RAD})
+    by_itself = fit_clip(corpus.observation(clip), settings.model_copy(update={"eyes": alone})).motion
+    eyes_rad = angles_of_gaze(by_itself.gaze)[motion.valid, :, 0]
     head_rad = motion.head[motion.valid, 1]
     return Row(
         clip=clip.id,

@@ -1,9 +1,10 @@
 """Stage `report`: Table III beside the paper's, what is required and whether it is reached, and plots.
 
-Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json; for plots the corpus and
-        data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
+Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json and notes.txt; for plots the
+        corpus and data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
 Writes  data/report/: metrics.json {row: {split: {part: {figure: value}}}}, table3.md, table3.csv, and as PNG: figures,
-        traces (several samples of one sound), speeds, codes, benchmark (all measures beside the truth's intervals)
+        traces (several samples of one sound), speeds, codes, benchmark (all measures beside the truth's intervals);
+        face.md: the faces, as in ProbTalk3D's Table 1
 Run     python -m pipelines.report
 """
 
@@ -28,6 +29,7 @@ from talkingeyes.metrics.benchmark.strip import plot_strips
 from talkingeyes.metrics.benchmark.table import from_json
 from talkingeyes.metrics.benchmark.table import markdown as benchmark_markdown
 from talkingeyes.metrics.benchmark.tally import Row as BenchmarkRow
+from talkingeyes.metrics.face.table import face_markdown
 from talkingeyes.metrics.plots import COLOURS, Trace, plot_codes, plot_figures, plot_speeds, plot_traces
 from talkingeyes.metrics.table import (
     TITLES,
@@ -53,6 +55,12 @@ Beside each figure stands its interval over clips. L2, Diversity and Corr. compa
 with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.: read both beside truth, fitted and
 mismatched motion. The paper's numbers are of another corpus and another critic.
 """
+FACES = """# The face
+
+On the vertices of the open head, against the true motion; each figure with its interval over sounds. What the measures
+are, and more rows: docs/face_table.md.
+
+"""
 BENCHMARK = """### The gaze benchmark, test and unseen together
 
 Each figure with its interval over sounds; bold: worse than the truth under the same sounds by more than the interval.
@@ -65,22 +73,25 @@ def run(workspace: Workspace) -> Report:
     rows = {path.parent.name: _json(path) for path in sorted(workspace.data("evaluate").glob("*/metrics.json"))}
     if not rows:
         raise InputError(f"{workspace.data('evaluate')}: should hold rows that `evaluate` wrote, got none")
+    eyes = {name: row for name, row in rows.items() if any(set(parts) - {"face"} for parts in row.values())}
     counts = {
         path.parent.name: np.array(_json(path)["counts"], float)
         for path in sorted(workspace.data("pretrain").glob("*/codes.json"))
     }
-    asked = [*requirements(rows), *_upstream(workspace.data("fit", "table8.json"), counts)]
+    asked = [*requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
     with workspace.output("report") as folder:
         (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
-        (folder / "table3.csv").write_text(comma_separated(rows))
-        benchmarks = _benchmarks(workspace.data("evaluate"), ordered(rows))
+        (folder / "table3.csv").write_text(comma_separated(eyes))
+        benchmarks = _benchmarks(workspace.data("evaluate"), ordered(eyes))
         critic = _json(workspace.data("critic", "report.json"))
-        (folder / "table3.md").write_text(_page(rows, critic, asked, benchmarks))
+        notes = workspace.data("critic", "notes.txt").read_text()
+        (folder / "table3.md").write_text(_page(eyes, critic, notes, asked, benchmarks))
+        (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
             {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
         )
-        plot_figures(rows, folder / "figures.png")
-        plot_speeds(_speeds(workspace.data("evaluate"), ordered(rows)), folder / "speeds.png")
+        plot_figures(eyes, folder / "figures.png")
+        plot_speeds(_speeds(workspace.data("evaluate"), ordered(eyes)), folder / "speeds.png")
         if counts:
             plot_codes(counts, folder / "codes.png")
         _draw_traces(workspace, folder / "traces.png")
@@ -98,11 +109,12 @@ def run(workspace: Workspace) -> Report:
 def _page(
     rows: Mapping[str, Table],
     critic: Mapping[str, Any],
+    notes: str,
     asked: list[Requirement],
     benchmarks: Mapping[str, Sequence[BenchmarkRow]],
 ) -> str:
     parts = [INTRODUCTION, markdown(rows), BENCHMARK, benchmark_markdown(benchmarks, TITLES)]
-    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), ""]
+    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), "", notes]
     return "\n".join(parts)
 
 

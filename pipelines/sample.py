@@ -12,7 +12,9 @@ import numpy as np
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
+from talkingeyes.learning.face_trained import FaceGenerator, gives_face, load_face_generator
 from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.models.face.style import StyleKey
 from talkingeyes.run import Report, Workspace, each, main
 
 
@@ -27,19 +29,22 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 @lru_cache(maxsize=1)
-def _generator(folder: Path) -> Generator:
+def _generator(folder: Path) -> Generator | FaceGenerator:
     """Loaded once a process."""
-    return load_generator(folder)
+    return load_face_generator(folder) if gives_face(folder) else load_generator(folder)
 
 
 def _sample(model: Path, embed: Path, folder: Path, settings: SampleSettings, clip: Clip) -> int:
     embedding = np.load(sharded(embed / "speech", clip.sound, ".npy"))
     entropy = [settings.seed, *clip.id.encode()]
     seeds = np.random.default_rng(entropy).integers(2**31, size=settings.samples).tolist()
-    samples = _generator(model).generate(embedding, seeds, clip.fps)
-    samples.save(sharded_for_writing(folder, clip.id, ".npz"))
-    count, frames, _ = samples.head.shape
-    return int(count * frames)
+    generator, path = _generator(model), sharded_for_writing(folder, clip.id, ".npz")
+    if isinstance(generator, FaceGenerator):
+        style = [StyleKey(0.0, generator.vocabulary.style_of(clip))]
+        generator.generate(embedding, style, seeds, clip.fps).save(path)
+    else:
+        generator.generate(embedding, seeds, clip.fps).save(path)
+    return settings.samples * len(embedding)
 
 
 if __name__ == "__main__":

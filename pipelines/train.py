@@ -1,4 +1,4 @@
-"""Train one speech-to-motion model on the fitted motion of the train split.
+"""Train one model, of head and gaze or of the face, on the fitted motion of the train split.
 
 Run: python -m pipelines.train talkingeyes
 Reads: the corpus index, data/fit, data/embed, data/pretrain/<prior>.
@@ -11,17 +11,32 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.corpus.faces import faces
+from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Normaliser, recordings
+from talkingeyes.fitting.manner import SPEAKERS_FILE
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.sag import FaceSurface
 from talkingeyes.learning.checkpoint import load, save
+from talkingeyes.learning.face_priors import load_prior
+from talkingeyes.learning.face_trained import face_config, save_face_baseline
+from talkingeyes.learning.face_translation import FaceData, FaceTask, FaceTranslationSettings
 from talkingeyes.learning.loop import train
+from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, pgface_config, read_shapes
 from talkingeyes.learning.place import Place
+from talkingeyes.learning.poses import PoseModelSettings, PoseTask
 from talkingeyes.learning.progress import Progress
-from talkingeyes.learning.trained import network_config, save_baseline
+from talkingeyes.learning.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
+from talkingeyes.learning.trained_poses import pose_config
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings, TranslationTask
-from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.models.baselines import BaselineSettings, bank_of, bank_of_motions
+from talkingeyes.models.face.basis import FaceBasis
+from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.run import SUMS, Report, Workspace, main
+
+NetworkSettings = TranslationSettings | FaceTranslationSettings | PoseModelSettings | PGFaceSettings
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -31,8 +46,19 @@ def run(workspace: Workspace, name: str) -> Report:
     model = workspace.params.get("model", {}).get(name)
     if isinstance(model, dict) and model.get("kind") == "speech_to_motion":
         return _network(workspace, name, workspace.settings(f"model.{name}", TranslationSettings), seed, place)
+    if isinstance(model, dict) and model.get("kind") == "speech_to_face":
+        return _face(workspace, name, workspace.settings(f"model.{name}", FaceTranslationSettings), seed, place)
+    if isinstance(model, dict) and model.get("kind") == "speech_to_pose":
+        return _poses(workspace, name, workspace.settings(f"model.{name}", PoseModelSettings), seed)
+    if isinstance(model, dict) and model.get("kind") == "pgface":
+        return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceSettings), seed)
     place.leave_unless_first()
-    return _baseline(workspace, name, workspace.settings(f"model.{name}", BaselineSettings))
+    if isinstance(model, dict) and model.get("kind") == "head_then_gaze":
+        return _joined(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
+    settings = workspace.settings(f"model.{name}", BaselineSettings)
+    return (
+        _face_baseline(workspace, name, settings) if "face" in settings.parts else _baseline(workspace, name, settings)
+    )
 
 
 def _network(workspace: Workspace, name: str, settings: TranslationSettings, seed: int, place: Place) -> Report:
@@ -55,7 +81,90 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     return Report(metrics={**figures, "parameters": weights})
 
 
-def _progress(workspace: Workspace, name: str, settings: TranslationSettings, seed: int, place: Place) -> Progress:
+def _face(workspace: Workspace, name: str, settings: FaceTranslationSettings, seed: int, place: Place) -> Report:
+    data = _face_data(workspace)
+    prior = load_prior(workspace.data("pretrain", settings.prior)) if settings.prior else None
+    if prior is not None:
+        prior.basis.require(
+            data.basis, str(workspace.data("pretrain", str(settings.prior))), "pretrain it on this motion"
+        )
+    task = FaceTask(settings, seed, data, prior)
+    progress = _progress(workspace, name, settings, seed, place)
+    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    place.leave_unless_first()
+    chosen = task.choose_temperature()
+    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature)}
+    with workspace.output("train", name) as folder:
+        save(folder, task.module.state_dict(), face_config(settings, data, prior), [*history, chosen])
+        _keep_what_animate_needs(workspace, folder)
+    progress.remove()
+    return Report(metrics={**figures, "parameters": sum(each.numel() for each in task.module.parameters())})
+
+
+def _face_data(workspace: Workspace) -> FaceData:
+    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    known = faces(corpus, fit, embed, "train")
+    basis = FaceBasis(known.head_model, known.expression_names)
+    vocabulary = StyleVocabulary.of(known.clips)
+    return FaceData(known, faces(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
+
+
+def _poses(workspace: Workspace, name: str, settings: PoseModelSettings, seed: int) -> Report:
+    """A model of the head alone; its curves, the rival's among them, go to the record of runs."""
+    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    normaliser, place = Normaliser.of(embed), Place.alone(workspace.params["machine"])
+    of_train, of_val = (
+        pose_recordings(corpus, fit, embed, settings.poses, split, take=0) for split in ("train", "val")
+    )
+    task = PoseTask(settings, seed, of_train, of_val, normaliser)
+    progress = _progress(workspace, name, settings, seed, place)
+    if settings.loop is None:
+        history = [{"step": 0.0, **task.validate()}]
+    else:
+        history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    with workspace.output("train", name) as folder:
+        save(folder, task.module.state_dict(), pose_config(settings, normaliser, task.module), history)
+        _keep_what_animate_needs(workspace, folder)
+    progress.remove()
+    weights = sum(parameter.numel() for parameter in task.module.parameters())
+    of_rival = sum(parameter.numel() for parameter in task.rival.parameters()) if task.rival else 0
+    figures = {**history[-1], "parameters": weights - of_rival, "parameters_rival": of_rival}
+    return Report(metrics=figures, history=history)
+
+
+def _pgface(workspace: Workspace, name: str, settings: PGFaceSettings, seed: int) -> Report:
+    """The face's shape of speech and head pose."""
+    corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
+    normaliser, place, surface = (
+        Normaliser.of(embed),
+        Place.alone(workspace.params["machine"]),
+        FaceSurface(open_head()),
+    )
+    of_train, of_val = (
+        [read_shapes(fit, embed, clip, settings.poses) for clip in recordings(corpus, fit, embed, split, take=0).clips]
+        for split in ("train", "val")
+    )
+    task = PGFaceTask(settings, seed, of_train, of_val, normaliser, surface)
+    progress = _progress(workspace, name, settings, seed, place)
+    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    with workspace.output("train", name) as folder:
+        save(folder, task.module.state_dict(), pgface_config(settings, normaliser, surface), history)
+        _keep_what_animate_needs(workspace, folder)
+    progress.remove()
+    weights = sum(parameter.numel() for parameter in task.module.parameters())
+    return Report(metrics={**history[-1], "parameters": weights}, history=history)
+
+
+def _joined(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:
+    """Nothing is trained: two models that are stand in one folder."""
+    head, gaze = (load(workspace.data("train", each)) for each in settings.made_of)
+    with workspace.output("train", name) as folder:
+        save_head_then_gaze(folder, settings, head, gaze)
+        _keep_what_animate_needs(workspace, folder)
+    return Report()
+
+
+def _progress(workspace: Workspace, name: str, settings: NetworkSettings, seed: int, place: Place) -> Progress:
     """The file of this training, and all that its result follows from."""
     folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.prior))]
     reads = (workspace.corpus / "clips.parquet", *(folder / SUMS for folder in folders), Path(__file__))
@@ -88,10 +197,23 @@ def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Re
     return Report(metrics={"clips": len(bank.features)})
 
 
+def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
+    data = _face_data(workspace)
+    std = np.maximum(data.normaliser.std, 1e-6)
+    bank = bank_of_motions(
+        [(np.asarray(each.speech) - data.normaliser.mean) / std for each in data.train],
+        [data.basis.joined(each.expression, each.jaw) for each in data.train],
+    )
+    with workspace.output("train", name) as folder:
+        save_face_baseline(folder, settings, bank, data)
+        _keep_what_animate_needs(workspace, folder)
+    return Report(metrics={"clips": len(bank.features)})
+
+
 def _keep_what_animate_needs(workspace: Workspace, folder: Path) -> None:
-    """The encoder's settings and the blinks of the corpus, so that a model's folder is whole."""
-    shutil.copyfile(workspace.data("embed", "embedding.json"), folder / "embedding.json")
-    shutil.copyfile(workspace.data("fit", "blinks.json"), folder / "blinks.json")
+    """The encoder's settings, the blinks of the corpus and its speakers' habits, so that a model's folder is whole."""
+    for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
+        shutil.copyfile(workspace.data(stage, name), folder / name)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,10 @@ import talkingeyes
 from talkingeyes import cli
 from talkingeyes.audio.waveform import frames_of
 from talkingeyes.errors import InputError
+from talkingeyes.export import traces
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance import perform
+from talkingeyes.performance.direction import Direction
 
 
 class ToyPerformer:
@@ -28,7 +30,9 @@ class ToyPerformer:
             raise InputError(f"{model}: not a trained model")
         return cls()
 
-    def perform(self, sound: np.ndarray, samples: int, seed: int, fps: float, blinks: str) -> list[perform.Performance]:
+    def perform(
+        self, sound: np.ndarray, samples: int, seed: int, fps: float, direction: Direction
+    ) -> list[perform.Performance]:
         performances = []
         for index in range(samples):
             random = np.random.default_rng([seed, index])
@@ -61,14 +65,19 @@ def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 SAMPLE = (".events.json", ".mp4", ".npz")
 
 
-@pytest.mark.parametrize("out", ["out", "a/b/c d", "-dash", "\N{SNOWMAN}"])
-def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
+@pytest.mark.parametrize("out", ["a/b/c d", "-dash", "\N{SNOWMAN}"])
+def test_a_folder_may_have_any_name(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
+    assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "1", "--no-pictures") == 0
+    names = sorted(path.name for path in (place / out).iterdir())
+    assert names == ["made_of.json", "sample_00.events.json", "sample_00.npz"]
+
+
+def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = "out"
     assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "2", "--fps", "30") == 0
     names = sorted(path.name for path in (place / out).iterdir())
-    assert names == [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE] + [
-        "sheet.png",
-        "traces.png",
-    ]
+    samples = [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE]
+    assert names == ["made_of.json", *samples, "sheet.png", "traces.png"]
     motion = Motion.load(place / out / "sample_01.npz")
     assert (motion.fps, len(motion)) == (30.0, 30)
     assert len(Events.load(place / out / "sample_00.events.json").blinks) == 1
@@ -76,7 +85,7 @@ def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pyte
 
 
 def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1"]
+    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1", "--no-pictures"]
     more = ["-f", "bvh", "-f", "events", "-f", "flame", "-f", "livelink"]
     assert call(monkeypatch, *words, *more) == 0
     names = {path.name for path in (place / "out").iterdir()}
@@ -86,12 +95,12 @@ def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest
 
 
 def test_python_does_the_same(place: Path) -> None:
-    silent = talkingeyes.animate("my speech.txt", samples=2, seed=5)
-    written = talkingeyes.animate(place / "my speech.txt", place / "out", samples=2, seed=5)
+    silent = talkingeyes.animate_samples("my speech.txt", 2, seed=5)
+    written = talkingeyes.animate_into(place / "my speech.txt", place / "out", samples=2, seed=5, pictures=False)
     for index in range(2):
-        np.testing.assert_array_equal(silent[index].gaze, written[index].gaze)
+        np.testing.assert_array_equal(silent[index].motion.gaze, written[index].motion.gaze)
         loaded = Motion.load(place / "out" / f"sample_{index:02d}.npz")
-        np.testing.assert_allclose(loaded.head, written[index].head, atol=1e-6)
+        np.testing.assert_allclose(loaded.head, written[index].motion.head, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +112,24 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt", "-o", "out", "--fps", "1000"], "fps: should be 10 to 240"),
         (["my speech.txt", "-o", "out", "--seed", "-1"], "seed: should be 0 or more"),
         (["my speech.txt", "-o", "out", "-f", "fbx"], "format: should be one of flame, vhap"),
-        (["my speech.txt", "-o", "out", "--model", "other"], "`make repro` first"),
+        (["my speech.txt", "-o", "out", "--model", "other"], "other: not a trained model"),
+        (["my speech.txt"], "out: should be the folder to write"),
+        (["-o", "out"], "speech: should be sound files or --text, got neither"),
+        (["my speech.txt", "--text", "Hello.", "-o", "out"], "speech: should be sound files or --text, got both"),
+        (["my speech.txt", "--voice", "en-us+f3", "-o", "out"], "voice: is for --text"),
+        (["--text", "...", "-o", "out"], "text: should hold words, got '...'"),
+        (["--text", "Hello.", "--voice", "queen", "-o", "out"], "voice: should be accent+variant"),
+        (["--text", "Hello.", "--voice", "de+f3", "--language", "fr", "-o", "out"], "of the language fr"),
+        (["--text", "Hello.", "--language", "tlh", "-o", "out"], "language: should be one of en, fr"),
+        (["my speech.txt", "-o", "out", "--target", "window"], "target: should be camera, listener or a file"),
+        (["my speech.txt", "-o", "out", "--target", "none.json"], "none.json: should be a readable track"),
+        (["my speech.txt", "-o", "out", "--contact", "2"], "contact: should be 0"),
+        (["my speech.txt", "-o", "out", "--head-liveliness", "-1"], "liveliness of head: should be 0"),
+        (["my speech.txt", "-o", "out", "--partner", "none.wav"], "none.wav: cannot be opened"),
+        (["my speech.txt", "-o", "out", "--style", "none.npz"], "none.npz: not a readable motion"),
+        (["my speech.txt", "-o", "out", "--jobs", "0"], "jobs: should be 1 or more"),
+        (["my speech.txt", "my speech.txt", "-o", "out"], "another sound is called my speech too"),
+        (["data", "-o", "out"], "data: should hold sounds"),
         (["my speech.txt", "-o", "out", "--model", "data"], "not a trained model"),
         (["my speech.txt", "-o", "data"], "should be a new or empty folder"),
         (["my speech.txt", "-o", "data", "--force"], "should be a new or empty folder"),
@@ -126,7 +152,7 @@ def test_a_mistake_is_one_line_and_changes_nothing(
 
 
 def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["animate", "my speech.txt", "-o", "out", "--samples"]
+    words = ["animate", "my speech.txt", "-o", "out", "--no-pictures", "--samples"]
     assert call(monkeypatch, *words, "2") == 0
     assert call(monkeypatch, *words, "1") == 2
     assert (place / "out" / "sample_01.npz").exists()
@@ -135,14 +161,14 @@ def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pyte
 
 
 def test_a_call_that_breaks_leaves_the_earlier_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    talkingeyes.animate("my speech.txt", "out", samples=1)
+    talkingeyes.animate_into("my speech.txt", "out", samples=1)
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("talkingeyes.export.traces.plot_traces", full)
+    monkeypatch.setattr(traces, "plot_traces", full)
     with pytest.raises(InputError, match="No space left"):
-        talkingeyes.animate("my speech.txt", "out", samples=2, force=True)
+        talkingeyes.animate_into("my speech.txt", "out", samples=2, force=True)
     assert sorted(path.name for path in place.iterdir()) == ["data", "my speech.txt", "out"]
     assert not (place / "out" / "sample_01.npz").exists()
 

@@ -15,11 +15,18 @@ from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, ma
 from talkingeyes.audio.waveform import frames_of
 from talkingeyes.config import CONF
 from talkingeyes.errors import InputError
+from talkingeyes.learning.face_priors import FacePriorSettings
+from talkingeyes.learning.face_translation import FaceTranslationSettings
 from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models.face.autoencoder import FACE_AUTOENCODERS
+from talkingeyes.models.face.basis import FaceBasis
+from talkingeyes.models.face.style import Style, StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_face import FaceBatch, SpeechToFace
 from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion
 
 CHANNELS = 6
+FACE_BASIS, SPEAKERS = FaceBasis("toy", ("mouthSmileLeft", "mouthSmileRight")), StyleVocabulary(("a", "b"))
 
 
 def content(path: Path) -> Any:
@@ -27,6 +34,7 @@ def content(path: Path) -> Any:
 
 
 MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_motion"]
+FACES = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_face"]
 FAMILIES = [path.stem for path in sorted((CONF / "embed" / "encoder").glob("*.yaml"))]
 
 
@@ -45,7 +53,8 @@ def network(name: str) -> SpeechToMotion:
     """A model of conf/model/, untrained."""
     settings = TranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
-    made = SpeechToMotion(settings, [str(index) for index in range(CHANNELS)], codebook(settings.prior))
+    names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
+    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior))
     made.head.normalise_by(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()
@@ -101,6 +110,56 @@ class TestModel:
             optimiser.step()
             totals.append(total.item())
         assert totals[-1] < totals[0]
+
+
+def face_network(name: str) -> SpeechToFace:
+    """A model of the face of conf/model/, with its motion autoencoder, both untrained."""
+    settings = FaceTranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
+    torch.manual_seed(0)
+    prior = None
+    if settings.prior:
+        of_prior = FacePriorSettings.model_validate(content(CONF / "pretrain" / f"{settings.prior}.yaml"))
+        prior = FACE_AUTOENCODERS.make(of_prior.network, FACE_BASIS.numbers)
+        prior.measure(torch.randn(2, 20, FACE_BASIS.numbers))
+        prior.freeze()
+    channels = [str(index) for index in range(CHANNELS)]
+    return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, prior).eval()
+
+
+@pytest.mark.parametrize("name", FACES)
+class TestFaceModel:
+    """Face generators, on a head of two shapes."""
+
+    def test_it_learns_one_batch_through_speech_and_style(self, name: str) -> None:
+        made = face_network(name).train()
+        torch.manual_seed(1)
+        data = FaceBatch(torch.randn(2, 20, CHANNELS), torch.rand(2, 1, SPEAKERS.numbers), torch.randn(2, 20, 5))
+        optimiser = torch.optim.Adam([each for each in made.parameters() if each.requires_grad], 3e-3)
+        totals = []
+        for _ in range(5):
+            torch.manual_seed(0)
+            terms = made.terms(data)
+            assert set(made.settings.weights) <= set(terms)
+            assert all(value.shape == () and torch.isfinite(value) for value in terms.values())
+            optimiser.zero_grad()
+            terms["total"].backward()
+            optimiser.step()
+            totals.append(terms["total"].item())
+        assert totals[-1] < totals[0]
+        heard = [made.speech, made.style] if made.style else [made.speech]
+        assert all(any(each.grad.abs().sum() > 0 for each in part.parameters()) for part in heard)
+
+    def test_a_face_is_finite_at_any_length_and_the_same_for_a_seed(self, name: str) -> None:
+        made = face_network(name)
+        style = torch.from_numpy(SPEAKERS.vector(Style("a", "happy", 1)))[None]
+        for frames in (1, 9):
+            speech = torch.randn(frames, CHANNELS)
+            many = made.generate(speech, style, [3, 4], 1.0)
+            assert many.shape == (2, frames, FACE_BASIS.numbers)
+            assert torch.isfinite(many).all()
+            torch.testing.assert_close(many[1], made.generate(speech, style, [4], 1.0)[0], atol=1e-4, rtol=1e-3)
+        if made.settings.temperatures != (0.0,):
+            assert (many[0] - many[1]).abs().max() > 1e-5
 
 
 @pytest.mark.parametrize("name", FAMILIES)

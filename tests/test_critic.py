@@ -139,3 +139,26 @@ def test_a_channel_that_the_embedding_lacks_is_named() -> None:
     assert Hearing.of(embedding, ["c", "a"]).mean.tolist() == [2.0, 0.0]
     with pytest.raises(InputError, match="got loudness"):
         Hearing.of(embedding, ["a", "loudness"])
+
+
+def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> None:
+    lonely = toy(coupled=True, speakers=12, sounds=1)
+    task, history = learnt(lonely)
+    assert task.times_alone
+    assert not learnt(toy(coupled=True, speakers=4, sounds=4))[0].times_alone
+    assert max(row["score"] for row in history) > 0.7  # the planted coupling, by time alone
+    with pytest.raises(InputError, match=r"critic.shifts"):
+        silent = SETTINGS.model_copy(update={"shifts": 0})
+        Contrast("head", task.critic, lonely, divide(lonely, silent), FPS, silent)
+
+
+def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None:
+    """Clips of a second: `integers` would be asked for a number between 25 and 0 otherwise."""
+    short = [
+        Recording(each.clip, each.speech[:25], each.head[:25], each.gaze[:25], each.valid[:25])
+        for each in toy(coupled=True, speakers=3, sounds=2)
+    ]
+    task = Contrast("head", new_critic("head", short, HEARING, SETTINGS), short, divide(short, SETTINGS), FPS, SETTINGS)
+    assert np.isfinite(task.losses(0)["total"].item())
+    with torch.no_grad():
+        assert 0 <= task.validate()["score"] <= 1

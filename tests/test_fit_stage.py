@@ -14,6 +14,7 @@ from talkingeyes.config import compose
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.errors import InputError
+from talkingeyes.fitting.manner import load_speakers
 from talkingeyes.motion import Motion
 from talkingeyes.run import Workspace
 from tests.scene import FPS, scene
@@ -66,6 +67,9 @@ def test_fit_writes_motion_and_reports(tmp_path: Path, repository: Path):
     blinks = json.loads((folder / "blinks.json").read_text())
     assert blinks["clips"]["count"] == GOOD
     assert blinks["speakers"]["count"] == 2
+    speakers = load_speakers(folder / "speakers.json")
+    assert set(speakers) == {"p0", "p1"}
+    assert all(manner.head_sd_rad[1] > 0 and manner.saccades_per_min > 0 for manner in speakers.values())
     assert report.metrics["blink_recall"] > 0.9
     assert report.metrics["lightgazefit/error_px"] == table["lightgazefit"]["error_px"]
 

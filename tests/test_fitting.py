@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from talkingeyes.config import compose
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.accuracy import Yardstick
-from talkingeyes.fitting.blink import eye_aspect_ratio, lids, rates
+from talkingeyes.fitting.blink import dips, eye_aspect_ratio, lids, rates
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import Truth, head_error, judge, match, with_adam
 from talkingeyes.fitting.eyes import eyes, within_range
@@ -124,14 +124,31 @@ def test_axes_of_the_eyes_lie_between_what_is_seen_and_their_prior(settings: Fit
     gaze = gaze_of_angles(np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1)))  # 6 degrees apart, 2 of level
     known = np.ones((50, 2), bool)
     plain = settings.eyes.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "gain_pitch": 1.0})
-    found = angles_of_gaze(eyes(gaze, np.zeros((50, 3)), known, FPS, plain).corrected(gaze))[0]
+    found = angles_of_gaze(eyes(gaze, np.zeros((50, 3)), known, FPS, plain).corrected(gaze, known[:, 0]))[0]
     half = np.degrees(found[0] - found[1]) / 2
     assert np.degrees(plain.apart_rad) < half[0] < 6.0
     assert 0.0 < half[1] < 2.0
     np.testing.assert_allclose(np.degrees(found.mean(axis=0)), [3.0, 0.0], atol=1e-6)
     trusting = plain.model_copy(update={"noise_rad": 0.0})
-    kept = eyes(gaze, np.zeros((50, 3)), known, FPS, trusting).corrected(gaze)
+    kept = eyes(gaze, np.zeros((50, 3)), known, FPS, trusting).corrected(gaze, known[:, 0])
     np.testing.assert_allclose(kept, gaze, atol=1e-9)
+
+
+def test_eyes_that_drift_apart_are_believed_by_the_prior_alone(settings: FitSettings):
+    drift = np.radians(4.0) * np.sin(np.linspace(0, 12, 300))[:, None] * np.array([1.0, -1.0])
+    gaze = gaze_of_angles(np.stack([drift, np.zeros((300, 2))], axis=-1))
+    known = np.ones((300, 2), bool)
+    known[250:, 1] = False
+    doubting = settings.eyes.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "noise_rad": 0.04})
+    found = angles_of_gaze(
+        eyes(gaze, np.zeros((300, 3)), known, FPS, doubting).corrected(gaze, np.asarray(known.all(axis=1)))
+    )[..., 0]
+    share = doubting.vergence_sd_rad**2 / (doubting.vergence_sd_rad**2 + 0.04**2)
+    assert np.ptp(found[:250, 0] - found[:250, 1]) == pytest.approx(share * np.radians(16.0), rel=0.02)
+    np.testing.assert_allclose(found[:250].mean(axis=1), 0.0, atol=1e-9)  # what both share stays
+    np.testing.assert_allclose(
+        np.diff(found[250:, 0]), np.diff(drift[250:, 0]), atol=1e-9
+    )  # one eye says nothing of it
 
 
 def test_jaw_and_brows_are_found(settings: FitSettings):
@@ -327,6 +344,33 @@ def test_shut_for_long_is_no_blink(settings: FitSettings):
     found = lids(observed, np.full((100, 2), 0.33), FPS, settings.blink.model_copy(update={"open_percentile": 90}))
     assert found.blinks == ()
     assert found.lid[50] == pytest.approx(0.94, abs=0.01)
+
+
+def opening_of(*blinks: tuple[int, float], frames: int = 150) -> np.ndarray:
+    """Opening of both eyes, 1 but for dips of five frames at (frame, depth)."""
+    opening = np.ones((frames, 2))
+    for frame, depth in blinks:
+        opening[frame - 2 : frame + 3] -= depth * np.array([0.4, 0.9, 1.0, 0.7, 0.3])[:, None]
+    return opening
+
+
+def test_two_blinks_in_a_row_are_two_and_a_blink_of_lowered_lids_is_one(settings: FitSettings):
+    running = opening_of((30, 0.9), (34, 0.9))
+    assert dips(running, FPS, settings.blink) == ((28, 31), (31, 37))
+    lowered = opening_of((90, 0.6))
+    lowered[60:] -= 0.35  # and stays: no blink of its own
+    assert dips(lowered, FPS, settings.blink) == ((88, 93),)
+
+
+def test_a_squint_a_wink_and_a_lasting_fall_are_no_blinks(settings: FitSettings):
+    wink = opening_of((30, 0.9))
+    wink[:, 0] = 1.0
+    assert dips(wink, FPS, settings.blink) == ()
+    squint = opening_of()
+    squint[40:] -= 0.5
+    assert dips(squint, FPS, settings.blink) == ()
+    trembling = 1.0 + 0.05 * np.random.default_rng(0).normal(size=(500, 2))
+    assert dips(trembling, FPS, settings.blink) == ()
 
 
 def test_a_step_survives_smoothing_and_a_burst_does_not():

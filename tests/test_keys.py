@@ -81,7 +81,9 @@ def test_blinks_come_and_go(keys: tuple[Path, dict[str, Any]]) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": "talkingeyes.events/1"}, "schema should be talkingeyes.keys/1, got talkingeyes.events/1"),
+        ({"schema": "talkingeyes.keys/1"}, "schema should be talkingeyes.events/1, got talkingeyes.keys/1"),
+        ({"original": None}, "should hold the original keys too"),
+        ({"refocuses": [{"onset_s": 1, "distance_m": 1}]}, "saccades and blinks can be edited, got other refocuses"),
         ({"blinks": [{"onset": 1}]}, "a key of blinks should have onset_s"),
         ({"saccades": [{"onset_s": 1}]}, "a key of saccades should have onset_s and end_rad"),
         ({"saccades": [{"onset_s": -1, "end_rad": [0, 0]}]}, "times from 0 s"),

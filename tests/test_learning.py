@@ -108,6 +108,7 @@ def test_aliveness_tells_frozen_and_trembling_from_alive() -> None:
 def prior(patch: int, **changes: Any) -> PriorSettings:
     return PriorSettings.model_validate(
         {
+            "kind": "gaze",
             "seed": 0,
             "network": {
                 "signal": "gaze_in_space" if patch > 1 else "eye_in_head",

@@ -11,9 +11,11 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.kinematics import space_speed_deg_s
 from talkingeyes.motion import Blink, Saccade
-from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.direction import Direction
+from talkingeyes.performance.events import resample
 from talkingeyes.performance.perform import Performer, held_over, sample_seeds
 from talkingeyes.physiology import saccades
+from talkingeyes.physiology.steps import find_saccades
 
 
 def scene(onsets_s: list[float], amplitude_deg: float, fps: float, seconds: float = 4.0) -> tuple[Any, Any]:
@@ -113,7 +115,7 @@ def test_profiles_blink_at_their_rates() -> None:
     long = np.zeros(16_000 * 120, np.float32)
     rates = {}
     for profile in ("paper", "physio"):
-        made = PERFORMER.perform(long, 30, seed=1, fps=25.0, blink_profile=profile)
+        made = PERFORMER.perform(long, 30, seed=1, fps=25.0, direction=Direction(blinks=profile))
         rates[profile] = np.mean([len(one.events.blinks) / 2 for one in made])
     assert 34 < rates["paper"] < 46
     assert 18 < rates["physio"] < 30
@@ -121,7 +123,7 @@ def test_profiles_blink_at_their_rates() -> None:
 
 def test_an_unknown_profile_is_one_clear_line() -> None:
     with pytest.raises(InputError, match="one of paper, physio, got often"):
-        PERFORMER.perform(SOUND, 1, 0, 25.0, "often")
+        PERFORMER.perform(SOUND, 1, 0, 25.0, Direction(blinks="often"))
 
 
 def test_sample_i_does_not_depend_on_how_many_are_asked_for() -> None:

@@ -36,7 +36,7 @@ def reported(workspace):
 def test_writes_tables_and_pictures(workspace, reported):
     names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS"}
     pictures = {"figures.png", "traces.png", "speeds.png", "codes.png", "benchmark.png"}
-    assert names == {"metrics.json", "table3.md", "table3.csv"} | pictures
+    assert names == {"metrics.json", "table3.md", "table3.csv", "face.md"} | pictures
     assert all(workspace.data("report", name).stat().st_size > 5000 for name in pictures)
     assert {path.name for path in reported.artifacts} == names
     assert reported.metrics["missed"] <= reported.metrics["required"]

@@ -198,7 +198,7 @@ def clips() -> tuple[list[np.ndarray], list[np.ndarray]]:
     import cv2
 
     first = [cv2.resize(frame.picture, (224, 224), interpolation=cv2.INTER_AREA) for frame in frames(HDTF, 60.0)]
-    return first[:100], [frame.picture for frame in frames(VOX, 60.0)][:100]
+    return first[:60], [frame.picture for frame in frames(VOX, 60.0)][:60]
 
 
 @real
@@ -207,17 +207,17 @@ def test_real_faces_side_by_side_at_29_97_and_truncated(clips: tuple[list[np.nda
     (tmp_path / "in").mkdir()
     remade(tmp_path / "in/pair.mp4", [np.hstack(both) for both in zip(one, other, strict=True)], Fraction(25))
     remade(tmp_path / "in/ntsc.mp4", one, Fraction(30000, 1001))
-    remade(tmp_path / "in/joined.mp4", [*one[:80], *other[:80]], Fraction(25))
+    remade(tmp_path / "in/joined.mp4", [*one[:50], *other[:50]], Fraction(25))
     whole = HDTF.read_bytes()
     (tmp_path / "in/truncated.mp4").write_bytes(whole[: len(whole) // 2])
-    tracked = track([tmp_path / "in"], tmp_path / "out", settings(keep__voice=False, keep__least_s=2.0))
+    tracked = track([tmp_path / "in"], tmp_path / "out", settings(keep__voice=False, keep__least_s=1.5))
     reasons = [row["reason"] for row in rows(tmp_path / "out/rejected.csv") if row["video"] == "pair.mp4"]
     assert any(reason.startswith("more than one face") for reason in reasons)
     assert not any(clip.id.startswith("pair") for clip in tracked.corpus.clips)
     lengths = {clip.id.partition("-")[0]: clip.seconds for clip in tracked.corpus.clips}
-    assert lengths["ntsc"] == pytest.approx(100 * 1001 / 30000, abs=0.05)
+    assert lengths["ntsc"] == pytest.approx(60 * 1001 / 30000, abs=0.05)
     cut = [entry for outcome in tracked.outcomes if outcome.source.name == "joined.mp4" for entry in outcome.entries]
-    assert [round(entry.start_s * 25) for entry in cut] == [0, 80]
+    assert [round(entry.start_s * 25) for entry in cut] == [0, 50]
     assert "truncated" in lengths or "truncated.mp4" in {row["video"] for row in rows(tmp_path / "out/retry.csv")}
 
 
@@ -230,7 +230,7 @@ def test_real_clips_keep_their_size_whatever_the_picture(clips: tuple[list[np.nd
     scattered = [np.pad(one, ((300, 200), (100, 500), (0, 0))) for one in clips[0]]
     for name, pictures in {"large": large, "scattered": scattered, "plain": clips[0]}.items():
         remade(tmp_path / f"{name}.mp4", pictures, Fraction(25))
-    tracked = track([tmp_path], tmp_path / "out", settings(keep__voice=False, keep__copy_bits=0.0))
+    tracked = track([tmp_path], tmp_path / "out", settings(keep__voice=False, keep__copy_bits=0.0, keep__least_s=1.5))
     seen = {clip.id.partition("-")[0]: tracked.corpus.observation(clip) for clip in tracked.corpus.clips}
     for name in ("large", "scattered"):
         apart = np.linalg.norm(seen[name].landmarks - seen["plain"].landmarks, axis=-1)

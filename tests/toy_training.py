@@ -74,5 +74,6 @@ def _write_data(data: Path) -> None:
     content = {"fps": 25.0, "channels": names, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
     (embed / "embedding.json").write_text(json.dumps(content))
     (fit / "blinks.json").write_text("{}")
+    (fit / "speakers.json").write_text("{}")
     for folder in (embed, fit):
         (folder / SUMS).write_text(sums(folder))

@@ -17,7 +17,12 @@ from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.clip import FitSettings
+from talkingeyes.learning.face_priors import FacePriorSettings
+from talkingeyes.learning.face_translation import FaceTranslationSettings
+from talkingeyes.learning.pgface import PGFaceSettings
+from talkingeyes.learning.poses import PoseModelSettings
 from talkingeyes.learning.priors import PriorSettings
+from talkingeyes.learning.trained import HeadThenGazeSettings
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings
 from talkingeyes.metrics.choosing import AssessSettings, Figure
 from talkingeyes.metrics.contrast import CriticSettings
@@ -48,7 +53,16 @@ class ObjectiveSettings(Settings):
     figures: list[Figure] = Field(min_length=1)
 
 
-ModelSettings = Annotated[TranslationSettings | BaselineSettings, Field(discriminator="kind")]
+ModelSettings = Annotated[
+    TranslationSettings
+    | FaceTranslationSettings
+    | PoseModelSettings
+    | PGFaceSettings
+    | HeadThenGazeSettings
+    | BaselineSettings,
+    Field(discriminator="kind"),
+]
+PretrainSettings = Annotated[PriorSettings | FacePriorSettings, Field(discriminator="kind")]
 
 
 class Composition(Settings):
@@ -67,7 +81,7 @@ class Composition(Settings):
     synthesize: SynthesizeSettings
     fit: FitSettings
     embed: EmbedSettings
-    pretrain: dict[str, PriorSettings]
+    pretrain: dict[str, PretrainSettings]
     train: TrainSettings
     model: dict[str, ModelSettings]
     critic: CriticSettings

@@ -22,6 +22,7 @@ from talkingeyes.motion import Events, Motion
 if TYPE_CHECKING:
     from talkingeyes.formats.read import Read
     from talkingeyes.head.model import HeadModel
+    from talkingeyes.performance.perform import Performance
 
 OWN_FILES = re.compile(r".+\.npz")
 
@@ -62,41 +63,66 @@ class Imported:
 
 
 def export(
-    motion: Path | str,
+    motion: Path | str | Motion | Performance,
     out: Path | str,
     *,
-    format: str,
+    format: str | None = None,
     head: str = "anny",
     model: Path | str | None = None,
     fps: float | None = None,
+    keys: Path | str | None = None,
     sound: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
-    """Write the motion of a file in another format; returns the motion that was written.
+    """Write a motion (or that of a file) in another format; returns the motion that was written.
 
-    `head` and `model` are as for `render`; the model is also what maps expressions between the open head and FLAME.
-    `fps` plays the motion at another rate, by its events. Raises InputError (one line) for a mistake.
+    Without `format` the ending of `out` says it, where only one format has it. `head` and `model` are as for `render`;
+    the model is also what maps expressions between the open head and FLAME. `fps` plays the motion at another rate, by
+    its events; `keys` are its saccades and blinks as somebody edited them.
+    Raises InputError (one line) for a mistake.
     """
-    if format not in FORMATS:
-        raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {format!r}")
-    target = _target(Path(out), FORMATS[format].suffix, force)
-    source = Path(motion)
-    shown, events = Motion.load(source), _events_beside(source)
+    named = format_of(Path(out)) if format is None else format
+    if named not in FORMATS:
+        raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
+    if sound is not None and named != "mp4":
+        raise InputError(f"sound: only mp4 has any, got {named}")
+    target = _target(Path(out), FORMATS[named].suffix, force)
+    shown, events = _shown(motion)
+    if keys is not None:
+        from talkingeyes.performance.keys import edited, load_keys
+
+        changed = load_keys(Path(keys))
+        shown, events = edited(shown, changed), changed.now
     if fps is not None:
         from talkingeyes.export.keys import found_events
         from talkingeyes.performance.retime import retimed
 
         events = found_events(shown) if events is None else events
         shown = retimed(shown, events, fps)
-    if format == "mp4":
+    if named == "mp4":
         return _film(shown, target, head, model, sound)
-    if sound is not None:
-        raise InputError(f"sound: only mp4 has any, got {format}")
     try:
-        write(shown, events, format, target, head, model)
+        write(shown, events, named, target, head, model)
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
+
+
+def format_of(out: Path) -> str:
+    """The format that a file's ending stands for. Raises InputError where that is none, or several."""
+    found = [name for name, each in FORMATS.items() if each.suffix == out.suffix.lower()]
+    if len(found) != 1:
+        raise InputError(f"format: should be said for {out.name}: one of {', '.join(found or FORMATS)}, got none")
+    return found[0]
+
+
+def _shown(motion: Path | str | Motion | Performance) -> tuple[Motion, Events | None]:
+    """A motion and the events that it was made with, where they are known."""
+    if isinstance(motion, Motion):
+        return motion, None
+    if isinstance(motion, Path | str):
+        return Motion.load(Path(motion)), _events_beside(Path(motion))
+    return motion.motion, motion.events
 
 
 def write(
@@ -106,7 +132,8 @@ def write(
     from talkingeyes.export import arkit, bvh, flame_parameters, glb, keys, usd, vertices, vrm
 
     expression = FORMATS[format].expression
-    drawn = open_named(head, model) if expression == "chosen" else open_named("anny", None)
+    shown_on = head if expression == "chosen" else "anny"
+    drawn = open_named(shown_on, None if shown_on == "anny" else model)
     shown = motion if expression == "none" else expressed(motion, expression, drawn, model)
     writers: dict[str, Callable[[], None]] = {
         "flame": lambda: flame_parameters.write_flame(shown, path),
@@ -148,7 +175,8 @@ def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | s
         return motion
     if model is None:
         raise InputError(
-            f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted}, got none"
+            f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted} "
+            "(--flame of animate), got none"
         )
     return on_head(motion, drawn if wanted == drawn.name else open_named(wanted, model), model)
 
@@ -234,9 +262,13 @@ def _sources(files: Sequence[Path]) -> dict[str, Path]:
 
 
 def _events_beside(motion: Path) -> Events | None:
-    """What `animate` wrote beside it."""
+    """What the motion was made with, as `animate` wrote it beside: the original keys, if somebody edited them there."""
     path = motion.with_name(f"{motion.stem}.events.json")
-    return Events.load(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    from talkingeyes.performance.keys import load_original
+
+    return load_original(path)
 
 
 def _film(motion: Motion, target: Path, head: str, model: Path | str | None, sound: Path | str | None) -> Motion:

@@ -7,9 +7,11 @@ rate and head model are written in every file (docs/conventions.md). Events are 
 from __future__ import annotations
 
 import json
+import zlib
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +26,8 @@ CONVENTIONS = {
     "rotations": "rotation vectors",
     "eye_order": "left,right (the subject's)",
 }
+# What numpy and zipfile raise for a file that is cut, altered or of another kind.
+DAMAGED = (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, NotImplementedError, zlib.error)
 ARRAYS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
 
 
@@ -48,7 +52,7 @@ class Motion:
     head_model: str = "anny"
 
     def __post_init__(self) -> None:
-        frames = len(self.head)
+        frames = len(self.head) if self.head.ndim else 0
         shapes = {
             "head": (frames, 3),
             "translation": (frames, 3),
@@ -115,19 +119,23 @@ class Motion:
     def load(cls, path: Path) -> Motion:
         """Read a motion npz. Raises InputError if it is missing, not a motion file, or of another schema."""
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError) as error:
+        except DAMAGED as error:
             raise InputError(f"{path}: not a readable motion npz ({error})") from None
         schema = str(content.get("schema", "none"))
         if schema != CONVENTIONS["schema"]:
             raise InputError(f"{path}: schema should be {CONVENTIONS['schema']}, got {schema}")
-        missing = [name for name in (*ARRAYS, "fps") if name not in content]
+        missing = [name for name in (*ARRAYS, "fps", "expression_names", "head_model") if name not in content]
         if missing:
             raise InputError(f"{path}: missing {', '.join(missing)}")
+        try:
+            fps, names = float(content["fps"]), tuple(json.loads(str(content["expression_names"])))
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}: fps should be a number and expression_names a list ({error})") from None
         return cls(
-            fps=float(content["fps"]),
-            expression_names=tuple(json.loads(str(content["expression_names"]))),
+            fps=fps,
+            expression_names=names,
             head_model=str(content["head_model"]),
             **{name: content[name] for name in ARRAYS},
         )

@@ -43,11 +43,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Report:
-    """What a stage reports: metrics and files of the stage, and rows of the comparison of methods."""
+    """What a stage reports: metrics and files of the stage, rows of the comparison of methods, a training's history.
+
+    Rows of a history hold the `step` and the figures at it; they become curves.
+    """
 
     metrics: Mapping[str, float] = field(default_factory=dict)
     artifacts: Sequence[Path] = ()
     rows: Sequence[Row] = ()
+    history: Sequence[Mapping[str, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class _Run:
     metrics: Mapping[str, float]
     tags: Mapping[str, str]
     artifacts: Sequence[Path]
+    history: Sequence[Mapping[str, float]] = ()
 
 
 def record(
@@ -79,7 +84,7 @@ def record(
     flat = flatten(params)
     of_stage = {key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in used)}
     metrics = {**report.metrics, "seconds": seconds}
-    run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts)
+    run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
     with _alone(root):
         _log(client, _experiment(client, root, "stages", {}), run)
         if not report.rows:
@@ -224,7 +229,14 @@ def _log(client: Any, experiment: str, run: _Run) -> str:
 
     now = int(time.time() * 1000)
     run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
-    metrics = _batches([Metric(key, float(value), now, 0) for key, value in run.metrics.items()], METRICS_PER_BATCH)
+    points = [Metric(key, float(value), now, 0) for key, value in run.metrics.items()]
+    points += [
+        Metric(f"curve/{key}", float(value), now, int(row["step"]))
+        for row in run.history
+        for key, value in row.items()
+        if key != "step"
+    ]
+    metrics = _batches(points, METRICS_PER_BATCH)
     params = _batches([Param(key, str(value)[:PARAM_LENGTH]) for key, value in run.params.items()], PARAMS_PER_BATCH)
     for some_metrics, some_params in zip_longest(metrics, params, fillvalue=()):
         client.log_batch(run_id, metrics=some_metrics, params=some_params)

@@ -84,17 +84,24 @@ def validated(section: str, kind: type[S], node: Any) -> S:
     try:
         return kind.model_validate(node)
     except pydantic.ValidationError as error:
-        raise InputError(_line(section, error)) from None
+        raise InputError(_line(section, error, node)) from None
 
 
-def _line(section: str, error: pydantic.ValidationError) -> str:
+def _line(section: str, error: pydantic.ValidationError, node: Any) -> str:
     """The first thing that is wrong; in a part that can be exchanged, what is wrong inside it."""
     first = error.errors()[0]
-    key = ".".join(filter(None, [section, *map(str, first["loc"])]))
+    keys: list[str] = [section] if section else []
+    for step in first["loc"]:
+        # Where kinds of sections are told apart by `kind`, pydantic names the kind, which is no key.
+        if isinstance(node, Mapping) and step not in node and step == node.get("kind"):
+            continue
+        keys.append(str(step))
+        node = node.get(step) if isinstance(node, Mapping) else None
+    key = ".".join(keys)
     inner = first.get("ctx", {}).get("error")
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if isinstance(inner, pydantic.ValidationError):
-        return _line(key, inner) + more
+        return _line(key, inner, node) + more
     if first["type"] in ("kind", "bounds"):
         return f"{key}: {first['msg']}{more}"
     return f"{key}: {first['msg']}, got {first['input']!r}{more}"

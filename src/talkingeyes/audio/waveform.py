@@ -51,6 +51,24 @@ def read_speech(path: Path | str) -> Float[ndarray, " N"]:
     path = Path(path)
     with _opened(path) as file, _source(path, file) as source:
         sound = _resampled(path, source)
+    return _checked(path, sound)
+
+
+def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray, " N"]]:
+    """The two channels of a file, a person each, read as `read_speech` reads one.
+
+    Raises InputError as it does, and if there are not two channels.
+    """
+    path = Path(path)
+    sounds = []
+    for channel in (0, 1):
+        with _opened(path) as file, _source(path, file) as source:
+            sounds.append(_checked(path, _resampled(path, source, channel)))
+    return sounds[0], sounds[1]
+
+
+def _checked(path: Path, sound: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
+    """The sound, if it is speech that will do."""
     if len(sound) < SHORTEST_S * SAMPLE_RATE:
         raise InputError(f"{path}: speech should last at least {SHORTEST_S} s, got {len(sound) / SAMPLE_RATE:.3f} s")
     loudest = loudest_dbfs(sound)
@@ -154,7 +172,8 @@ def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray,
         raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a")
 
 
-def _resampled(path: Path, source: Source) -> Float[ndarray, " N"]:
+def _resampled(path: Path, source: Source, channel: int | None = None) -> Float[ndarray, " N"]:
+    """At 16 kHz: one of two channels, or all of them mixed."""
     if source.rate <= 0:
         raise InputError(f"{path}: the sampling rate should be above 0, got {source.rate}")
     stream = soxr.ResampleStream(source.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
@@ -165,6 +184,9 @@ def _resampled(path: Path, source: Source) -> Float[ndarray, " N"]:
             raise InputError(f"{path}: speech should last at most {LONGEST_S:.0f} s (an hour); cut it into parts")
         if not np.isfinite(block).all():
             raise InputError(f"{path}: holds NaN or infinite samples; samples should be finite numbers")
-        parts.append(stream.resample_chunk(np.ascontiguousarray(block.mean(axis=1, dtype=np.float32))))
+        if channel is not None and block.shape[1] != 2:
+            raise InputError(f"{path}: a dialogue should have two channels, a person each, got {block.shape[1]}")
+        heard = block.mean(axis=1, dtype=np.float32) if channel is None else block[:, channel]
+        parts.append(stream.resample_chunk(np.ascontiguousarray(heard)))
     parts.append(stream.resample_chunk(np.zeros(0, np.float32), last=True))
     return np.concatenate(parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -49,3 +50,41 @@ class Samples:
                 return cls(float(file["fps"]), file["head"].astype(np.float64), file["gaze"].astype(np.float64))
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{path}: not a readable samples file ({error})") from None
+
+
+@dataclass(frozen=True)
+class FaceSamples:
+    """S faces of T frames for the same sound: what a model of the face gives, in the numbers of one head.
+
+    `jaw` are rotation vectors, `expression` the head's own basis, as in a Motion.
+    """
+
+    fps: float
+    jaw: Float[ndarray, "S T 3"]
+    expression: Float[ndarray, "S T C"]
+    expression_names: tuple[str, ...]
+    head_model: str
+
+    def save(self, path: Path) -> None:
+        """Write npz (float32)."""
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                allow_pickle=False,
+                fps=np.float64(self.fps),
+                jaw=self.jaw.astype(np.float32),
+                expression=self.expression.astype(np.float32),
+                expression_names=np.str_(json.dumps(self.expression_names)),
+                head_model=np.str_(self.head_model),
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> FaceSamples:
+        """Read npz written by `save`. Raises InputError if it is not one."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                names = tuple(json.loads(str(file["expression_names"])))
+                jaw, expression = (file[name].astype(np.float64) for name in ("jaw", "expression"))
+                return cls(float(file["fps"]), jaw, expression, names, str(file["head_model"]))
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(f"{path}: not a readable file of sampled faces ({error})") from None

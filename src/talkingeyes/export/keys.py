@@ -18,9 +18,9 @@ from talkingeyes.export.whole import written
 from talkingeyes.metrics.detectors.blinks import detect_blinks
 from talkingeyes.metrics.detectors.saccades import detect_saccades
 from talkingeyes.motion import Blink, Events, Motion, Saccade
-from talkingeyes.performance.events import find_saccades
 from talkingeyes.performance.keys import save_keys
 from talkingeyes.physiology import saccades as law
+from talkingeyes.physiology.steps import find_saccades
 
 FRAMES_HOLD_COURSE_FPS = 60.0  # from here, frames hold the course of a saccade
 SHUT_SHARE = 0.3  # of a blink's time that the lids close in, where only its peak is known

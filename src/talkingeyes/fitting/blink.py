@@ -6,12 +6,17 @@ Looking down by 20 degrees lowers the ratio by a third, the classic false blink.
 the one that the fitted pose and gaze give with lids that do nothing but follow gaze, both counted from the ratio that
 shut lids still have (.04: their points are not on one line), and by the clip's own open level (a high percentile): what
 remains is the opening, 1 when open and 0 when shut, whatever the head and the gaze do.
+
+A blink is a dip of the opening: lids fall and rise again within a second, from wherever they are. So what counts is the
+depth below the higher shoulder that is left, not a level of the clip: eyes that squint are no blink, a blink of lowered
+lids is one, and two blinks in a row are two. Both eyes take part in it, which tells it from a wink.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -19,8 +24,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
 
-from talkingeyes.fitting.gaps import bridged, runs
+from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.face_points import EYES
 from talkingeyes.head.landmarks import eye_points, in_camera
@@ -34,14 +40,17 @@ WIDEST = 0.5  # a lid this much wider than gaze alone gives is the most that is 
 
 
 class BlinkSettings(Settings):
-    """A blink falls below `shut` of the clip's open level and lasts as long as the opening stays below `open`.
+    """A blink is a dip by `depth`, to below `shut`, of the clip's open level, and as long as below `open` of its sides.
 
-    `open_percentile`: of the clip's openings, its open level. `longest_s`: what is shut for longer is not a blink.
+    `open_percentile`: of the clip's openings, its open level. `reach_s`: how far its sides are looked for.
+    `longest_s`: what lasts for longer is no blink.
     """
 
     open_percentile: Annotated[float, Field(ge=50, le=100)]
+    depth: Share
     shut: Share
     open: Share
+    reach_s: Annotated[float, Field(gt=0)]
     longest_s: Annotated[float, Field(gt=0)]
 
 
@@ -95,16 +104,41 @@ def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Flo
 def lids(observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> Lids:
     """Closure and blinks from EAR, observed (NaN where hidden) and as gaze alone gives it, over shut eyes."""
     opening = np.stack([_opening(observed[:, eye] / expected[:, eye], settings) for eye in range(2)], axis=1)
-    mean = opening.mean(axis=1)
-    found = tuple(
-        (start, stop)
-        for start, stop in runs(mean < settings.open)
-        if mean[start:stop].min() < settings.shut and stop - start <= settings.longest_s * fps
-    )
-    blinking = np.zeros(len(mean), bool)
+    found = dips(opening, fps, settings)
+    blinking = np.zeros(len(opening), bool)
     for start, stop in found:
         blinking[start:stop] = True
     return Lids(1.0 - np.clip(opening, 0.0, 1.0 + WIDEST), found, blinking)
+
+
+def dips(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> tuple[tuple[int, int], ...]:
+    """Blinks as (start, stop), in order and apart; between two that run into each other the eyes are widest."""
+    mean, reach, longest = opening.mean(axis=1), max(2, round(settings.reach_s * fps)), round(settings.longest_s * fps)
+    found, _ = find_peaks(
+        -mean, height=-settings.shut, prominence=settings.depth, plateau_size=(1, longest), wlen=2 * longest + 1
+    )
+    lowest = [frame for frame in found.tolist() if _falls(opening, frame, reach) > settings.depth / 2]
+    between = [first + int(np.argmax(mean[first:second])) for first, second in pairwise(lowest)]
+    edges = [0, *between, len(mean)]
+    spans = []
+    for frame, low, high in zip(lowest, edges, edges[1:], strict=False):
+        start = max(low, frame + 1 - _side(mean[max(0, frame - reach) : frame + 1][::-1], settings.open))
+        stop = min(high, frame + _side(mean[frame : frame + reach], settings.open))
+        if stop - start <= longest:
+            spans.append((start, stop))
+    return tuple(spans)
+
+
+def _falls(opening: Float[ndarray, "T 2"], frame: int, reach: int) -> float:
+    """By how much the eye that closes less closes on its way to a frame."""
+    before = opening[max(frame - reach, 0) : frame + 1]
+    return float((before.max(axis=0) - before[-1]).min())
+
+
+def _side(outwards: Float[ndarray, " N"], share: float) -> int:
+    """Frames from the lowest one on that stay below a share of the highest of them."""
+    above = np.flatnonzero(outwards >= share * outwards.max())
+    return int(above[0]) if len(above) and above[0] else 1
 
 
 def _opening(ratio: Float[ndarray, " T"], settings: BlinkSettings) -> Float[ndarray, " T"]:

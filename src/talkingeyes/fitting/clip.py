@@ -91,8 +91,10 @@ def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
     shut, wide = (expected_aspect_ratio(raw, camera, closure) for closure in (1.0, 0.0))
     eyelids = lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
     open_ = visible & ~eyelids.blinking
-    gaze = eyes(gaze, raw.head, seen & open_[:, None], raw.fps, settings.eyes).corrected(gaze)
-    space = smooth_gaze(gaze_in_space(raw.head, gaze), seen & open_[:, None], raw.fps, settings.smoothing)
+    shown_eyes = seen & open_[:, None]
+    clip_eyes = eyes(gaze, raw.head, shown_eyes, raw.fps, settings.eyes)
+    gaze = clip_eyes.corrected(gaze, np.asarray(shown_eyes.all(axis=1)))
+    space = smooth_gaze(gaze_in_space(raw.head, gaze), shown_eyes, raw.fps, settings.smoothing)
     shown = face(observation.landmarks, pose, who.face, camera, settings.face)
     motion = replace(
         raw,

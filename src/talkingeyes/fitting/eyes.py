@@ -42,7 +42,7 @@ class EyeSettings(Settings):
 
     `gain_yaw`, `gain_pitch`, `gain_sd`: of the gain; `lag_s`, `step_rad`: of the regression, and the change of gaze in
     space from which it is a saccade. `apart_rad`, `apart_sd_rad`: half of left minus right, yaw; `level_sd_rad`: pitch,
-    about 0; `noise_rad`: of what is fitted of it.
+    about 0; `vergence_sd_rad`: how it changes within a clip; `noise_rad`: of what is fitted of it.
     """
 
     gain_yaw: Positive
@@ -53,20 +53,29 @@ class EyeSettings(Settings):
     apart_rad: float
     apart_sd_rad: Positive
     level_sd_rad: Positive
+    vergence_sd_rad: Positive
     noise_rad: Spread
 
 
 @dataclass(frozen=True)
 class Eyes:
-    """Of a clip: gain in yaw and pitch, and what is added to half of left minus right, (yaw, pitch), radians."""
+    """Of a clip, (yaw, pitch): gain; half of left minus right, radians, as pupils have it and as it is believed.
+
+    `share`: how much of its changes is believed.
+    """
 
     gain: Float[ndarray, " 2"]
-    apart_rad: Float[ndarray, " 2"]
+    half_rad: Float[ndarray, " 2"]
+    believed_rad: Float[ndarray, " 2"]
+    share: float
 
-    def corrected(self, gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
-        """Fitted eye-in-head as it would be for pupils that follow the eye, without torsion."""
+    def corrected(self, gaze: Float[ndarray, "T 2 3"], both: Bool[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
+        """Fitted eye-in-head as it would be for pupils that follow the eye, without torsion; `both`: eyes were seen."""
         angles = angles_of_gaze(gaze) / self.gain
-        return gaze_of_angles(angles + np.stack([self.apart_rad, -self.apart_rad]))
+        half = (angles[:, 0] - angles[:, 1]) / 2
+        change = np.where(both[:, None], (1.0 - self.share) * (half - self.half_rad), 0.0)
+        apart = self.believed_rad - self.half_rad - change
+        return gaze_of_angles(angles + np.stack([apart, -apart], axis=1))
 
 
 def eyes(
@@ -81,12 +90,13 @@ def eyes(
     both = np.asarray(open_.all(axis=1))
     gain = _gain(angles.mean(axis=1), angles_of_direction(directions(head)), both, fps, settings)
     prior = np.array([settings.apart_rad, 0.0])
+    share = settings.vergence_sd_rad**2 / (settings.vergence_sd_rad**2 + settings.noise_rad**2)
     if not both.any():
-        return Eyes(gain, prior)
+        return Eyes(gain, np.zeros(2), prior, share)
     half = np.median(angles[both, 0] - angles[both, 1], axis=0) / 2 / gain
     spread = np.array([settings.apart_sd_rad, settings.level_sd_rad])
     believed = prior + spread**2 / (spread**2 + settings.noise_rad**2) * (half - prior)
-    return Eyes(gain, believed - half)
+    return Eyes(gain, half, believed, share)
 
 
 def _gain(

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0)]
+DIAGONAL = np.arange(6)
 BLOCK = 4096  # frames that are solved together
 SMALL_RAD = 1e-4  # below it sin a / a and its like are taken at this angle (1e-9 off)
 
@@ -133,10 +134,17 @@ def _newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
     damping = np.full(frames, newton.damping)
     term = problem.linearise(gaze)
     step = 0
-    for step in range(1, newton.steps + 1):  # noqa: B007
-        system = term.hessian + damping[:, None, None] * np.eye(6)
+    for step in range(1, newton.steps + 1):
+        system = term.hessian.copy()
+        system[:, DIAGONAL, DIAGONAL] += damping[:, None]
         change = -np.linalg.solve(system, term.gradient[..., None])[..., 0]
         candidate = gaze + change.reshape(frames, 2, 3)
+        if np.abs(change).max() < newton.tolerance_rad:  # the last step: nobody asks for derivatives there
+            value = problem.value(candidate)
+            better = value <= term.objective
+            return Solution(
+                np.where(better[:, None, None], candidate, gaze), np.where(better, value, term.objective), step
+            )
         following = problem.linearise(candidate)
         better = following.objective <= term.objective
         if better.all():
@@ -145,8 +153,6 @@ def _newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
             gaze = np.where(better[:, None, None], candidate, gaze)
             term = term.where(better, following)
             damping = np.where(better, newton.damping, damping * 10 + 1e-3)
-        if np.abs(change).max() < newton.tolerance_rad:
-            break
     return Solution(gaze, term.objective, step)
 
 
@@ -156,7 +162,7 @@ def sighted_gaze(sight: Sight) -> Float[ndarray, "T 2 3"]:
     A ray that misses the sphere takes its nearest point; a hidden pupil copies the other eye, or looks ahead.
     """
     camera, turn = sight.camera, matrices(sight.head)
-    centres = np.einsum("tij,ej->tei", turn, EYE_CENTRES) + sight.translation[:, None]
+    centres = EYE_CENTRES @ turn.swapaxes(1, 2) + sight.translation[:, None]
     offset = (sight.pupils - np.asarray(camera.centre_px)) / camera.focal_px
     ray = np.stack([offset[..., 0], -offset[..., 1], np.full(offset.shape[:-1], -1.0)], axis=-1)
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
@@ -166,7 +172,7 @@ def sighted_gaze(sight: Sight) -> Float[ndarray, "T 2 3"]:
     reach = along - np.sqrt(np.maximum(PUPIL_M**2 - miss, 0.0))
     outward = ray * reach[..., None] - to_centre
     outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
-    gaze = listing(np.einsum("tji,tej->tei", turn, outward))
+    gaze = listing(outward @ turn)
     gaze = np.where(np.isfinite(gaze), gaze, gaze[:, ::-1])
     return np.where(np.isfinite(gaze), gaze, 0.0)
 
@@ -206,7 +212,7 @@ class _Problem:
         eye, both = np.eye(3), np.array([[1.0, -1.0], [-1.0, 1.0]])
         return cls(
             turn=turn,
-            centres=np.einsum("tij,ej->tei", turn, EYE_CENTRES) + sight.translation[:, None],
+            centres=EYE_CENTRES @ turn.swapaxes(1, 2) + sight.translation[:, None],
             pupils=np.nan_to_num(sight.pupils),
             seen=sight.seen[..., None].astype(np.float64),
             prior=settings.regularisation * np.eye(6) + settings.symmetry * np.kron(both, eye),
@@ -216,7 +222,7 @@ class _Problem:
 
     def value(self, gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, " T"]:
         """The objective at these rotation vectors, without derivatives."""
-        points = self.centres + PUPIL_M * np.matmul(self.turn[:, None], directions(gaze)[..., None])[..., 0]
+        points = self.centres + PUPIL_M * (directions(gaze) @ self.turn.swapaxes(1, 2))
         residual = (self.camera.project(points) - self.pupils) * (self.seen / self.unit_px)
         state = gaze.reshape(-1, 6)
         return np.asarray(np.sum(residual**2, axis=(1, 2)) + np.sum((state @ self.prior) * state, axis=1))
@@ -224,16 +230,14 @@ class _Problem:
     def linearise(self, gaze: Float[ndarray, "T 2 3"]) -> _Terms:
         """Value and derivatives of the objective at these rotation vectors."""
         looking, by_gaze = direction_and_jacobian(gaze)
-        points = self.centres + PUPIL_M * np.matmul(self.turn[:, None], looking[..., None])[..., 0]
+        points = self.centres + PUPIL_M * (looking @ self.turn.swapaxes(1, 2))
         scale = self.camera.focal_px / (self.camera.distance_m - points[..., 2])
         weight = self.seen / self.unit_px
         residual = (self.camera.project(points) - self.pupils) * weight
-        by_point = np.zeros((*scale.shape, 2, 3))
-        by_point[..., 0, 0] = scale
-        by_point[..., 1, 1] = -scale
-        by_point[..., 0, 2] = points[..., 0] * scale**2 / self.camera.focal_px
-        by_point[..., 1, 2] = -points[..., 1] * scale**2 / self.camera.focal_px
-        jacobian = PUPIL_M * weight[..., None] * (by_point @ self.turn[:, None] @ by_gaze)
+        along = points[..., :2] * (scale / self.camera.focal_px)[..., None]  # by how much depth moves the image
+        by_turned = self.turn[:, None, :2] + along[..., None] * self.turn[:, None, 2:]
+        factor = PUPIL_M * weight * scale[..., None] * np.array([1.0, -1.0])
+        jacobian = factor[..., None] * (by_turned @ by_gaze)
         transposed = jacobian.swapaxes(-1, -2)
         state = gaze.reshape(-1, 6)
         pull = state @ self.prior

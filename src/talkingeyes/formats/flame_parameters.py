@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +21,7 @@ from numpy import ndarray
 from talkingeyes.errors import InputError
 from talkingeyes.formats.rotations import composed
 from talkingeyes.formats.torch_file import read_torch
-from talkingeyes.motion import Motion
+from talkingeyes.motion import DAMAGED, Motion
 
 HEAD_MODEL = "flame"
 EXPRESSION = "expression_{:03d}"
@@ -138,12 +137,12 @@ def _content(path: Path) -> dict[str, ndarray]:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files if file[name].dtype.kind in "fiub"}
-    except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
+    except DAMAGED as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
 
 
 def _array(path: Path) -> ndarray:
     try:
         return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+    except DAMAGED as error:
         raise InputError(f"{path}: not a readable npy ({' '.join(str(error).split())[:120]})") from None

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import BadZipFile
 
 import numpy as np
 import yaml
@@ -30,7 +29,7 @@ from talkingeyes import rotation
 from talkingeyes.errors import InputError
 from talkingeyes.formats.flame_parameters import EXPRESSION
 from talkingeyes.formats.rotations import as_vectors, width_of
-from talkingeyes.motion import Motion
+from talkingeyes.motion import DAMAGED, Motion
 from talkingeyes.settings import Settings
 
 
@@ -173,5 +172,5 @@ def _content(path: Path) -> dict[str, ndarray]:
             if isinstance(found, np.ndarray):
                 return {"": found}
             return {name: found[name] for name in found.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
+    except DAMAGED as error:
         raise InputError(f"{path}: not a readable npy or npz ({' '.join(str(error).split())[:120]})") from None

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from talkingeyes import rotation
 from talkingeyes.errors import InputError
 from talkingeyes.formats import tables
 from talkingeyes.formats.key_map import KeyMap, read_mapped
-from talkingeyes.motion import CONVENTIONS, Motion
+from talkingeyes.motion import CONVENTIONS, DAMAGED, Motion
 
 Reader = Callable[[Path, float | None], Motion]
 
@@ -128,6 +127,6 @@ def _read_npz(path: Path, fps: float | None) -> Motion:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             ours = "schema" in file.files and str(file["schema"]) == CONVENTIONS["schema"]
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
+    except DAMAGED as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
     return Motion.load(path) if ours else read_flame_npz(path, fps)

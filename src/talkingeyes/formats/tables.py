@@ -53,7 +53,8 @@ def read(path: Path) -> Table:
     convert = csv.ConvertOptions(column_types={"Timecode": pa.string(), "approx_time": pa.string()})
     try:
         content = csv.read_csv(path, convert_options=convert)
-    except (OSError, pa.ArrowInvalid) as error:
+        content.column_names  # noqa: B018  (decoded here, or never)
+    except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
         raise InputError(f"{path}: not a readable CSV table ({' '.join(str(error).split())[:120]})") from None
     if not content.num_rows:
         raise InputError(f"{path}: should have rows, got none")

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 from talkingeyes.errors import InputError
 from talkingeyes.head.pickles import read_tensors
+from talkingeyes.motion import DAMAGED
 
 
 def read_torch(path: Path) -> Any:
@@ -26,5 +27,7 @@ def read_torch(path: Path) -> Any:
             return read_tensors(path, archive.read(pickled[0]), lambda key: archive.read(f"{stem}data/{key}"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (BadZipFile, OSError, KeyError) as error:
+    except InputError:
+        raise
+    except (*DAMAGED, KeyError) as error:
         raise InputError(f"{path}: not a file that torch saved ({' '.join(str(error).split())[:120]})") from None

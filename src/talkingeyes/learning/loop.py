@@ -1,7 +1,8 @@
 """The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
 
 A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly, on any
-device, in one process or several (place.py), and goes on where it was killed (progress.py).
+device, in one process or several (place.py), and goes on where it was killed (progress.py). A `Contest` also has a
+rival, which takes its turn after each step, with an optimiser of its own.
 Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
 """
 
@@ -56,6 +57,17 @@ class Task(Protocol):
     def validate(self) -> dict[str, float]: ...
 
 
+@runtime_checkable
+class Contest(Protocol):
+    """A task whose network has a rival, a part of its module that is trained against the rest of it (PoseGAN)."""
+
+    @property
+    def rival(self) -> nn.Module | None: ...
+
+    # On the batch of `losses` of the same step; `total` is minimised by the rival alone.
+    def rival_losses(self, step: int) -> dict[str, Tensor]: ...
+
+
 Watch = Callable[[int, dict[str, float]], None]
 
 
@@ -73,10 +85,13 @@ def train(
     With `progress`, a training that was killed goes on from its last validation; the caller removes the file.
     """
     module = task.module.to(place.device)
-    weights = [parameter for parameter in module.parameters() if parameter.requires_grad]
+    rival = task.rival if isinstance(task, Contest) else None
+    of_rival = list(rival.parameters()) if rival else []
+    weights = [each for each in module.parameters() if each.requires_grad and not _among(each, of_rival)]
     optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    against = torch.optim.AdamW(of_rival, lr=settings.learning_rate) if rival else None
     losses_of = place.shared(module, task.losses, settings.batch)
-    state = progress.restore(module, optimiser, task.random) if progress else State()
+    state = progress.restore(module, optimiser, task.random, against) if progress else State()
     for row in state.history if report else ():
         report(int(row["step"]), _figures(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
@@ -92,6 +107,16 @@ def train(
         losses["total"].backward()
         nn.utils.clip_grad_norm_(weights, settings.clip_norm)
         optimiser.step()
+        if isinstance(task, Contest) and against is not None:
+            for group in against.param_groups:
+                group["lr"] = _rate(settings, step)
+            with place.autocast():
+                replies = task.rival_losses(step)
+            against.zero_grad(set_to_none=True)  # what the other's turn has left there
+            replies["total"].backward()
+            nn.utils.clip_grad_norm_(of_rival, settings.clip_norm)
+            against.step()
+            losses |= {f"rival_{name}": value for name, value in replies.items()}
         for name, value in losses.items():
             sums[name] = sums.get(name, 0.0) + value.item()
         if step % settings.validate_every == 0 or step == settings.steps:
@@ -105,13 +130,17 @@ def train(
             sums = {}
             bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
             if progress is not None and place.first:
-                progress.keep(state, module, optimiser, task.random)
+                progress.keep(state, module, optimiser, task.random, against)
             if report is not None:
                 report(step, figures)
     if state.kept is not None:
         module.load_state_dict(state.kept)
     module.cpu().eval()
     return state.history
+
+
+def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
+    return any(parameter is each for each in others)
 
 
 def _means(sums: dict[str, float], steps: int, place: Place) -> dict[str, float]:

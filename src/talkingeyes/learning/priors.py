@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -25,6 +26,7 @@ from talkingeyes.settings import Settings
 class PriorSettings(Settings):
     """A codebook and how it is trained."""
 
+    kind: Literal["gaze"]
     seed: int
     network: GazeVQVAESettings
     windows: WindowSettings

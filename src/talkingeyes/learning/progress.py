@@ -58,8 +58,14 @@ class Progress:
         digests = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else None for each in reads]
         return cls(path, json.dumps([list(settings), digests], sort_keys=True))
 
-    def restore(self, module: nn.Module, optimiser: torch.optim.Optimizer, random: np.random.Generator) -> State:
-        """Put everything back as it was; a new state if there is nothing to go on from."""
+    def restore(
+        self,
+        module: nn.Module,
+        optimiser: torch.optim.Optimizer,
+        random: np.random.Generator,
+        rival: torch.optim.Optimizer | None = None,
+    ) -> State:
+        """Put everything back as it was; a new state if there is nothing to go on from. `rival`: its optimiser."""
         if not self.path.exists():
             return State()
         try:
@@ -71,6 +77,8 @@ class Progress:
             return self._start_again("is of other settings, data or code")
         module.load_state_dict(saved["weights"])
         optimiser.load_state_dict(saved["optimiser"])
+        if rival is not None:
+            rival.load_state_dict(saved["rival"])
         torch.set_rng_state(saved["noise"])
         if saved["noise_cuda"]:
             torch.cuda.set_rng_state_all(saved["noise_cuda"])
@@ -79,7 +87,12 @@ class Progress:
         return State(words["step"], words["history"], words["best"], saved["kept"])
 
     def keep(
-        self, state: State, module: nn.Module, optimiser: torch.optim.Optimizer, random: np.random.Generator
+        self,
+        state: State,
+        module: nn.Module,
+        optimiser: torch.optim.Optimizer,
+        random: np.random.Generator,
+        rival: torch.optim.Optimizer | None = None,
     ) -> None:
         """Write everything, whole or not at all."""
         words = {
@@ -93,6 +106,7 @@ class Progress:
             "words": json.dumps(words),
             "weights": module.state_dict(),
             "optimiser": optimiser.state_dict(),
+            "rival": rival.state_dict() if rival is not None else None,
             "kept": state.kept,
             "noise": torch.get_rng_state(),
             "noise_cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_initialized() else [],

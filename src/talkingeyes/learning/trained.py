@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -18,11 +18,13 @@ from numpy import ndarray
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import Checkpoint, load, save
+from talkingeyes.learning.trained_poses import HeadGenerator, pose_network
 from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models import baselines
 from talkingeyes.models.baselines import Bank, BaselineSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.settings import Settings
 
 
 @runtime_checkable
@@ -60,6 +62,41 @@ class BaselineGenerator:
         return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
 
 
+class HeadThenGazeSettings(Settings):
+    """The head of one trained model and the gaze decoder of another."""
+
+    kind: Literal["head_then_gaze"]
+    parts: tuple[Literal["head", "gaze"], ...]
+    prior: None
+    # The model that moves the head (any), and the one whose gaze decoder follows (`kind: speech_to_motion`).
+    made_of: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class HeadThenGaze:
+    """One model's head, and another's gaze for it."""
+
+    head: Generator
+    gaze: SpeechToMotion
+
+    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+        """The head first, then gaze under the same speech and head."""
+        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps).head
+        gaze = self.gaze.look(torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds)
+        return Samples(fps, head, gaze.numpy().astype(np.float64))
+
+
+def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
+    """Write both models as one checkpoint. Raises InputError if the second has no gaze decoder."""
+    kind = gaze.config["model"]["kind"]
+    if kind != "speech_to_motion":
+        raise InputError(f"made_of: the second should be a model of kind speech_to_motion, got one of kind {kind}")
+    both = {"head": head, "gaze": gaze}
+    tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
+    config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
+    save(folder, tensors, config)
+
+
 def network_config(
     settings: TranslationSettings, channels: Sequence[str], codebook: GazeVQVAE | None
 ) -> dict[str, Any]:
@@ -85,11 +122,26 @@ def load_generator(folder: Path) -> Generator:
     """The model in a folder of the train stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
     try:
-        if checkpoint.config["model"]["kind"] == "speech_to_motion":
-            return NetworkGenerator(_network(checkpoint))
-        return _baseline(checkpoint)
+        return _generator(checkpoint)
     except (KeyError, RuntimeError, ValueError) as error:
         raise InputError(f"{folder}: not a model of this version ({error}); `make repro` trains one") from None
+
+
+def _generator(checkpoint: Checkpoint) -> Generator:
+    kind = checkpoint.config["model"]["kind"]
+    if kind == "speech_to_motion":
+        return NetworkGenerator(_network(checkpoint))
+    if kind == "speech_to_pose":
+        return HeadGenerator(pose_network(checkpoint))
+    if kind == "head_then_gaze":
+        return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+    return _baseline(checkpoint)
+
+
+def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
+    """One of the two models in a checkpoint of both."""
+    tensors = {name: tensor for name, tensor in checkpoint.tensors.items() if name.startswith(f"{part}.")}
+    return Checkpoint(checkpoint.config[part], {name.removeprefix(f"{part}."): each for name, each in tensors.items()})
 
 
 def _network(checkpoint: Checkpoint) -> SpeechToMotion:

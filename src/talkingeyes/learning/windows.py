@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from pydantic import Field
 
@@ -46,42 +46,53 @@ def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
 
 
 @dataclass(frozen=True)
-class _Window:
-    """A recording, the first frame, and whether it is mirrored."""
+class Window:
+    """A recording, frames of it, and whether they are mirrored."""
 
     index: int
-    start: int
+    frames: slice
     mirrored: bool
 
 
-class Windows:
-    """Draws batches from recordings. Clips shorter than a window are left out."""
+class Places:
+    """Draws windows of clips of so many frames. Clips shorter than a window are left out; a long clip gives more."""
 
-    def __init__(self, recordings: Sequence[Recording], settings: WindowSettings, seed: int) -> None:
-        self.recordings, self.settings = recordings, settings
-        self.random = np.random.default_rng(seed)
-        lengths = np.array([len(recording) for recording in recordings])
+    def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
+        """Raises InputError if no clip is long enough."""
+        self.settings, self.random, self.frames = settings, np.random.default_rng(seed), lengths
         self.long_enough = np.flatnonzero(lengths >= settings.frames)
         if not len(self.long_enough):
             raise InputError(
                 f"no training clip has {settings.frames} frames, the longest has {lengths.max()}: shorten the window"
             )
-        # A long clip gives more windows than a short one.
-        self.lengths = lengths[self.long_enough] / lengths[self.long_enough].sum()
+        self.chances = lengths[self.long_enough] / lengths[self.long_enough].sum()
+
+    def draw(self, batch: int) -> list[Window]:
+        """A batch of windows; of several processes, each draws the same batch and takes its own share of it."""
+        chosen = self.random.choice(self.long_enough, batch, p=self.chances)
+        return share.own([self._drawn(int(index)) for index in chosen])
+
+    def _drawn(self, index: int) -> Window:
+        start = int(self.random.integers(self.frames[index] - self.settings.frames + 1))
+        mirrored = self.settings.mirror and self.random.random() < 0.5
+        return Window(index, slice(start, start + self.settings.frames), mirrored)
+
+
+class Windows:
+    """Draws batches from recordings of head and gaze."""
+
+    def __init__(self, recordings: Sequence[Recording], settings: WindowSettings, seed: int) -> None:
+        self.recordings = recordings
+        self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
+        self.random = self.places.random
 
     def draw(self, batch: int) -> Batch:
-        """A batch of windows; of several processes, each draws the same batch and cuts its own share of it."""
-        drawn = [self._drawn(int(index)) for index in self.random.choice(self.long_enough, batch, p=self.lengths)]
-        speech, head, gaze = zip(*map(self._cut, share.own(drawn)), strict=True)
+        """A batch of windows."""
+        speech, head, gaze = zip(*map(self._cut, self.places.draw(batch)), strict=True)
         return Batch(*(torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)))
 
-    def _drawn(self, index: int) -> _Window:
-        start = int(self.random.integers(len(self.recordings[index]) - self.settings.frames + 1))
-        return _Window(index, start, self.settings.mirror and self.random.random() < 0.5)
-
-    def _cut(self, window: _Window) -> tuple[ndarray, ...]:
-        recording = self.recordings[window.index]
-        part = slice(window.start, window.start + self.settings.frames)
+    def _cut(self, window: Window) -> tuple[ndarray, ...]:
+        recording, part = self.recordings[window.index], window.frames
         head, gaze = recording.head[part], recording.gaze[part]
         if window.mirrored:
             head, gaze = mirrored(head, gaze)

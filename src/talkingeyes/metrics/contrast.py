@@ -3,12 +3,15 @@
 Positives are sound and motion of one window of the train split. Negatives are motions of other sounds of the same
 speaker, and the right motion at a wrong time; other speakers are no negatives, so knowing who speaks does not help. The
 weights kept are the best on speakers kept out of the training.
+
+Where no speaker has two sounds, as in a corpus of single short videos, wrong times are the only negatives, of training
+and of validation: such a critic tells when, not under which sound (`TIMES_ALONE` says so beside its figures).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -53,6 +56,10 @@ class CriticSettings(Settings):
 
 # Clips that a figure over pairs of clips is made of, at most.
 JUDGED = 300
+TIMES_ALONE = (
+    "trained on wrong times alone, as no train speaker has two sounds: this Corr. tells whether motion fits the time, "
+    "not whether it fits this sound rather than another"
+)
 
 
 @dataclass(frozen=True)
@@ -150,12 +157,16 @@ def new_critic(part: str, recordings: Sequence[Recording], hearing: Hearing, set
 
 @dataclass(frozen=True)
 class Learnt:
-    """A trained critic as a metric, what is stored of it, and the recordings of the speakers kept out."""
+    """A trained critic as a metric, what is stored of it, and the recordings of the speakers kept out.
+
+    `note`: what a reader of its figures must know; empty if nothing.
+    """
 
     corr: Correlation
     config: dict[str, Any]
     history: list[dict[str, float]]
     kept_out: list[Recording]
+    note: str
 
 
 def learn(
@@ -174,9 +185,9 @@ def learn(
     history = train(task, settings.loop, f"critic of {part}", place=place, progress=progress)
     frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
     config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json", exclude={"encoder"})}
-    return Learnt(
-        Correlation(part, critic, frames, hop), config, history, [recordings[index] for index in division.kept_out]
-    )
+    kept_out = [recordings[index] for index in division.kept_out]
+    note = TIMES_ALONE if task.times_alone else ""
+    return Learnt(Correlation(part, critic, frames, hop), config, history, kept_out, note)
 
 
 class Contrast:
@@ -202,9 +213,11 @@ class Contrast:
         for index in division.train:
             clip = recordings[index].clip
             self.of_speaker[clip.speaker][clip.sound].append(index)
-        self.speakers = sorted(name for name, sounds in self.of_speaker.items() if len(sounds) > 1)
-        if not self.speakers:
-            raise InputError("critic: needs at least two sounds of one train speaker, got one each")
+        several = sorted(name for name, sounds in self.of_speaker.items() if len(sounds) > 1)
+        self.times_alone = not several
+        if self.times_alone and not settings.shifts:
+            raise InputError("critic.shifts: should be above 0 where no train speaker has two sounds, got 0")
+        self.speakers = several or sorted(self.of_speaker)
         self.held = first_windows([recordings[index] for index in division.kept_out], part, self.channels, self.frames)
 
     def losses(self, step: int) -> dict[str, Tensor]:
@@ -221,11 +234,17 @@ class Contrast:
         return {"total": (by_sound + by_motion) / 2}
 
     def validate(self) -> dict[str, float]:
-        """AUC on the speakers kept out: same-speaker negatives (what is chosen on), and all."""
+        """AUC on the speakers kept out: same-speaker negatives (what is chosen on; else wrong times), and all."""
         held = self.held.to(self.critic.log_scale.device)
-        similar = similarity(self.critic.speech(held.heard), self.critic.motion(held.angles)).cpu().numpy()
-        same = auc(np.diag(similar), similar[self.held.rivals])
-        return {"score": same, "auc_all": auc(np.diag(similar), similar[~np.eye(len(similar), dtype=bool)])}
+        speech, motion = self.critic.speech(held.heard), self.critic.motion(held.angles)
+        similar = similarity(speech, motion).cpu().numpy()
+        right, others = np.diag(similar), similar[~np.eye(len(similar), dtype=bool)]
+        if self.held.rivals.any():
+            score = auc(right, similar[self.held.rivals])
+        else:
+            steps, least = motion.shape[1], self._least_shift(motion.shape[1])
+            score = auc(right, _at_times(speech, motion, range(least, steps - least + 1)).cpu().numpy().ravel())
+        return {"score": score, **({"auc_all": auc(right, others)} if len(others) else {})}
 
     def _draw(self) -> Windows:
         chosen: list[int] = []
@@ -245,7 +264,17 @@ class Contrast:
 
     def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
         """Cosines with the motion features turned round in time by a few random shifts."""
-        steps = motion.shape[1]
-        shifts = self.random.integers(self.shift_min, steps - self.shift_min + 1, size=self.settings.shifts)
-        columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(int(s), 1).flatten(1)) for s in shifts]
-        return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)
+        steps, least = motion.shape[1], self._least_shift(motion.shape[1])
+        shifts = self.random.integers(least, steps - least + 1, size=self.settings.shifts)
+        return _at_times(speech, motion, shifts.tolist())
+
+    def _least_shift(self, steps: int) -> int:
+        """The least wrong time, in steps; half of a window that is too short for it."""
+        return min(self.shift_min, steps // 2)
+
+
+def _at_times(
+    speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"], shifts: Iterable[int]
+) -> Float[Tensor, "B W"]:
+    columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(shift, 1).flatten(1)) for shift in shifts]
+    return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)

@@ -6,12 +6,14 @@ draw. So Corr. is read as a distance to that of the truth, beside shuffled truth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
+from torch import Tensor
 
 from talkingeyes.learning.checkpoint import load
 from talkingeyes.models.critic import MIRROR, Critic, CriticNetworkSettings, angles
@@ -51,13 +53,25 @@ class Correlation:
         self, speech: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, " S"]:
         """Corr. of each sample: mean over the windows; a clip shorter than a window is one window."""
-        motion, heard = angles(self.part, head, gaze), speech[:, self.critic.speech_channels.numpy()]
-        starts = range(0, max(0, len(speech) - self.frames) + 1, self.hop)
-        values = [self._window(heard[s : s + self.frames], motion[:, s : s + self.frames]) for s in starts]
-        return np.asarray(np.mean(values, axis=0))
+        return np.asarray(self.under([speech], head, gaze)[0])
 
     @torch.no_grad()
-    def _window(self, heard: Float[ndarray, "T H"], motion: Float[ndarray, "S T A"]) -> Float[ndarray, " S"]:
-        one = self.critic.speech(torch.from_numpy(heard.astype(np.float32))[None])
-        others = self.critic.motion(torch.from_numpy(motion.astype(np.float32)))
-        return np.asarray(torch.cosine_similarity(one.flatten(1), others.flatten(1)).numpy())
+    def under(
+        self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
+    ) -> Float[ndarray, "N S"]:
+        """The same under each of several sounds, as far as both last; a window of motion is looked at once for all."""
+        motion = torch.from_numpy(angles(self.part, head, gaze).astype(np.float32))
+        seen: dict[tuple[int, int], Tensor] = {}
+        found = []
+        for sound in sounds:
+            heard = torch.from_numpy(sound[:, self.critic.speech_channels.numpy()].astype(np.float32))
+            frames = min(len(sound), motion.shape[1])
+            values = []
+            for start in range(0, max(0, frames - self.frames) + 1, self.hop):
+                stop = min(start + self.frames, frames)
+                if (start, stop) not in seen:
+                    seen[start, stop] = self.critic.motion(motion[:, start:stop]).flatten(1)
+                one = self.critic.speech(heard[None, start:stop]).flatten(1)
+                values.append(torch.cosine_similarity(one, seen[start, stop]).numpy())
+            found.append(np.mean(values, axis=0))
+        return np.asarray(found)

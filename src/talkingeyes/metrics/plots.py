@@ -26,6 +26,7 @@ COLOURS = {
     "vae": "#66a61e",
     "talkingeyes_paper": "#e7298a",
     "talkingeyes": "#d95f02",
+    "talkingeyes_live": "#1b9e77",
 }
 PANELS = (
     Column("Diversity / truth's\neye-in-head", "gaze", "diversity_ratio"),

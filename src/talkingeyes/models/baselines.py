@@ -1,8 +1,8 @@
 """The paper's baselines without a network: Mean, Random, Similar Sample (TalkingEyes section V-B.2).
 
-Each gives head and gaze from one place, so that gaze in space stays what a person did: Mean the mean pose of the train
-split, Random a clip that does not belong to the sound, Similar Sample a clip whose sound is among the nearest. A longer
-source is cropped and a shorter one is never looped: only clips that are long enough are drawn.
+Each gives head and gaze (or the face) from one place, so that gaze in space stays what a person did: Mean the mean of
+the train split, Random a clip that does not belong to the sound, Similar Sample a clip whose sound is among the
+nearest. A longer source is cropped and a shorter one is never looped: only clips that are long enough are drawn.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class BaselineSettings(Settings):
     """A baseline. `neighbours` is what Similar Sample draws among (1 gives it no Diversity; the paper has .06)."""
 
     kind: Literal["mean", "random", "similar"]
-    parts: tuple[Literal["head", "gaze"], ...]
+    parts: tuple[Literal["head", "gaze", "face"], ...]
     prior: None
     neighbours: Annotated[int, Field(gt=0)]
 
@@ -36,7 +36,7 @@ class Bank:
     """
 
     starts: ndarray
-    motion: Float[ndarray, "F 9"]
+    motion: Float[ndarray, "F N"]
     features: Float[ndarray, "M D"]
 
     def longest(self) -> int:
@@ -63,7 +63,13 @@ def bank_of(
     gaze: Sequence[Float[ndarray, "T 2 3"]],
 ) -> Bank:
     """A bank of training clips; `speech` is standardised."""
-    motions = [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
+    return bank_of_motions(
+        speech, [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
+    )
+
+
+def bank_of_motions(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence[Float[ndarray, "T M"]]) -> Bank:
+    """A bank of any numbers a frame; a bank of faces is made of expression and jaw."""
     return Bank(
         starts=np.cumsum([0, *map(len, motions)]),
         motion=np.concatenate(motions).astype(np.float32),
@@ -74,11 +80,17 @@ def bank_of(
 def generate(
     settings: BaselineSettings, bank: Bank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> BaselineMotion:
-    """Motions for a sound, a seed each. Frames beyond the longest training clip hold its last pose."""
-    frames = len(standardised)
-    rows = [_rows(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds]
-    motion = np.stack(rows)
+    """Head and gaze for a sound, a seed each."""
+    motion = draw(settings, bank, standardised, seeds)
     return BaselineMotion(motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
+
+
+def draw(
+    settings: BaselineSettings, bank: Bank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
+) -> Float[ndarray, "B T M"]:
+    """Rows of the bank for a sound, a seed each. Frames beyond the longest training clip hold its last pose."""
+    frames = len(standardised)
+    return np.stack([_rows(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds])
 
 
 def _rows(
@@ -87,7 +99,7 @@ def _rows(
     standardised: Float[ndarray, "T C"],
     frames: int,
     random: np.random.Generator,
-) -> Float[ndarray, "T 9"]:
+) -> Float[ndarray, "T M"]:
     if settings.kind == "mean":
         return np.repeat(bank.motion.mean(0, keepdims=True), frames, axis=0)
     lengths = np.diff(bank.starts)

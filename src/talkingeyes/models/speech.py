@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.errors import InputError
-from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.settings import Settings
 
 
@@ -30,6 +30,12 @@ class SpeechSettings(Settings):
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # Share of the embedding's channels that are hidden from a whole window in training.
     channel_dropout: Annotated[float, Field(ge=0, lt=1)]
+
+
+class CausalSpeechSettings(SpeechSettings):
+    """A projection for streams: it hears the past and no more than `ahead` frames of what comes."""
+
+    ahead: Annotated[int, Field(ge=0)]
 
 
 class SpeechInput(nn.Module):
@@ -50,7 +56,9 @@ class SpeechInput(nn.Module):
         self.register_buffer("mean", torch.zeros(len(names)))
         self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
-        self.stack = ConvolutionStack(len(chosen), settings.width, settings.layers, settings.dropout)
+        size = (len(chosen), settings.width, settings.layers, settings.dropout)
+        ahead = settings.ahead if isinstance(settings, CausalSpeechSettings) else None
+        self.stack = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
         """Set the statistics of the train split; channels that never vary are left at zero."""
@@ -59,6 +67,9 @@ class SpeechInput(nn.Module):
 
     def forward(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T S"]:
         """Projected features."""
-        standard = ((embedding - self.mean) / self.std)[..., self.heard]
-        features: Tensor = self.stack(self.drop(standard.transpose(1, 2)).transpose(1, 2))
+        features: Tensor = self.stack(self.drop(self.standard(embedding).transpose(1, 2)).transpose(1, 2))
         return features
+
+    def standard(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
+        """The channels that are heard, in units of their standard deviations."""
+        return ((embedding - self.mean) / self.std)[..., self.heard]

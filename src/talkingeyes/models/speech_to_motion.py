@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, HeadPartSettings
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.models.speech import CausalSpeechSettings, SpeechInput, SpeechSettings
 from talkingeyes.settings import Settings
 
 
@@ -29,7 +29,7 @@ class SpeechToMotionSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
     prior: str | None
-    speech: SpeechSettings
+    speech: CausalSpeechSettings | SpeechSettings
     head: HeadPartSettings
     gaze: GazePartSettings
     # Share of the clips of a batch whose gaze is conditioned on the reconstructed head (the paper: 1), not the true.
@@ -92,6 +92,19 @@ class SpeechToMotion(nn.Module):
         """Motions of one speech, a seed each."""
         speech = self.speech(embedding[None].to(self.temperature.device)).expand(len(seeds), -1, -1)
         head = self.head.sample(speech, seeds)
+        return Generated(head, self._gaze(speech, head, seeds, temperature))
+
+    @torch.no_grad()
+    def look(
+        self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int]
+    ) -> Float[Tensor, "B T 2 3"]:
+        """Gaze for heads that another model moves, a seed each."""
+        device = self.temperature.device
+        speech = self.speech(embedding[None].to(device)).expand(len(seeds), -1, -1)
+        return self._gaze(speech, head.to(device), seeds, None)
+
+    def _gaze(
+        self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None
+    ) -> Float[Tensor, "B T 2 3"]:
         chosen = float(self.temperature) if temperature is None else temperature
-        condition = Condition(speech, head, self.head.normal(head))
-        return Generated(head, self.gaze.sample(condition, seeds, chosen))
+        return self.gaze.sample(Condition(speech, head, self.head.normal(head)), seeds, chosen)

@@ -1,7 +1,7 @@
 """Saccades and blinks as keys that a person edits, and the motion that follows from the edited ones.
 
-A file of keys holds those of now and, untouched, the `original` ones that the motion was made with. What an edit
-changes is the difference of the two, so a motion without edits stays as it is to the last bit:
+A file of keys is a file of events (motion.Events) that also holds, untouched, the `original` ones that the motion was
+made with. What an edit changes is the difference of the two, so a motion without edits stays as it is to the last bit:
 
     gaze'(t) = gaze(t) - S(t; original) + S(t; edited),      S(t) = sum of what each saccade has added until t
 
@@ -28,8 +28,9 @@ from talkingeyes.errors import InputError
 from talkingeyes.motion import Blink, Events, Motion, Saccade
 from talkingeyes.physiology import blinks, saccades
 
-SCHEMA = "talkingeyes.keys/1"
-KINDS = ("saccades", "blinks")
+SCHEMA = "talkingeyes.events/1"
+KINDS = ("saccades", "blinks")  # that can be edited
+KEPT = ("head_moves", "refocuses")  # that cannot: head and vergence play as they are
 DIGITS = 6
 USUAL_BLINK = {"closing_s": 0.085, "hold_s": 0.025, "opening_s": 0.21, "depth": 1.0}
 
@@ -46,9 +47,9 @@ class Keys:
 
 def save_keys(path: Path, events: Events, fps: float) -> None:
     """Write keys that nobody has edited yet, a line each."""
-    parts = [f'"schema": "{SCHEMA}"', f'"fps": {fps}', *(f'"{kind}": {_lines(events, kind)}' for kind in KINDS)]
-    original = ", ".join(f'"{kind}": {_lines(events, kind)}' for kind in KINDS)
-    path.write_text("{\n" + ",\n".join([*parts, f'"original": {{{original}}}']) + "\n}\n")
+    now = [f'"{kind}": {_lines(events, kind)}' for kind in (*KINDS, *KEPT)]
+    parts = [f'"schema": "{SCHEMA}"', f'"fps": {fps}', *now, f'"original": {{{", ".join(now)}}}']
+    path.write_text("{\n" + ",\n".join(parts) + "\n}\n")
 
 
 def _lines(events: Events, kind: str) -> str:
@@ -65,12 +66,28 @@ def load_keys(path: Path) -> Keys:
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
             schema = content.get("schema") if isinstance(content, dict) else type(content).__name__
             raise InputError(f"{path}: schema should be {SCHEMA}, got {schema}")
-        original = _events(path, content["original"], Events())
-        return Keys(_events(path, content, original), original)
+        before = content.get("original")
+        if not isinstance(before, dict):
+            raise InputError(
+                f"{path}: should hold the original keys too, as `animate` and `export -f events` write them, got none"
+            )
+        changed = [kind for kind in KEPT if content.get(kind, []) != before.get(kind, [])]
+        if changed:
+            raise InputError(
+                f"{path}: {' and '.join(KINDS)} can be edited, got other {changed[0]} than the original ones"
+            )
+        return Keys(_events(path, content), _events(path, before))
     except (OSError, ValueError, KeyError, TypeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a readable file of keys ({error!r})") from None
+
+
+def load_original(path: Path) -> Events:
+    """The events that a motion was made with, from the file beside it, whatever was edited there since."""
+    found = Events.load(path)  # refuses what holds no events
+    content = json.loads(path.read_text())
+    return load_keys(path).original if "original" in content else found
 
 
 def edited(motion: Motion, keys: Keys) -> Motion:
@@ -146,8 +163,8 @@ def lids(lid: Float[ndarray, "T 2"], keys: Keys, times: Float[ndarray, " T"]) ->
     return found
 
 
-def _events(path: Path, content: Mapping[str, Any], original: Events) -> Events:
-    found = {kind: [_key(path, kind, row, original) for row in content[kind]] for kind in KINDS}
+def _events(path: Path, content: Mapping[str, Any]) -> Events:
+    found = {kind: [_key(path, kind, row) for row in content[kind]] for kind in KINDS}
     for kind, keys in found.items():
         keys.sort(key=lambda each: float(each.onset_s))
         for first, second in itertools.pairwise(keys):
@@ -156,7 +173,7 @@ def _events(path: Path, content: Mapping[str, Any], original: Events) -> Events:
     return Events(saccades=tuple(found["saccades"]), blinks=tuple(found["blinks"]))
 
 
-def _key(path: Path, kind: str, row: Mapping[str, Any], original: Events) -> Any:
+def _key(path: Path, kind: str, row: Mapping[str, Any]) -> Any:
     known = {"saccades": ("onset_s", "end_rad", "start_rad", "duration_s", "skew"), "blinks": ("onset_s", *USUAL_BLINK)}
     strange = [name for name in row if name not in known[kind]]
     if strange or "onset_s" not in row or (kind == "saccades" and "end_rad" not in row):

@@ -1,7 +1,7 @@
-"""Speech becomes a performance: head and gaze from a trained model, blinks from a profile, at any frame rate.
+"""Speech becomes a performance: head and gaze, face, blinks from a profile, joined at any frame rate.
 
 Blinks follow the paper (section IV-E): a rate drawn for the performance, intervals from it; gaze is held while the lids
-are shut, as in the paper's post-processing. Jaw and expression are neutral: the face comes with its own models.
+are shut, as in the paper's post-processing. The face has a model of its own (`face`); without one it is neutral.
 """
 
 from __future__ import annotations
@@ -18,15 +18,26 @@ from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
-from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.errors import InputError
+from talkingeyes.fitting.manner import SPEAKERS_FILE, Manner, load_speakers
 from talkingeyes.learning.trained import Generator, load_generator
 from talkingeyes.motion import Blink, Events, Motion
-from talkingeyes.performance.events import find_saccades, resample
+from talkingeyes.performance.course import Course
+from talkingeyes.performance.direct import Asked, blinks_of, directed
+from talkingeyes.performance.direction import NEUTRAL_FACE, Direction
+from talkingeyes.performance.events import resample
+from talkingeyes.performance.face import FacePerformer, beside, with_face
+from talkingeyes.performance.keys import save_keys
+from talkingeyes.performance.listening import listening
+from talkingeyes.performance.model_file import opened
+from talkingeyes.performance.parts import recast_events, recast_motion
 from talkingeyes.physiology import blinks
 from talkingeyes.physiology.blinks import BlinkProfile
+from talkingeyes.physiology.steps import find_saccades
 
 SHUT = 0.5
+MODELS_OWN = Direction()
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,12 @@ class Performance:
 
     motion: Motion
     events: Events
+
+    def save(self, path: Path | str) -> None:
+        """Write the motion (.npz), and its events beside it as keys for editing (NAME.events.json)."""
+        path = Path(path)
+        self.motion.save(path)
+        save_keys(path.with_name(f"{path.stem}.events.json"), self.events, self.motion.fps)
 
 
 @dataclass(frozen=True)
@@ -46,21 +63,36 @@ class Performer:
     fps: float
     # By name: of the paper, of physiology, of the corpus that the model was trained on.
     blink_profiles: Mapping[str, BlinkProfile] = field(default_factory=lambda: blinks.PROFILES)
+    # By name: the habits of the speakers that it was trained on.
+    speakers: Mapping[str, Manner] = field(default_factory=dict)
+    face: FacePerformer | None = None
 
     @classmethod
-    def load(cls, model: Path) -> Performer:
-        """From a folder of the train stage. Raises InputError if it is missing or damaged."""
+    def load(cls, model: Path, face: Path | None = None) -> Performer:
+        """From a folder of the train stage or a packed file. Raises InputError if it is missing or damaged.
+
+        `face` is the folder of a model of the face; by default that which stands beside the model, if there is one.
+        """
+        with opened(model) as folder:
+            return cls._of_folder(folder, face or beside(folder))
+
+    @classmethod
+    def _of_folder(cls, model: Path, face: Path | None) -> Performer:
         generator = load_generator(model)
         try:
             embedding = json.loads((model / "embedding.json").read_text())
-            encoder = make_encoder(EmbedSettings.model_validate(embedding["settings"]))
+            settings = EmbedSettings.model_validate(embedding["settings"])
+            encoder = make_encoder(settings)
             seen = json.loads((model / "blinks.json").read_text())["speakers"]
             law = BlinkProfile("lognormal", math.exp(seen["log_normal"]["mean"]), seen["log_normal"]["sd"])
+            speakers = load_speakers(model / SPEAKERS_FILE)
             # A corpus in which nobody blinks has no law of its own.
             own = {"corpus": law} if seen["count"] > seen["without_blinks"] else {}
-            return cls(encoder, generator, float(embedding["fps"]), blinks.PROFILES | own)
+            fps, profiles = float(embedding["fps"]), blinks.PROFILES | own
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
+        of_face = FacePerformer.load(face, settings, encoder) if face else None
+        return cls(encoder, generator, fps, profiles, speakers, of_face)
 
     def perform(
         self,
@@ -68,13 +100,15 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: str = "physio",
+        direction: Direction = MODELS_OWN,
     ) -> list[Performance]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
 
-        Raises InputError for a blink profile that the model does not have.
+        Raises InputError for a profile of blinks or a style that the model does not have.
         """
-        return self.perform_embedded(self.encoder(sound, self.fps), samples, seed, fps, blink_profile)
+        self._check(direction)
+        embedding = self.encoder(sound, self.fps)
+        return self._all(embedding, sound, samples, seed, fps, direction)
 
     def perform_embedded(
         self,
@@ -82,29 +116,84 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        blink_profile: str = "physio",
+        direction: Direction = MODELS_OWN,
     ) -> list[Performance]:
-        """The same for speech that is embedded already."""
-        if blink_profile not in self.blink_profiles:
-            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {blink_profile}")
-        profile = self.blink_profiles[blink_profile]
-        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
-        return [self._one(drawn, index, seed, fps, profile) for index in range(samples)]
+        """The same for speech that is embedded already; who speaks when is not known then, so there is no partner.
 
-    def _one(self, drawn: Samples, index: int, seed: int, fps: float, profile: BlinkProfile) -> Performance:
+        There is no face either, where the model of the face has another encoder.
+        """
+        self._check(direction)
+        if direction.partner is not None:
+            raise InputError("partner: should come with the sound of the speech itself, got embedded speech")
+        return self._all(embedding, np.zeros(0), samples, seed, fps, direction)
+
+    def _check(self, direction: Direction) -> None:
+        if direction.blinks not in self.blink_profiles:
+            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {direction.blinks}")
+        if isinstance(direction.style, str) and direction.style not in self.speakers:
+            known = ", ".join(self.speakers) or "a measured one (the model keeps no speakers)"
+            raise InputError(f"style: should be one of {known}, got {direction.style}")
+        if self.face:
+            self.face.check(direction.face)
+        elif direction.face != NEUTRAL_FACE:
+            raise InputError("emotion and speaker: should be asked of a model of the face (probtalk3d), got none")
+
+    def _all(
+        self,
+        embedding: Float[ndarray, "T C"],
+        sound: Float[ndarray, " N"],
+        samples: int,
+        seed: int,
+        fps: float,
+        direction: Direction,
+    ) -> list[Performance]:
+        style = direction.style
+        manner = self.speakers[style] if isinstance(style, str) else style
+        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
+        faces = self._faces(embedding, sound, samples, seed, direction)
+        performances = []
+        for index in range(samples):
+            heard = None if direction.partner is None else listening(sound, direction.partner, [seed, index, 3])
+            one = self._one(drawn, index, seed, fps, Asked(direction, manner, heard))
+            motion = with_face(one.motion, faces, index, direction.face) if faces else one.motion
+            motion = recast_motion(motion, direction.parts)
+            performances.append(Performance(motion, recast_events(one.events, motion, direction.parts)))
+        return performances
+
+    def _faces(
+        self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], samples: int, seed: int, asked: Direction
+    ) -> FaceSamples | None:
+        """What the model of the face gives, if there is one and it is asked."""
+        if self.face is None or not asked.parts.models_give("face"):
+            return None
+        if self.face.encoder is not self.encoder:
+            if not len(sound):
+                return None
+            embedding = self.face.encoder(sound, self.fps)
+        return self.face.perform(embedding, asked.face, seed, samples, self.fps)
+
+    def _one(self, drawn: Samples, index: int, seed: int, fps: float, asked: Asked) -> Performance:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
-        blinked = blinks.draw_blinks(profile, len(head) / self.fps, random)
+        blinked: Sequence[Blink] = ()
+        if asked.direction.parts.models_give("blinks"):
+            blinked = blinks_of(self.blink_profiles[asked.direction.blinks], asked, len(head) / self.fps, random)
         space = held_over(blinked, rotation.gaze_in_space(head, gaze), self.fps)
-        found = find_saccades(space.mean(1), self.fps)
-        if fps == self.fps:
-            eye = rotation.eye_in_head(head, space)
-        else:
-            performed = resample(head, space, found, self.fps, fps)
-            head, eye = performed.head, performed.gaze
-        closure = blinks.closure(blinked, np.arange(len(head)) / fps)
-        motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
-        return Performance(motion, Events(saccades=found, blinks=tuple(blinked)))
+        course = Course(self.fps, head, space, find_saccades(space.mean(1), self.fps))
+        course = directed(course, asked, [seed, index])
+        return played(course, blinked, fps)
+
+
+def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
+    """A course and its blinks at a frame rate."""
+    if fps == course.fps:
+        head, eye = course.head, rotation.eye_in_head(course.head, course.space_rad)
+    else:
+        performed = resample(course.head, course.space_rad, course.saccades, course.fps, fps)
+        head, eye = performed.head, performed.gaze
+    closure = blinks.closure(blinked, np.arange(len(head)) / fps)
+    motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
+    return Performance(motion, Events(saccades=course.saccades, blinks=tuple(blinked)))
 
 
 def sample_seeds(seed: int, samples: int) -> list[int]:

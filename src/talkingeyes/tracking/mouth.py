@@ -1,9 +1,13 @@
-"""Whether a voice is this face's: the speed of the lips against the change of the sound between 500 and 1500 Hz.
+"""Whether a voice is this face's: lips against sound, in two ways under one lag.
 
-Lips move most while the spectrum changes, whichever vowel is said. On 12 real clips of 4 to 14 s the correlation, at
-its best lag, is .07 to .66 with the clip's own sound and .10 (median) with others', AUC .87 (chosen among 45 on
-these clips): enough to find a voice-over that never fits, too little to vouch for a clip. A network that was trained
-for it (SyncNet, Chung & Zisserman 2016) would do better; none comes with a package.
+Lips move fastest while the spectrum changes, whichever vowel is said, and are widest apart where it is loud:
+
+    agreement = max over lags of the mean of  r(speed of the lip gap, flux of four bands)  and  r(lip gap, their level)
+
+in bands between 500 and 2600 Hz, where the formants are that lips shape. On 11 real clips of 4 to 14 s it is .19 to .63
+with the clip's own sound and .10 (median) with the others', AUC .94 (one band and speeds alone, as it was: .85). The
+bands were chosen on the same clips. Enough to find most voices that are not the face's, too little to vouch for a clip;
+a network trained for it (SyncNet, Chung & Zisserman 2016) would do better, and none comes with a package.
 """
 
 from __future__ import annotations
@@ -11,24 +15,25 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.signal import butter, sosfiltfilt
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.head.face_points import NAMES
 
-BAND_HZ = (500.0, 1500.0)
-WINDOW_S = 0.1  # of the envelope
-SMOOTHING_S = 0.2  # of both speeds
+EDGES_HZ = (500.0, 800.0, 1200.0, 1800.0, 2600.0)
+WINDOW_S = 0.04  # of a spectrum
+SMOOTHING_S, LEVEL_S = 0.2, 0.1  # of both speeds; of the level
 LAGS_S = (-0.12, 0.2)  # sound may lead by a little and be late by more (ITU-R BT.1359)
 _LIPS = [NAMES.index("upper_lip_inner"), NAMES.index("lower_lip_inner")]
 
 
 def agreement(landmarks: Float[ndarray, "T L 2"], sound: Float[ndarray, " N"], fps: float) -> float:
-    """The best correlation over the lags; 0 where lips or sound do not change at all."""
-    lips = speed(lip_gap(landmarks), fps)
-    voice = speed(envelope(sound, len(landmarks), fps), fps)
+    """The best mean correlation over the lags; 0 where lips or sound do not change at all."""
+    gap, loud = lip_gap(landmarks), loudness(sound, len(landmarks), fps)
+    flux = smoothed(np.abs(np.gradient(loud, axis=0)).sum(axis=1), SMOOTHING_S * fps)
+    level = smoothed(loud[:, :-1].sum(axis=1), LEVEL_S * fps)
+    speed = smoothed(np.abs(np.gradient(gap)), SMOOTHING_S * fps)
     first, last = (round(lag_s * fps) for lag_s in LAGS_S)
-    return max(_correlation(lips, voice, lag) for lag in range(first, last + 1))
+    return max((_correlation(speed, flux, lag) + _correlation(gap, level, lag)) / 2 for lag in range(first, last + 1))
 
 
 def lip_gap(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
@@ -40,19 +45,23 @@ def lip_gap(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
     return np.asarray(np.interp(np.arange(len(gap)), np.flatnonzero(known), gap[known]))
 
 
-def envelope(sound: Float[ndarray, " N"], frames: int, fps: float) -> Float[ndarray, " T"]:
-    """The square root of the level in the band at the times t / fps."""
-    voice = sosfiltfilt(butter(2, BAND_HZ, "band", fs=SAMPLE_RATE, output="sos"), sound.astype(np.float64))
-    window = np.hanning(round(WINDOW_S * SAMPLE_RATE))
-    power = np.convolve(voice**2, window / window.sum(), "same")
-    at = np.minimum(np.round(np.arange(frames) / fps * SAMPLE_RATE).astype(int), len(sound) - 1)
-    return np.asarray(np.maximum(power[at], 0.0) ** 0.25)
+def loudness(sound: Float[ndarray, " N"], frames: int, fps: float) -> Float[ndarray, "T 4"]:
+    """Power of each band around the times t / fps, to a quarter: between level and loudness."""
+    half = round(WINDOW_S * SAMPLE_RATE) // 2
+    padded = np.pad(sound.astype(np.float64), (half, half))
+    starts = np.minimum(np.round(np.arange(frames) / fps * SAMPLE_RATE).astype(int), len(sound))
+    pieces = np.lib.stride_tricks.sliding_window_view(padded, 2 * half)[starts]
+    power = np.abs(np.fft.rfft(pieces * np.hanning(2 * half), axis=1)) ** 2
+    hz = np.fft.rfftfreq(2 * half, 1 / SAMPLE_RATE)
+    first, last = np.searchsorted(hz, EDGES_HZ[:-1]), np.searchsorted(hz, EDGES_HZ[1:])
+    bands = [power[:, low:high].sum(axis=1) for low, high in zip(first, last, strict=True)]
+    return np.stack(bands, axis=1) ** 0.25
 
 
-def speed(values: Float[ndarray, " T"], fps: float) -> Float[ndarray, " T"]:
-    """How fast a value changes, smoothed."""
-    window = np.ones(max(round(SMOOTHING_S * fps), 1))
-    return np.convolve(np.abs(np.gradient(values)), window / len(window), "same")
+def smoothed(values: Float[ndarray, " T"], frames: float) -> Float[ndarray, " T"]:
+    """A running mean."""
+    window = np.ones(max(round(frames), 1))
+    return np.convolve(values, window / len(window), "same")
 
 
 def _correlation(lips: Float[ndarray, " T"], voice: Float[ndarray, " T"], lag: int) -> float:

@@ -61,7 +61,7 @@ def unrest(band: Band, style: Style, random: np.random.Generator) -> Waves:
     frequency = random.uniform(edges[:-1], edges[1:])
     weight = frequency**-band.slope
     yaw, pitch, roll = band.deviation_deg
-    deviation = np.radians([pitch, yaw, roll]) * style.head_scale / np.sqrt((weight**2).sum())
+    deviation = np.radians([pitch, yaw, roll]) * style.head_axes * style.head_scale / np.sqrt((weight**2).sum())
     # Rayleigh amplitudes make each sinusoid a Gaussian draw: with this scale their variances add up to deviation^2.
     amplitude = weight[:, None] * deviation * random.rayleigh(1.0, (band.sines, 3))
     return Waves(frequency, amplitude, random.uniform(0.0, 2.0 * np.pi, (band.sines, 3)))
@@ -228,10 +228,10 @@ def backchannels(annotation: Annotation, style: Style, random: np.random.Generat
     return moves
 
 
-def translation(random: np.random.Generator) -> Waves:
+def translation(style: Style, random: np.random.Generator) -> Waves:
     """Slow sway of the head's joint: a few millimetres, most in depth."""
     frequency = random.uniform(0.05, 0.5, 5)
-    amplitude = np.array([0.003, 0.0015, 0.004]) * random.rayleigh(0.6, (5, 3))
+    amplitude = style.sway * np.array([0.003, 0.0015, 0.004]) * random.rayleigh(0.6, (5, 3))
     return Waves(frequency, amplitude, random.uniform(0.0, 2.0 * np.pi, (5, 3)))
 
 

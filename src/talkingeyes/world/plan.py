@@ -7,7 +7,7 @@ whatever else the corpus holds, and however many processes make it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from talkingeyes.physiology.blinks import PROFILES, BlinkProfile
 from talkingeyes.settings import Settings, out_of_bounds
 from talkingeyes.world.accents import ACCENTS, VOICE_NAMES, draw_voice, in_mood, is_voice
 from talkingeyes.world.acoustics import AcousticsSettings
+from talkingeyes.world.individual import individual
 from talkingeyes.world.noise import NoiseSettings
 from talkingeyes.world.observations import CameraSettings
 from talkingeyes.world.speakers import Speaker, draw_speaker
@@ -25,6 +26,7 @@ from talkingeyes.world.text import languages
 from talkingeyes.world.voices import Cast
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
+STREAMS |= {"individual": 9}
 NARROWEST_S = 0.5
 
 
@@ -60,6 +62,7 @@ class SynthesizeSettings(SourceSettings):
     multi_take_sounds: int = Field(ge=0)  # so many sounds of test, and so many of unseen
     fps: float = Field(ge=5, le=500)  # of motion and observations
     blinks: Literal["physio", "paper"]  # the profile of blinks
+    individuality: float = Field(ge=0, le=3)  # how far people differ in their heads' motion beyond what is usual
     languages: tuple[str, ...] = Field(min_length=1)  # speakers take turns in them
     voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; none: all of these languages
     neutral_share: float = Field(ge=0, le=1)  # of the sounds; the others are in one of seven emotions
@@ -140,7 +143,7 @@ def speaker_name(number: int) -> str:
 def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
     """Who says it: the same person in all sounds of that speaker."""
     random = generator(settings.seed, "speaker", sound.speaker)
-    return draw_speaker(
+    speaker = draw_speaker(
         speaker_name(sound.speaker),
         _language(settings, sound),
         random,
@@ -148,6 +151,8 @@ def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
         settings.sources[sound.source].liveliness,
         settings.voices,
     )
+    own = generator(settings.seed, "individual", sound.speaker)
+    return replace(speaker, style=individual(speaker.style, settings.individuality, own))
 
 
 def cast_of(settings: SynthesizeSettings, sound: Sound) -> Cast:

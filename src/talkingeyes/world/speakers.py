@@ -25,7 +25,8 @@ class Style:
     `look` is the share of talking time spent looking at the partner, `look_listening` that of listening time, `side`
     the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place at all (1 in an
     interview; a source of quiet eyes has less), `coupling` (0 to 1) how far what is said moves gaze and head at all,
-    `head_tempo` how fast the head moves, `head_threshold` and `head_gain` the eccentricity from which, and the share
+    `head_tempo` how fast the head moves, `head_axes` how far about each axis (pitch, yaw, roll) and `sway` how far it
+    is carried, `head_threshold` and `head_gain` the eccentricity from which, and the share
     with which, the head goes along with gaze, `speaking_lift` how far speech raises the head, `blink_completeness` the
     share of blinks that shut the lids, `kappa` the (yaw, pitch) from the visual to the optical axis of the left and the
     right eye.
@@ -39,6 +40,8 @@ class Style:
     saccade_rate: float
     coupling: float
     head_scale: float
+    head_axes: tuple[float, float, float]
+    sway: float
     head_tempo: float
     head_threshold: float
     head_gain: float
@@ -77,6 +80,8 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, livel
         saccade_rate=float(np.exp(0.20 * random.standard_normal())),
         coupling=float(random.beta(5.0, 2.0)),
         head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
+        head_axes=(1.0, 1.0, 1.0),
+        sway=1.0,
         head_tempo=1.0,
         head_threshold=float(np.radians(random.uniform(5.0, 15.0))),
         head_gain=float(random.uniform(0.3, 0.9)),

@@ -100,7 +100,7 @@ def _continuous(annotation: Annotation, style: Style, seconds: float, random: np
         head_waves=drift,
         head_speaking=gestures.joined(*speaking),
         activity=gestures.activity(annotation, random),
-        translation=gestures.translation(random),
+        translation=gestures.translation(style, random),
         eyelids=style.eyelids,
         lid_rest=style.lid_rest,
         lid_unrest=_lid_unrest(random),

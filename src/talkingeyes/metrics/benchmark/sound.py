@@ -7,9 +7,10 @@ distance to the truth's own, and its zero is the same motion under other sounds 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +21,6 @@ from talkingeyes.metrics.benchmark.measure import Measure, Observer, Sums, ratio
 
 # Parts of a motion and the critics that judge them.
 CRITICS = {"gaze": "eyes", "space": "space", "head": "head"}
-# Corr. of motions: speech, head and gaze to a value a motion.
-Corr = Callable[[ndarray, ndarray, ndarray], ndarray]
 TITLES = {"gaze": "eye-in-head", "space": "gaze in space", "head": "head"}
 TRAPS = {
     "gaze": "driven by the head: the eyes counter-rotate under it",
@@ -29,6 +28,15 @@ TRAPS = {
     "head": "a conditional mean beats the truth; the level depends on the critic",
 }
 LEAST_SOUNDS = 20
+
+
+@runtime_checkable
+class Critic(Protocol):
+    """What gives Corr. of motions under sounds (metrics.correlation.Correlation)."""
+
+    def under(
+        self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
+    ) -> Float[ndarray, "N S"]: ...
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ class Heard:
 
 
 def hear(
-    critics: Mapping[str, Corr],
+    critics: Mapping[str, Critic],
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
     head: Float[ndarray, "S T 3"],
@@ -49,11 +57,8 @@ def hear(
     """What each critic says of the motions; under another sound as far as both last."""
     found = {}
     for name, critic in critics.items():
-        wrong = [np.full(len(head), np.nan)] if not others else []
-        for other in others:
-            frames = min(len(other), len(speech))
-            wrong.append(critic(other[:frames], head[:, :frames], gaze[:, :frames]))
-        found[name] = Heard(critic(speech, head, gaze), np.mean(wrong, axis=0))
+        own, *wrong = critic.under([speech, *others], head, gaze)
+        found[name] = Heard(own, np.mean(wrong, axis=0) if wrong else np.full(len(head), np.nan))
     return found
 
 
@@ -68,20 +73,23 @@ def with_heard(motions: Sequence[Behaviour], heard: Mapping[str, Heard]) -> list
 
 def with_corr(
     motions: Sequence[Behaviour],
-    critics: Mapping[str, Corr],
+    critics: Mapping[str, Critic],
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
 ) -> list[Behaviour]:
     """Motions with head and gaze, each judged under the sound as far as both last; the others as they are."""
-    found = []
-    for motion in motions:
-        if motion.head is None or motion.gaze is None:
-            found.append(motion)
-            continue
-        frames = min(len(motion), len(speech))
-        heard = hear(critics, speech[:frames], others, motion.head[None, :frames], motion.gaze[None, :frames])
-        found.extend(with_heard([motion], heard))
-    return found
+    judged = list(motions)
+    alike: dict[int, list[int]] = defaultdict(list)
+    for index, motion in enumerate(motions):
+        if motion.head is not None and motion.gaze is not None:
+            alike[min(len(motion), len(speech))].append(index)
+    for frames, indices in alike.items():
+        of_length = [motions[index] for index in indices]
+        head, gaze = (np.stack([getattr(each, part)[:frames] for each in of_length]) for part in ("head", "gaze"))
+        heard = hear(critics, speech[:frames], others, head, gaze)
+        for index, motion in zip(indices, with_heard(of_length, heard), strict=True):
+            judged[index] = motion
+    return judged
 
 
 def observe(behaviour: Behaviour) -> Sums:

@@ -21,7 +21,7 @@ from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.draw import draw
-from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
 
 
@@ -44,6 +44,17 @@ class _History:
     before: Int[Tensor, "B N"]
     held: Float[Tensor, "B N F"]
     dwell: Int[Tensor, "B N"]
+
+
+@dataclass
+class FreeRun:
+    """Between two codes of a free run: what was known before the next one, and the caches of both networks."""
+
+    before: Int[Tensor, " B"]
+    held: Float[Tensor, "B F"]
+    dwell: Int[Tensor, " B"]
+    cache: Cache
+    decoding: Cache
 
 
 class CategoricalGaze(nn.Module):
@@ -73,7 +84,7 @@ class CategoricalGaze(nn.Module):
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Cross-entropy of the codes of true gaze, with true codes as history."""
         codes, history = self._encode(condition.head, gaze)
-        memory = self._memory(condition)
+        memory = self.memory(condition)
         logits = self.out(self.transformer(self._query(history) + memory, memory))
         logits = self._bar_first_stay(logits)
         return {"gaze_codes": F.cross_entropy(logits.flatten(0, 1), codes.flatten())}
@@ -81,28 +92,36 @@ class CategoricalGaze(nn.Module):
     @torch.no_grad()
     def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Draw code after code; gaze in space is rendered by D_VQ, and the eyes make up for the head."""
-        memory = self._memory(condition)
-        batch, steps = memory.shape[:2]
-        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
-        uniform = uniforms(seeds, steps).to(memory.device)
-        before = torch.full((batch,), self.stay + 1, device=memory.device)
-        held = self.codebook.mean.expand(batch, -1)
-        dwell = torch.zeros_like(before)
-        patches = []
-        for step in range(steps):
-            normal = (held - self.codebook.mean) / self.codebook.scale
-            x = self._query(_History(before[:, None], normal[:, None], dwell[:, None]))
-            logits = self.out(self.transformer.step(x + memory[:, step : step + 1], cache))
-            if step == 0:
-                logits = self._bar_first_stay(logits)
-            before = draw(logits[:, 0], uniform[:, step], temperature)
-            stay = before == self.stay
-            values = self.codebook.values_of(before)
-            patches.append(self.codebook.step(values, stay, held if step else None, decoding))
-            held = patches[-1][:, -1]
-            dwell = torch.where(stay, dwell + 1, 0)
+        memory = self.memory(condition)
+        uniform = uniforms(seeds, memory.shape[1]).to(memory.device)
+        run = self.start(len(seeds), memory)
+        patches = [self.advance(run, memory[:, [step]], drawn, temperature) for step, drawn in enumerate(uniform.T)]
         signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
         return gaze_of(self.codebook.settings.signal, condition.head, signal)
+
+    def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> FreeRun:
+        """Before the first code. A stream, whose memory is not there yet, adds it to the cache as it comes."""
+        before = torch.full((batch,), self.stay + 1, device=self.codebook.mean.device)
+        held = self.codebook.mean.expand(batch, -1)
+        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
+        return FreeRun(before, held, torch.zeros_like(before), cache, decoding)
+
+    def advance(
+        self, run: FreeRun, memory: Float[Tensor, "B 1 W"], uniform: Float[Tensor, " B"], temperature: float
+    ) -> Float[Tensor, "B P F"]:
+        """The signal of the next code, drawn by a uniform number; the run moves on."""
+        normal = (run.held - self.codebook.mean) / self.codebook.scale
+        x = self._query(_History(run.before[:, None], normal[:, None], run.dwell[:, None]))
+        first = run.cache.position == 0
+        logits = self.out(self.transformer.step(x + memory, run.cache))
+        logits = self._bar_first_stay(logits) if first else logits
+        run.before = draw(logits[:, 0], uniform, temperature)
+        stay = run.before == self.stay
+        values = self.codebook.values_of(run.before)
+        patch = self.codebook.step(values, stay, None if first else run.held, run.decoding)
+        run.held = patch[:, -1]
+        run.dwell = torch.where(stay, run.dwell + 1, 0)
+        return patch
 
     @torch.no_grad()
     def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
@@ -124,7 +143,7 @@ class CategoricalGaze(nn.Module):
             torch.cat([torch.zeros_like(dwell[:, :1]), dwell[:, :-1]], dim=1),
         )
 
-    def _memory(self, condition: Condition) -> Float[Tensor, "B N W"]:
+    def memory(self, condition: Condition) -> Float[Tensor, "B N W"]:
         """Speech and head a code; the last patch is filled up by its last frame."""
         speech = condition.speech
         missing = -speech.shape[1] % self.patch

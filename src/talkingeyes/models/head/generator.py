@@ -1,6 +1,6 @@
 """What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
 
-A generator is one file here: `events` or `vae` (the paper's); docs/extend.md adds one.
+A generator is one file here: `vae` (the paper's), `causal_vae` (for streams) or `events`; docs/extend.md adds one.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from talkingeyes.settings import PartSettings, Role
 HEAD_GENERATORS = Role(
     "head generator",
     {
-        "events": "talkingeyes.models.head.events:EventHead",
         "vae": "talkingeyes.models.head.vae:VAEHead",
+        "causal_vae": "talkingeyes.models.head.causal:CausalHead",
+        "events": "talkingeyes.models.head.events:EventHead",
     },
     ("normalise_by", "normal", "predict", "sample"),
 )

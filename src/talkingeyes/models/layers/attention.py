@@ -13,6 +13,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+BLOCK = 512  # frames
+
 
 @dataclass
 class KeysValues:
@@ -55,10 +57,17 @@ class WindowAttention(nn.Module):
         return KeysValues(self._rotate(keys, first), values, first)
 
     def forward(self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"]) -> Float[Tensor, "B T W"]:
-        """All frames at once, both sequences starting at position 0."""
-        offset = torch.arange(memory.shape[1]) - torch.arange(x.shape[1])[:, None]
+        """All frames at once, both sequences starting at position 0; blocks of frames, so that memory stays linear."""
+        projected = self.project(memory)
+        blocks = range(0, max(x.shape[1], 1), BLOCK)
+        return torch.cat([self._block(x[:, start : start + BLOCK], start, projected) for start in blocks], dim=1)
+
+    def _block(self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues) -> Float[Tensor, "B T W"]:
+        """Frames from `first` on, with what they may see of the memory."""
+        seen = memory.window(first - self.back, first + x.shape[1] + self.ahead)
+        offset = torch.arange(seen.keys.shape[2]) + seen.first - (torch.arange(x.shape[1]) + first)[:, None]
         allowed = (offset >= -self.back) & (offset <= self.ahead)
-        return self._attend(x, 0, self.project(memory), allowed.to(x.device))
+        return self._attend(x, first, seen, allowed.to(x.device))
 
     def step(self, x: Float[Tensor, "B 1 W"], position: int, memory: KeysValues) -> Float[Tensor, "B 1 W"]:
         """One frame at `position`."""

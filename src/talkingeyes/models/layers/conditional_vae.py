@@ -58,7 +58,9 @@ class ConditionalVAE(nn.Module):
         self.settings = settings
         self.encoder = ConvolutionStack(features + condition, settings.width, settings.layers, settings.dropout)
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
-        self.decoder = ConvolutionStack(settings.latent + condition, settings.width, settings.layers, settings.dropout)
+        self.decoder: nn.Module = ConvolutionStack(
+            settings.latent + condition, settings.width, settings.layers, settings.dropout
+        )
         self.out = nn.Linear(settings.width, features)
 
     def codes(self, frames: int) -> int:

@@ -45,14 +45,14 @@ class Cache:
     memory: list[KeysValues | None]
 
 
-class _Layer(nn.Module):
-    """Pre-norm: self-attention, cross-attention if there is a memory, feed-forward."""
+class Layer(nn.Module):
+    """Pre-norm: self-attention (to `ahead` positions after its own, too), cross-attention to a memory, feed-forward."""
 
-    def __init__(self, settings: TransformerSettings, cross: CrossWindow | None) -> None:
+    def __init__(self, settings: TransformerSettings, ahead: int, cross: CrossWindow | None) -> None:
         super().__init__()
         width, drop = settings.width, settings.dropout
         self.norm_self, self.norm_feed = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.attend_self = WindowAttention(width, settings.heads, settings.back, 0, drop)
+        self.attend_self = WindowAttention(width, settings.heads, settings.back, ahead, drop)
         self.attend_memory = WindowAttention(width, settings.heads, cross.back, cross.ahead, drop) if cross else None
         self.norm_memory = nn.LayerNorm(width) if cross else None
         self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width), nn.Dropout(drop))
@@ -80,7 +80,7 @@ class CausalTransformer(nn.Module):
 
     def __init__(self, settings: TransformerSettings, cross: CrossWindow | None = None) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(_Layer(settings, cross) for _ in range(settings.layers))
+        self.layers = nn.ModuleList(Layer(settings, 0, cross) for _ in range(settings.layers))
         self.norm = nn.LayerNorm(settings.width)
         self.back = settings.back
 
@@ -101,10 +101,19 @@ class CausalTransformer(nn.Module):
         ]
         return Cache(0, [None] * len(self.layers), projected)
 
+    def remember(self, memory: Float[Tensor, "B U W"], cache: Cache) -> None:
+        """Add the next positions of a memory that comes part by part; what no position sees any more is dropped."""
+        for index, layer in enumerate(self.layers):
+            attend, known = layer.attend_memory, cache.memory[index]
+            assert isinstance(attend, WindowAttention)
+            new = attend.project(memory, known.first + known.keys.shape[2] if known else 0)
+            known = known.append(new) if known else new
+            cache.memory[index] = known.window(cache.position - attend.back, new.first + new.keys.shape[2])
+
     def step(self, x: Float[Tensor, "B 1 W"], cache: Cache) -> Float[Tensor, "B 1 W"]:
         """Features of the next position; the cache moves on."""
         for index, layer in enumerate(self.layers):
-            assert isinstance(layer, _Layer)
+            assert isinstance(layer, Layer)
             new = layer.attend_self.project(layer.norm_self(x), cache.position)
             past = cache.past[index]
             past = new if past is None else past.append(new).window(cache.position - self.back, cache.position + 1)

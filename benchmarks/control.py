@@ -1,0 +1,285 @@
+"""How well a performance does what it is asked: targets, eye contact, dials, styles, dialogue, and windows unseen.
+
+The packaged recording (44 s) is performed by the default model; the dialogue is its sentences dealt to two people. All
+is measured in the motion that comes out. Windows: the speed of head and gaze about the seams of the encoder's windows
+over that elsewhere; with the same sound in one window, at the same places, for comparison.
+
+Run     python benchmarks/control.py [FOLDER OF A MODEL]     (make bench, after make repro; a minute of CPU)
+Reads   data/train/talkingeyes, or the folder that is named
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes import rotation
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
+from talkingeyes.audio.windows import window_starts
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.fitting.manner import Manner, measured
+from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
+from talkingeyes.motion import Motion
+from talkingeyes.performance import sight
+from talkingeyes.performance.contact import share_of_contact
+from talkingeyes.performance.dialogue import converse
+from talkingeyes.performance.direction import Direction, Liveliness
+from talkingeyes.performance.listening import turns
+from talkingeyes.performance.perform import Performance, Performer, sample_seeds
+from talkingeyes.performance.targets import Place, Target, TargetTrack
+from talkingeyes.physiology import saccades
+from talkingeyes.run import quiet, shell
+
+MODEL = Path("data", "train", "talkingeyes")
+SAMPLES = 4
+PLACES_M = {
+    "near": Place.fixed(0.05, -0.1, 0.35),
+    "ahead": Place.fixed(0.0, 0.0, 1.0),
+    "left, up": Place.fixed(0.9, 0.3, 1.2),
+    "right": Place.fixed(-1.5, 0.0, 1.5),
+    "far right": Place.fixed(-3.0, -0.2, 1.0),
+    "moving": Place((1.0, 40.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0))),
+}
+TURN_S = 7.0
+PAUSE_S = 0.6
+SEAM_S = 0.5
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a model gave once; each table directs it anew."""
+
+    samples: Samples
+
+    def generate(self, embedding: np.ndarray, seeds: list[int], fps: float) -> Samples:
+        """The same again."""
+        return self.samples
+
+
+def made(performer: Performer, speech: np.ndarray, fps: float = 25.0, **asked: object) -> list[Performance]:
+    """Performances of embedded speech."""
+    return performer.perform_embedded(speech, SAMPLES, 0, fps, Direction(**asked))  # type: ignore[arg-type]
+
+
+def targets(performer: Performer, speech: np.ndarray) -> None:
+    """Gaze is at each place for two seconds of every five."""
+    print("targets: degrees by which each eye's line of sight misses from 0.8 s on; degrees of vergence; peak speed")
+    print("place      fps   miss (mean, 99 %)   vergence (asked, got)   first within 1 deg, s   peak over law")
+    for name, place in PLACES_M.items():
+        for fps in (25.0, 120.0):
+            track = TargetTrack(tuple(Target(t, t + 2.0, name) for t in np.arange(1.0, 40.0, 5.0)), {name: place})
+            rows = [_hits(each, track, name, fps) for each in made(performer, speech, fps, targets=track)]
+            miss, got, asked, arrived, ratio = (np.concatenate([row[key] for row in rows]) for key in range(5))
+            print(
+                f"{name:9s}  {fps:3.0f}   {miss.mean():6.3f} {np.percentile(miss, 99):6.3f}      {asked.mean():8.2f}"
+                f" {got.mean():6.2f}        {np.median(arrived):8.2f}            {np.median(ratio):8.2f} ({len(ratio)})"
+            )
+
+
+def _hits(one: Performance, track: TargetTrack, name: str, fps: float) -> tuple[np.ndarray, ...]:
+    motion, times = one.motion, np.arange(len(one.motion)) / fps
+    places = track.place(name).at(times)
+    miss = np.degrees(sight.miss_rad(motion.head, motion.gaze, places, "world"))
+    angles = rotation.angles_of_gaze(motion.gaze) - sight.KAPPA_RAD
+    space = sight.from_between_rad(rotation.gaze_in_space(motion.head, motion.gaze))
+    beside = np.degrees(np.hypot(*(space - sight.direction_rad(motion.head, places)).T))
+    on = np.any([(times >= each.start_s + 0.8) & (times < each.end_s - 0.05) for each in track.targets], axis=0)
+    arrived = [
+        float(times[(times > each.start_s) & (beside < 1.0)][0] - each.start_s)
+        for each in track.targets
+        if ((times > each.start_s) & (times < each.end_s) & (beside < 1.0)).any()
+    ]
+    seen = places + sight.BETWEEN_EYES_M - np.einsum("tij,j->ti", rotation.matrices(motion.head), sight.BETWEEN_EYES_M)
+    asked = np.degrees(2 * np.arctan(0.03145 / np.linalg.norm(seen, axis=1)))
+    speed = space_speed_deg_s(motion.head, motion.gaze, fps)
+    ratio = [_peak(each, speed, fps) for each in one.events.saccades if _to_target(each, track)]
+    return (
+        miss[on].ravel(),
+        np.degrees(angles[on, 1, 0] - angles[on, 0, 0]),
+        asked[on],
+        np.array(arrived),
+        np.array(ratio),
+    )
+
+
+def _to_target(each: object, track: TargetTrack) -> bool:
+    size = np.hypot(*np.subtract(each.end_rad, each.start_rad))  # type: ignore[attr-defined]
+    return size > np.radians(4) and any(each.onset_s == target.start_s for target in track.targets)  # type: ignore[attr-defined]
+
+
+def _peak(each: object, speed: np.ndarray, fps: float) -> float:
+    size = float(np.hypot(*np.subtract(each.end_rad, each.start_rad)))  # type: ignore[attr-defined]
+    around = slice(int(each.onset_s * fps), int((each.onset_s + each.duration_s) * fps) + 2)  # type: ignore[attr-defined]
+    return float(speed[around].max() / np.degrees(saccades.peak_speed(size)))
+
+
+def contact(performer: Performer, speech: np.ndarray) -> None:
+    print("\neye contact: asked, measured (mean, least, most of the samples), saccades a second, their mean degrees")
+    for asked in (None, 0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
+        performances = made(performer, speech, contact=asked)
+        shares = [_share(each.motion) for each in performances]
+        print(
+            f"{'model' if asked is None else asked!s:6s} {np.mean(shares):.3f} ({min(shares):.3f} to {max(shares):.3f})"
+            f"   {_rate(performances):.2f}   {_size_deg(performances):.2f}"
+        )
+
+
+def _share(motion: Motion) -> float:
+    ahead = np.tile([0.0, 0.0, 1.0], (len(motion), 1))
+    return share_of_contact(motion.head, rotation.gaze_in_space(motion.head, motion.gaze), ahead)
+
+
+def _rate(performances: list[Performance]) -> float:
+    return float(np.mean([len(each.events.saccades) / each.motion.seconds for each in performances]))
+
+
+def _size_deg(performances: list[Performance]) -> float:
+    steps = [np.subtract(s.end_rad, s.start_rad) for each in performances for s in each.events.saccades]
+    return float(np.degrees(np.hypot(*np.array(steps).T)).mean()) if steps else 0.0
+
+
+def dials(performer: Performer, speech: np.ndarray) -> None:
+    print("\nliveliness: dial; head deg/s; saccades: mean degrees, a second; gaze SD (yaw, pitch); blinks a minute")
+    for dial in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):
+        performances = made(performer, speech, liveliness=Liveliness(dial, dial, dial))
+        speed = np.mean([head_speed_deg_s(each.motion.head, 25.0).mean() for each in performances])
+        spaces = [rotation.gaze_in_space(each.motion.head, each.motion.gaze) for each in performances]
+        yaw, pitch = np.degrees(np.mean([rotation.conjugate(space).std(axis=0) for space in spaces], axis=0))
+        rate = np.mean([60 * len(each.events.blinks) / each.motion.seconds for each in performances])
+        print(
+            f"{dial:3.1f}   {speed:5.2f}   {_size_deg(performances):5.2f} {_rate(performances):5.2f}"
+            f"   {yaw:5.2f} {pitch:5.2f}   {rate:5.1f}"
+        )
+
+
+def styles(performer: Performer, speech: np.ndarray) -> None:
+    """The kept speakers: how far the habits of performances are from theirs, without and with the style."""
+    plain = [measured(each.motion) for each in made(performer, speech)]
+    off: dict[str, list[np.ndarray]] = {"without": [], "by name": []}
+    right = 0
+    names = list(performer.speakers)
+    kept = np.array([_numbers(manner) for manner in performer.speakers.values()])
+    for index, (name, manner) in enumerate(performer.speakers.items()):
+        got = [measured(each.motion) for each in made(performer, speech, style=name)]
+        off["without"] += [np.abs(_numbers(each) - _numbers(manner)) for each in plain]
+        off["by name"] += [np.abs(_numbers(each) - _numbers(manner)) for each in got]
+        for each in got:
+            right += int(np.argmin((((kept - _numbers(each)) / kept.std(axis=0)) ** 2).sum(axis=1)) == index)
+    print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
+    print("         head mean  head SD  gaze mean  gaze SD (degrees)  saccades/min  blinks/min")
+    for kind, rows in off.items():
+        mean = np.mean(rows, axis=0)
+        print(
+            f"{kind:9s}  {mean[:3].mean():6.2f}   {mean[3:6].mean():6.2f}   {mean[6:8].mean():6.2f}"
+            f"   {mean[8:10].mean():6.2f}             {mean[10]:6.1f}       {mean[11]:6.1f}"
+        )
+    spread = kept.std(axis=0)
+    print(
+        f"(speakers differ by SD {spread[:3].mean():.2f}, {spread[3:6].mean():.2f}, {spread[6:8].mean():.2f},"
+        f" {spread[8:10].mean():.2f}, {spread[10]:.1f}, {spread[11]:.1f})"
+    )
+    print(f"whose habits are nearest: the right speaker in {right} of {SAMPLES * len(names)}, by chance {SAMPLES}")
+
+
+def _numbers(manner: Manner) -> np.ndarray:
+    angles = [manner.head_mean_rad, manner.head_sd_rad, manner.gaze_mean_rad, manner.gaze_sd_rad]
+    return np.concatenate([*np.degrees(np.concatenate(angles))[None], [manner.saccades_per_min, manner.blinks_per_min]])
+
+
+def dialogue(performer: Performer, speech: np.ndarray) -> None:
+    one, other = _dealt(speech)
+    heard = turns(one, other)
+    pairs = converse(performer, (one, other), SAMPLES, 0, 25.0)
+    alone = performer.perform(one, SAMPLES, 0, 25.0)
+    print(
+        "\ndialogue: eye contact and head speed (deg/s) in the own and in the partner's turns; blinks within .75 s of"
+    )
+    print("the ends of the partner's phrases, a phrase; the same sound alone")
+    for name, performances in (("dialogue", [pair.first for pair in pairs]), ("alone", alone)):
+        rows = [_by_turn(each, heard) for each in performances]
+        own, theirs, own_speed, their_speed, blinked = np.mean(rows, axis=0)
+        print(f"{name:9s} {own:.3f} {theirs:.3f}   {own_speed:5.2f} {their_speed:5.2f}   {blinked:.3f}")
+
+
+def _dealt(speech: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    sounds: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for index, start in enumerate(range(0, len(speech), int(TURN_S * SAMPLE_RATE))):
+        part = np.append(speech[start : start + int(TURN_S * SAMPLE_RATE)], np.zeros(int(PAUSE_S * SAMPLE_RATE)))
+        sounds[index % 2].append(part)
+        sounds[1 - index % 2].append(np.zeros(len(part)))
+    first, second = (np.concatenate(parts).astype(np.float32) for parts in sounds)
+    return first, second
+
+
+def _by_turn(one: Performance, heard: object) -> tuple[float, ...]:
+    motion, times = one.motion, np.arange(len(one.motion)) / 25.0
+    own, theirs = (
+        np.any([(times >= span.start_s) & (times < span.end_s) for span in spans], axis=0)
+        for spans in (heard.speaking, heard.listening)  # type: ignore[attr-defined]
+    )
+    speed = np.append(head_speed_deg_s(motion.head, 25.0), 0.0)
+    ends = [span.end_s for span in heard.partner]  # type: ignore[attr-defined]
+    blinked = sum(any(0 <= blink.onset_s - end <= 0.75 for end in ends) for blink in one.events.blinks) / len(ends)
+    return _share(_part(motion, own)), _share(_part(motion, theirs)), speed[own].mean(), speed[theirs].mean(), blinked
+
+
+def _part(motion: Motion, mask: np.ndarray) -> Motion:
+    names = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
+    return replace(motion, **{name: getattr(motion, name)[mask] for name in names})
+
+
+def windows(performer: Performer, speech: np.ndarray) -> None:
+    """Seams against elsewhere, and against the same places when the windows lie elsewhere."""
+    sound = np.tile(speech, 5)
+    seams_s = [(start + SAMPLE_RATE) / SAMPLE_RATE for start in window_starts(len(sound), 160_000, 32_000)[1:]]
+    performances = made(performer, performer.encoder(sound, performer.fps))
+    print(
+        f"\nwindows: {len(seams_s)} seams in {len(sound) / SAMPLE_RATE:.0f} s; speed within {SEAM_S} s of them over"
+        " elsewhere (1: not seen), and the least and most of that about places as far apart"
+    )
+    for name, speed_of in (("head", _head_speed), ("gaze", _gaze_speed), ("head, change of speed", _head_jerk)):
+        speed = np.array([speed_of(each.motion) for each in performances])
+        times = np.arange(speed.shape[1]) / 25.0
+        at = np.any([np.abs(times - seam) <= SEAM_S for seam in seams_s], axis=0)
+        shifted = [
+            _ratio(speed, np.any([np.abs(times - seam - shift) <= SEAM_S for seam in seams_s], axis=0))
+            for shift in np.arange(1.1, 6.9, 0.5)
+        ]
+        print(f"{name:22s} {_ratio(speed, at):.3f}   {min(shifted):.3f} to {max(shifted):.3f}")
+
+
+def _ratio(speed: np.ndarray, at: np.ndarray) -> float:
+    return float(speed[:, at].mean() / speed[:, ~at].mean())
+
+
+def _head_speed(motion: Motion) -> np.ndarray:
+    return np.asarray(head_speed_deg_s(motion.head, 25.0))
+
+
+def _gaze_speed(motion: Motion) -> np.ndarray:
+    return np.asarray(space_speed_deg_s(motion.head, motion.gaze, 25.0))
+
+
+def _head_jerk(motion: Motion) -> np.ndarray:
+    return np.asarray(np.degrees(np.linalg.norm(np.diff(motion.head, 2, axis=0), axis=1)) * 25.0)
+
+
+def main() -> None:
+    """All tables."""
+    performer = Performer.load(Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL)
+    speech = read_speech(packaged(SPEECH))
+    embedded = performer.encoder(speech, performer.fps)
+    drawn = performer.generator.generate(embedded, sample_seeds(0, SAMPLES), performer.fps)
+    for table in (targets, contact, dials, styles):
+        table(replace(performer, generator=Drawn(drawn)), embedded)
+    dialogue(performer, speech)
+    windows(performer, speech)
+
+
+if __name__ == "__main__":
+    quiet()
+    shell(main)

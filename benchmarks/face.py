@@ -1,0 +1,81 @@
+"""How fast the model of the face makes faces: ten samples of ten seconds, and how that grows with the speech.
+
+The packaged recording is repeated and embedded first, which is not counted. CPU seconds of one process, after a
+warm-up; each length in a process of its own, whose peak memory stands beside.
+
+Run     python benchmarks/face.py [folder of a model of the face]     (after make repro)
+Reads   data/train/probtalk3d
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.waveform import read_speech
+from talkingeyes.run import quiet, shell
+
+MODEL = Path("data", "train", "probtalk3d")
+SAMPLES_AND_SECONDS = ((1, 10), (10, 10), (1, 60), (1, 600))
+MOST_CPU_S = 1.0  # for ten samples of ten seconds
+
+
+@dataclass(frozen=True)
+class Measured:
+    """CPU seconds, and the peak memory of the process."""
+
+    cpu_s: float
+    peak_mib: float
+
+
+def embedded(folder: Path, seconds: int) -> np.ndarray:
+    """The packaged recording, repeated, as the model's own encoder hears it."""
+    import json
+
+    from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+
+    content = json.loads((folder / "embedding.json").read_text())
+    encoder = make_encoder(EmbedSettings.model_validate(content["settings"]))
+    once = encoder(read_speech(packaged(SPEECH)), content["fps"])
+    return np.resize(once, (round(seconds * content["fps"]), once.shape[1]))
+
+
+def measure(folder: Path, embedding: np.ndarray, samples: int) -> Measured:
+    """Generate faces after a warm-up."""
+    from talkingeyes.learning.face_trained import load_face_generator
+    from talkingeyes.models.face.style import Style, StyleKey
+
+    generator, style = load_face_generator(folder), [StyleKey(0.0, Style(None, "happy", 2))]
+    generator.generate(embedding[:50], style, [0], 25.0)
+    start = time.process_time()
+    generator.generate(embedding, style, list(range(samples)), 25.0)
+    cpu_s = time.process_time() - start
+    return Measured(cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def main() -> None:
+    """Print a table, and whether ten samples of ten seconds are fast enough."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
+    context = multiprocessing.get_context("spawn")
+    longest = embedded(folder, max(seconds for _, seconds in SAMPLES_AND_SECONDS))
+    print("| samples | seconds of speech | CPU seconds | peak MiB |")
+    print("|---|---|---|---|")
+    found = {}
+    for samples, seconds in SAMPLES_AND_SECONDS:
+        with context.Pool(1, initializer=quiet) as pool:
+            one = pool.apply(measure, (folder, longest[: seconds * 25], samples))
+        found[samples, seconds] = one.cpu_s
+        print(f"| {samples} | {seconds} | {one.cpu_s:.2f} | {one.peak_mib:.0f} |", flush=True)
+    reached = "reached" if found[10, 10] < MOST_CPU_S else "NOT reached"
+    print(f"\nTen samples of ten seconds under {MOST_CPU_S:g} CPU second: {reached}")
+
+
+if __name__ == "__main__":
+    shell(main)

@@ -1,0 +1,123 @@
+"""What each part of `fit` brings, on a synthetic corpus: pupils, gaze and saccades of its variants against the truth.
+
+Columns  error px and ratio of speeds as in Table VIII; degrees between gaze in the head and the true one; peaks of true
+         saccades, over the true ones; law: a saccade's fastest frame over the speed of the main sequence (amplitude by
+         duration, at least a frame), median and spread; found and true: saccades of 2 degrees or
+         more within 80 ms of a true one.
+Run      python benchmarks/fit_variants.py [CORPUS [SPLIT [CLIPS]]]
+Reads    a corpus with truth (data/synthesize), conf/fit
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.config import compose
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.errors import InputError
+from talkingeyes.fitting.accuracy import Tally, Yardstick
+from talkingeyes.fitting.clip import FitSettings, fit_clip
+from talkingeyes.fitting.comparison import blink_frames
+from talkingeyes.metrics.detectors import scoring
+from talkingeyes.metrics.detectors.saccades import Saccades, detect_saccades
+from talkingeyes.motion import Motion
+from talkingeyes.physiology import saccades as law
+from talkingeyes.rotation import angles_of_gaze, gaze_in_space
+from talkingeyes.run import quiet
+
+AMPLITUDE_DEG, TOLERANCE_S = 2.0, 0.08
+VARIANTS: dict[str, tuple[str, ...]] = {
+    "paper (none)": ("fit=paper",),
+    "and gaussian": ("fit=paper", "fit/smoothing=gaussian"),
+    "and quadratic": ("fit=paper", "fit/smoothing=quadratic"),
+    "and steps": ("fit=paper", "fit/smoothing=steps"),
+    "and saccades": ("fit=paper", "fit/smoothing=saccades"),
+    "and eyes, Listing": ("fit=default", "fit.eyes.vergence_sd_rad=10"),
+    "default": ("fit=default",),
+    "video": ("fit=video",),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A clip's truth."""
+
+    clip: Clip
+    motion: Motion
+    blinking: np.ndarray
+    saccades: Saccades
+
+
+def main() -> None:
+    """Print the table."""
+    root = Path((sys.argv[1:2] or ["data/synthesize"])[0])
+    if not sys.argv[1:] and not root.exists():  # make bench
+        print("fit_variants: no corpus in data/synthesize (make repro), nothing to measure")
+        return
+    split, count = (sys.argv[2:3] or ["val"])[0], int((sys.argv[3:4] or ["4"])[0])
+    corpus = Corpus(root)
+    clips = corpus.select(split, take=0)[:count]
+    if not corpus.has_truth or not clips:
+        raise InputError(f"fit_variants: {root} should have truth and clips of {split}, got {len(clips)} clips")
+    cases = [case_of(corpus, clip) for clip in clips]
+    print(f"{len(cases)} clips of {split}; frames without blinks")
+    print(f"{'':<20}{'error px':>9}{'ratio':>7}{'degrees':>9}{'peaks':>7}{'law, spread':>13}{'found':>8}{'true':>7}")
+    print(line("truth", corpus, cases, [case.motion for case in cases]))
+    for name, overrides in VARIANTS.items():
+        settings = FitSettings.model_validate(compose(list(overrides))["fit"])
+        fits = [fit_clip(corpus.observation(case.clip), settings).motion for case in cases]
+        print(line(name, corpus, cases, fits), flush=True)
+
+
+def case_of(corpus: Corpus, clip: Clip) -> Case:
+    """The truth of a clip, and the saccades that are seen in it at its frame rate."""
+    motion, events = corpus.truth(clip), corpus.truth_events(clip)
+    blinking = blink_frames(events, len(motion), motion.fps)
+    return Case(clip, motion, blinking, saccades_of(motion, blinking))
+
+
+def saccades_of(motion: Motion, blinking: np.ndarray) -> Saccades:
+    """Of the mean direction of both eyes in space, outside blinks."""
+    return detect_saccades(gaze_in_space(motion.head, motion.gaze).mean(axis=1), motion.fps, ~blinking)
+
+
+def line(name: str, corpus: Corpus, cases: Sequence[Case], motions: Sequence[Motion]) -> str:
+    """A row, pooled over clips."""
+    total, truth, matched = Tally(), Tally(), scoring.Tally()
+    degrees, peaks = [], []
+    for case, motion in zip(cases, motions, strict=True):
+        seen = corpus.observation(case.clip)
+        yardstick = Yardstick(seen.pupils, seen.camera, ~case.blinking, case.motion, case.motion)
+        total, truth = total + yardstick.tally(motion), truth + yardstick.tally(case.motion)
+        apart = angles_of_gaze(motion.gaze) - angles_of_gaze(case.motion.gaze)
+        degrees.append(np.degrees(np.linalg.norm(apart, axis=-1))[~case.blinking].ravel())
+        found = saccades_of(motion, case.blinking)
+        large, known = (each.amplitude_deg >= AMPLITUDE_DEG for each in (found, case.saccades))
+        matched += scoring.tally(found.onset_s[large], case.saccades.onset_s[known], TOLERANCE_S)
+        peaks.append(over_law(found, motion.fps))
+    ratios = np.concatenate(peaks)
+    spread = np.log(ratios).std() if len(ratios) else float("nan")
+    return (
+        f"{name:<20}{total.distance_px / total.distances:>9.3f}{total.speed_px_s / truth.speed_px_s:>7.2f}"
+        f"{np.concatenate(degrees).mean():>9.2f}{total.peak_px_s / truth.peak_px_s:>7.2f}"
+        f"{np.median(ratios):>7.2f}, {spread:.2f}{matched.score.recall:>8.2f}{matched.score.precision:>7.2f}"
+    )
+
+
+def over_law(found: Saccades, fps: float) -> np.ndarray:
+    """The fastest frame of each saccade over the mean speed of the main sequence, seen through frames."""
+    amplitudes = found.amplitude_deg[found.amplitude_deg >= AMPLITUDE_DEG]
+    peaks = found.peak_speed_deg_s[found.amplitude_deg >= AMPLITUDE_DEG]
+    durations = np.array([law.duration_s(float(np.radians(amplitude))) for amplitude in amplitudes])
+    return np.asarray(peaks / (amplitudes / np.maximum(durations, 1 / fps)))
+
+
+if __name__ == "__main__":
+    quiet()
+    main()

@@ -1,0 +1,77 @@
+"""An hour of speech through a performance: peak memory of one process after each step, and what grows by nature.
+
+The packaged recording is repeated to an hour and written as a file; it is read, embedded, performed and saved, as
+`talkingeyes animate --no-pictures` does. Peaks hold everything: Python, torch, the model, inputs and outputs.
+
+Run     python benchmarks/hour.py [FOLDER OF A MODEL [FRAMES A SECOND]]     (make bench, after make repro; 4 minutes)
+Reads   data/train/talkingeyes, or the folder that is named
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import soundfile
+
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
+from talkingeyes.run import quiet, shell
+
+MODEL = Path("data", "train", "talkingeyes")
+SECONDS = 3600
+
+
+def write_hour(path: Path) -> None:
+    """The recording, over and over, block by block."""
+    speech = read_speech(packaged(SPEECH))
+    with soundfile.SoundFile(path, "w", SAMPLE_RATE, 1, "PCM_16") as file:
+        left = SECONDS * SAMPLE_RATE
+        while left:
+            part = speech[:left]
+            file.write(part)
+            left -= len(part)
+
+
+def report(step: str) -> None:
+    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{step:10s} {peak_mib:8.0f} MiB   {time.process_time():7.1f} CPU s", flush=True)
+
+
+def main() -> None:
+    """One process, step by step."""
+    from talkingeyes.performance.perform import Performer
+
+    model = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
+    with tempfile.TemporaryDirectory() as folder:
+        write_hour(Path(folder, "hour.flac"))
+        report("written")
+        performer = Performer.load(model)
+        fps = float(sys.argv[2]) if len(sys.argv) > 2 else performer.fps
+        report("loaded")
+        sound = read_speech(Path(folder, "hour.flac"))
+        report("read")
+        embedding = performer.encoder(sound, performer.fps)
+        report("embedded")
+        (one,) = performer.perform_embedded(embedding, 1, 0, fps)
+        report("performed")
+        one.save(Path(folder, "hour.npz"))
+        report("saved")
+        written = (
+            sum(path.stat().st_size for path in Path(folder).glob("hour.*")) - Path(folder, "hour.flac").stat().st_size
+        )
+        arrays = sum(
+            getattr(one.motion, name).nbytes for name in ("head", "gaze", "lid", "jaw", "translation", "expression")
+        )
+    print(
+        f"by nature: sound {sound.nbytes / 2**20:.0f} MiB, embedding {embedding.nbytes / 2**20:.0f} MiB,"
+        f" motion {arrays / 2**20:.0f} MiB in memory and {written / 2**20:.0f} MiB in files"
+    )
+
+
+if __name__ == "__main__":
+    quiet()
+    shell(main)

@@ -1,0 +1,74 @@
+"""Speed and memory of head motion by PoseGAN: ten minutes and an hour of it, window by window.
+
+Run: python benchmarks/posegan.py [FOLDER of a trained model]        without one: an untrained network of the same size
+Prints CPU seconds of ten minutes (asked: under 2) and the most memory of its own (anonymous pages: the speech is mapped
+from a file) that the process holds in ten minutes and in an hour, which should be the same: one window is ever held.
+"""
+
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from talkingeyes.config import CONF
+from talkingeyes.learning.checkpoint import load
+from talkingeyes.learning.poses import PoseModelSettings
+from talkingeyes.learning.trained_poses import pose_network
+from talkingeyes.models.speech_to_pose import SpeechToPose
+
+CHANNELS = 291  # of the default encoder
+FPS = 30
+
+
+def network() -> SpeechToPose:
+    """The model of the folder that was named, or an untrained one."""
+    if len(sys.argv) > 1:
+        return pose_network(load(Path(sys.argv[1])))
+    settings = PoseModelSettings.model_validate(yaml.safe_load((CONF / "model" / "posegan.yaml").read_text()))
+    return SpeechToPose(settings, [str(index) for index in range(CHANNELS)], list("abcde")).eval()
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU seconds, and the most memory at the end of a window."""
+
+    cpu_s: float
+    peak_mib: float
+
+
+def generated(model: SpeechToPose, speech: np.ndarray) -> Cost:
+    """Every window is dropped once it is made."""
+    start, peak_mib = time.process_time(), 0.0
+    for _ in model.stream(speech, [0], None):
+        peak_mib = max(peak_mib, own_mib())
+    return Cost(time.process_time() - start, peak_mib)
+
+
+def own_mib() -> float:
+    """Memory of this process that no file stands behind."""
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(lines["RssAnon"].split()[0]) / 1024
+
+
+def main() -> None:
+    """Ten minutes, then an hour, from a file that is mapped, not read."""
+    model = network()
+    channels = len(model.speech.mean)
+    with tempfile.TemporaryDirectory() as folder:
+        for minutes in (1, 10, 60):
+            path = Path(folder, f"{minutes}.npy")
+            speech = np.lib.format.open_memmap(path, "w+", np.float32, (minutes * 60 * FPS, channels))
+            for first in range(0, len(speech), 60 * FPS):
+                speech[first : first + 60 * FPS] = np.random.default_rng(first).standard_normal((60 * FPS, channels))
+            speech.flush()
+            del speech
+            cost = generated(model, np.load(path, mmap_mode="r"))
+            print(f"{minutes:3d} min: {cost.cpu_s:6.2f} CPU s, peak {cost.peak_mib:6.1f} MiB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""What a live stream costs: CPU seconds for a second of sound on one core, by the size of the chunks.
+
+Run: python benchmarks/streaming.py [MODEL]
+Prints, for a real recording, CPU seconds a second of sound of the stream and of the whole speech at once, the stated
+latency, and the greatest difference between the two in radians.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
+from talkingeyes.performance.streaming import LiveModel
+
+SECONDS, CHUNKS_S = 15, (0.01, 0.04, 0.16, 1.0)
+
+
+def main(model: Path) -> None:
+    """Measure and print."""
+    torch.set_num_threads(1)
+    live, sound = LiveModel.load(model), read_speech(packaged(SPEECH))[: SECONDS * SAMPLE_RATE]
+    begun = time.process_time()
+    whole = live.whole(sound, seed=1)
+    print(
+        f"stated latency {live.latency_s:.3f} s; whole speech: {(time.process_time() - begun) / SECONDS:.3f} CPU s a s"
+    )
+    for chunk_s in CHUNKS_S:
+        size, stream = round(chunk_s * SAMPLE_RATE), live.stream(seed=1)
+        begun = time.process_time()
+        parts = [stream.push(sound[start : start + size]) for start in range(0, len(sound), size)]
+        parts.append(stream.finish())
+        cost = (time.process_time() - begun) / SECONDS
+        apart = max(
+            np.abs(np.concatenate([getattr(p, n) for p in parts]) - getattr(whole, n)).max() for n in ("head", "gaze")
+        )
+        print(f"chunks of {chunk_s * 1000:4.0f} ms: {cost:.3f} CPU s a s; apart from the whole {apart:.1e} rad")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "data/train/talkingeyes_live"))

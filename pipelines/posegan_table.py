@@ -1,0 +1,120 @@
+"""The tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head before one gaze.
+
+Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze]
+Reads conf/ (experiment=posegan). Trains what the result store does not hold; a run that was cut off goes on.
+Writes in the workspace: seed-N/data/..., measured/seed-N.json (made again when a model has changed), tables.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pipelines.experiment import run_chain
+from talkingeyes.config import compose
+from talkingeyes.run import SUMS, shell
+
+HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
+ABLATIONS = ("posegan_without_motion", "posegan_without_start")
+GAZE = tuple(f"gaze_after_{name.removeprefix('head_')}" for name in HEADS)
+# New people who speak other languages: for style transfer, and for how a model takes to sounds that it never heard.
+STRANGERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
+
+
+def main() -> None:
+    """Train, measure, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="0,1,2", help="of training and sampling, as 0,1,2")
+    parser.add_argument("--workspace", type=Path, default=Path("build/posegan"), help="where it works")
+    parser.add_argument("--without-gaze", action="store_true", help="leave out the gaze benchmark, half of the time")
+    given = parser.parse_args()
+    seeds = [int(each) for each in given.seeds.split(",")]
+    strangers = _strangers(given.workspace)
+    found = {}
+    for seed in seeds:
+        view = _trained(given.workspace, seed, given.without_gaze)
+        found[seed] = _measured(given.workspace, view, strangers, seed)
+    benchmark = {} if given.without_gaze else _benchmark(given.workspace, seeds)
+    _write(given.workspace, found, benchmark)
+
+
+def _params(workspace: Path, seed: int, models: Sequence[str]) -> dict[str, Any]:
+    overrides = ("experiment=posegan", f"train.seed={seed}", f"sample.seed={seed}", f"workspace={workspace}")
+    params = compose(overrides)
+    params["model"] = {name: params["model"][name] for name in models}
+    return params
+
+
+def _trained(workspace: Path, seed: int, without_gaze: bool) -> Path:
+    """The models of one seed, and what the gaze benchmark needs; CPU seconds of what was made are kept."""
+    view, cost = workspace / f"seed-{seed}", workspace / f"seed-{seed}" / "cpu_seconds.json"
+    taken = json.loads(cost.read_text()) if cost.is_file() else {}
+    models = (*HEADS, *ABLATIONS, "pgface")
+    params = _params(workspace, seed, models)
+    run_chain({**params, "until": "train@head_mean"}, view)
+    for name in models:
+        before, marked = time.process_time(), _digest(view, name)
+        run_chain({**params, "until": f"train@{name}"}, view)
+        if _digest(view, name) != marked or name not in taken:
+            taken[name] = time.process_time() - before
+            cost.write_text(json.dumps(taken, indent=1))
+    if not without_gaze:
+        run_chain({**_params(workspace, seed, (*HEADS, "talkingeyes", *GAZE)), "until": "evaluate"}, view)
+    return view
+
+
+def _strangers(workspace: Path) -> Path:
+    """The corpus of new people, and its embedding."""
+    view = workspace / "strangers"
+    params = compose(("experiment=posegan", *STRANGERS, f"workspace={workspace}"))
+    run_chain({**params, "model": {}, "until": "embed"}, view)
+    return view
+
+
+def _digest(view: Path, name: str) -> str:
+    path = view / "data" / "train" / name / SUMS
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _measured(workspace: Path, view: Path, strangers: Path, seed: int) -> dict[str, Any]:
+    """All figures of one seed's models; from the file if they are of these models."""
+    from talkingeyes.metrics.pose.measuring import Sources, measured
+
+    path = workspace / "measured" / f"seed-{seed}.json"
+    key = [_digest(view, name) for name in (*HEADS, *ABLATIONS)]
+    if path.is_file() and (content := json.loads(path.read_text()))["models"] == key:
+        figures: dict[str, Any] = content["figures"]
+        return figures
+    data = Sources(view / "data", strangers / "data", HEADS, ABLATIONS)
+    figures = {**measured(data, seed), "training_s": json.loads((view / "cpu_seconds.json").read_text())}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    partial.write_text(json.dumps({"models": key, "figures": figures}, indent=1))
+    partial.replace(path)
+    return figures
+
+
+def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
+    """The gaze benchmark of every row, a seed each."""
+    rows = ("truth", "fitted", "talkingeyes", *GAZE)
+    folders = [workspace / f"seed-{seed}" / "data" / "evaluate" for seed in seeds]
+    return {row: [json.loads((each / row / "benchmark.json").read_text()) for each in folders] for row in rows}
+
+
+def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[str, list[dict[str, Any]]]) -> None:
+    from talkingeyes.metrics.pose.page import page
+
+    path = workspace / "tables.md"
+    path.write_text(page(list(found.values()), benchmark))
+    print(path, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    shell(main)

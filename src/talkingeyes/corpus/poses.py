@@ -1,0 +1,148 @@
+"""Head poses of six numbers, as "3D Talking Face with Personalized Pose Dynamics" has them (Zhang et al., section 3).
+
+A pose is (pitch, yaw, roll, x, y, z): intrinsic Euler angles in radians (pitch positive up) and metres. From a fitted
+motion: resampled to the paper's 30 frames a second, Gaussian-filtered (eq. 1), centred per set of clips. A set is what
+one camera saw: here a clip, since every clip has its own camera and distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, overload
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.errors import InputError
+from talkingeyes.motion import Motion
+from talkingeyes.settings import Settings
+
+NUMBERS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
+
+
+class PoseSettings(Settings):
+    """How poses are taken from motions."""
+
+    # Frames a second of poses (the paper: 30).
+    fps: Annotated[float, Field(gt=0, le=240)]
+    # Width (delta) of the Gaussian of eq. 1 and its reach to each side (m), in frames; a width of 0: no filter.
+    filter_frames: Annotated[float, Field(ge=0)]
+    filter_reach: Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True)
+class PoseRecording:
+    """One clip at the frame rate of poses: speech embedding, centred poses, and the pose that they were centred on."""
+
+    clip: Clip
+    speech: Float[ndarray, "T C"]
+    pose: Float[ndarray, "T 6"]
+    centre: Float[ndarray, " 6"]
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def poses_of(head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]) -> Float[ndarray, "T 6"]:
+    """Six numbers a frame of rotation vectors and metres."""
+    yaw, down, roll = Rotation.from_rotvec(head).as_euler("YXZ").T
+    return np.concatenate([np.stack([-down, yaw, roll], axis=1), translation], axis=1)
+
+
+def head_of(pose: Float[ndarray, "*N 6"]) -> Float[ndarray, "*N 3"]:
+    """Rotation vectors of poses; with the last three numbers, the inverse of `poses_of`."""
+    pitch, yaw, roll = (pose[..., index].ravel() for index in range(3))
+    turned = Rotation.from_euler("YXZ", np.stack([yaw, -pitch, roll], axis=1))
+    return np.asarray(turned.as_rotvec().reshape(*pose.shape[:-1], 3))
+
+
+def resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
+    """Rows at another frame rate, by a cubic spline; the first row stays where it is."""
+    if fps == new_fps:
+        return rows
+    from scipy.interpolate import CubicSpline
+
+    times_s, new_s = _times(len(rows), fps, new_fps)
+    if len(rows) < 4:
+        return linearly_resampled(rows, fps, new_fps)
+    return np.asarray(CubicSpline(times_s, rows)(new_s))
+
+
+def linearly_resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
+    """Rows at another frame rate, by straight lines: for features, which a spline could drive out of their range."""
+    if fps == new_fps or not len(rows):
+        return rows
+    place = (_times(len(rows), fps, new_fps)[1] * fps).clip(0, len(rows) - 1)
+    left = place.astype(int)
+    share = (place - left)[:, None].astype(rows.dtype)
+    return np.asarray(rows[left] * (1 - share) + rows[np.minimum(left + 1, len(rows) - 1)] * share)
+
+
+def _times(count: int, fps: float, new_fps: float) -> tuple[ndarray, ndarray]:
+    """Moments of the old frames and of the new ones, none of which lies beyond the last of the old."""
+    return np.arange(count) / fps, np.arange(int((count - 1) * new_fps / fps + 1e-9) + 1) / new_fps
+
+
+def gaussian_filtered(pose: Float[ndarray, "T N"], width_frames: float, reach: int) -> Float[ndarray, "T N"]:
+    """Eq. 1 with weights that sum to 1, at the ends of a clip too."""
+    if width_frames == 0:
+        return pose
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (offsets / width_frames) ** 2)
+    known = np.convolve(np.ones(len(pose)), weights, mode="full")[reach : reach + len(pose)]
+    columns = [np.convolve(column, weights, mode="full")[reach : reach + len(pose)] for column in pose.T]
+    return np.asarray(np.stack(columns, axis=1) / known[:, None])
+
+
+class PoseRecordings(Sequence[PoseRecording]):
+    """The fitted clips of some splits, read lazily; 128 stay in memory."""
+
+    def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path, settings: PoseSettings) -> None:
+        self.clips = [clip for clip in clips if sharded(fit / "motion", clip.id, ".npz").exists()]
+        self._read = lru_cache(maxsize=128)(lambda clip: read_poses(fit, embed, clip, settings))
+
+    def __len__(self) -> int:
+        return len(self.clips)
+
+    @overload
+    def __getitem__(self, index: int) -> PoseRecording: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[PoseRecording]: ...
+    def __getitem__(self, index: int | slice) -> PoseRecording | list[PoseRecording]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return self._read(self.clips[index])
+
+    def __iter__(self) -> Iterator[PoseRecording]:
+        return (self[index] for index in range(len(self)))
+
+
+def read_poses(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> PoseRecording:
+    """A fitted clip and its sound at the frame rate of poses."""
+    motion = Motion.load(sharded(fit / "motion", clip.id, ".npz"))
+    raw = resampled(poses_of(motion.head, motion.translation), motion.fps, settings.fps)
+    pose = gaussian_filtered(raw, settings.filter_frames, settings.filter_reach)
+    embedding = np.load(sharded(embed / "speech", clip.sound, ".npy"))
+    speech = linearly_resampled(embedding, motion.fps, settings.fps)
+    frames = min(len(pose), len(speech))
+    centre = pose[:frames].mean(0)
+    centred = (pose[:frames] - centre).astype(np.float32)
+    return PoseRecording(clip, speech[:frames].astype(np.float32), centred, centre.astype(np.float32))
+
+
+def pose_recordings(
+    corpus: Corpus, fit: Path, embed: Path, settings: PoseSettings, *splits: str, take: int | None = None
+) -> PoseRecordings:
+    """The fitted clips of the given splits. Raises InputError when there is none."""
+    found = PoseRecordings(corpus.select(*splits, take=take), fit, embed, settings)
+    if not len(found):
+        raise InputError(f"{corpus.root}: no fitted clip in {', '.join(splits)}; a corpus needs clips in every split")
+    return found

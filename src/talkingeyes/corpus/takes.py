@@ -1,0 +1,38 @@
+"""The motions in a file of this project: a Motion, or what `sample` drew of head and gaze or of the face."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from talkingeyes.corpus.samples import FaceSamples, Samples
+from talkingeyes.motion import Motion
+
+
+def motions_in(path: Path) -> list[Motion]:
+    """One motion, or S of them; what a file of samples does not hold is neutral. Raises InputError if it is neither."""
+    keys = _keys(path)
+    if "schema" in keys or not {"head", "jaw"} & keys:
+        return [Motion.load(path)]
+    if "head" in keys:
+        drawn = Samples.load(path)
+        return [Motion.of(drawn.fps, head, gaze) for head, gaze in zip(drawn.head, drawn.gaze, strict=True)]
+    faces = FaceSamples.load(path)
+    frames = faces.jaw.shape[1]
+    still = Motion.of(faces.fps, np.zeros((frames, 3)), np.zeros((frames, 2, 3)))
+    names: dict[str, Any] = {"expression_names": faces.expression_names, "head_model": faces.head_model}
+    return [
+        replace(still, jaw=jaw, expression=expression, **names)
+        for jaw, expression in zip(faces.jaw, faces.expression, strict=True)
+    ]
+
+
+def _keys(path: Path) -> set[str]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return set(file.files)
+    except (OSError, ValueError, EOFError, AttributeError):  # Motion.load says what is wrong
+        return set()

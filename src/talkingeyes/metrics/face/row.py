@@ -1,0 +1,136 @@
+"""The face's part of a row: the figures of one sound, and of all sounds with intervals over them.
+
+Compared with the true motion (in a corpus without truth: the fitted). MVE and LVE average over frames, the others over
+sounds, as in ProbTalk3D's text. The mean face wins MVE and every multi-sample error, a shut mouth closes on every
+bilabial: read a row beside truth, fitted and baselines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_of, ratio_of
+from talkingeyes.metrics.face.emotion import EmotionClassifier, features, recognised
+from talkingeyes.metrics.face.surface import Surface
+from talkingeyes.metrics.face.talking import Talking, talking
+from talkingeyes.metrics.face.vertices import VertexErrors, halves_diversity, vertex_errors
+
+OVER_FRAMES = ("mve", "lve", "lve_squared")
+
+
+@dataclass(frozen=True)
+class FaceCase:
+    """One sound. `own`: the samples are real motions of this very sound, the first of them what is compared with."""
+
+    samples: FaceSamples
+    own: bool
+    truth: FaceSamples  # all takes
+    valid: Bool[ndarray, " T"]
+    annotation: Annotation
+    sound: Float[ndarray, " N"]
+    seed: tuple[int, ...]  # of the halves
+
+
+@dataclass(frozen=True)
+class FaceFigures:
+    """One sound; `errors` is None where there is no second motion to compare with. NaN where a figure is undefined."""
+
+    errors: VertexErrors | None
+    talking: Talking
+    diversity: float
+    diversity_truth: float
+    emotion: str
+    hits: float  # share of the samples whose emotion was told; NaN where nobody can
+
+
+def measure_face(surface: Surface, classifier: EmotionClassifier | None, case: FaceCase) -> FaceFigures:
+    """The figures of one sound."""
+    compared = range(int(case.own), len(case.samples.jaw))
+    told = classifier.tell(features(surface, case.samples)) if classifier else []
+    own = halves_diversity(surface, case.samples, np.random.default_rng(case.seed))
+    return FaceFigures(
+        errors=vertex_errors(surface, case.truth, case.samples, compared, case.valid) if compared else None,
+        talking=talking(surface, case.samples, case.annotation, case.sound),
+        diversity=own,
+        diversity_truth=halves_diversity(surface, case.truth, np.random.default_rng(case.seed)),
+        emotion=case.annotation.emotion,
+        hits=float(np.mean([each == case.annotation.emotion for each in told])) if told else float("nan"),
+    )
+
+
+def cropped_faces(faces: FaceSamples, frames: int) -> FaceSamples:
+    """The first frames."""
+    jaw, expression = faces.jaw[:, :frames], faces.expression[:, :frames]
+    return FaceSamples(faces.fps, jaw, expression, faces.expression_names, faces.head_model)
+
+
+def summarise_face(sounds: Sequence[FaceFigures], settings: BootstrapSettings) -> dict[str, Estimate]:
+    """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
+    found = _statistics(sounds)
+    return {name: bootstrap(each.statistic, each.count, settings) for name, each in found.items()}
+
+
+@dataclass(frozen=True)
+class SeededEstimate(Estimate):
+    """An estimate with its range over seeds."""
+
+    least: float
+    most: float
+
+
+def summarise_seeds(seeds: Sequence[Sequence[FaceFigures]], settings: BootstrapSettings) -> dict[str, SeededEstimate]:
+    """The same sounds under several seeds: the mean of all, its interval over sounds, and the range over seeds."""
+    by_seed = [_statistics(each) for each in seeds]
+    found = {}
+    for name, first in by_seed[0].items():
+        alike = [each[name].statistic for each in by_seed if name in each and each[name].count == first.count]
+        values = [statistic(np.arange(first.count)) for statistic in alike]
+        estimate = bootstrap(partial(_mean_of_seeds, alike), first.count, settings)
+        found[name] = SeededEstimate(estimate.value, estimate.low, estimate.high, min(values), max(values))
+    return found
+
+
+@dataclass(frozen=True)
+class _Measured:
+    statistic: Statistic
+    count: int
+
+
+def _mean_of_seeds(statistics: Sequence[Statistic], drawn: ndarray) -> float:
+    return float(np.mean([statistic(drawn) for statistic in statistics]))
+
+
+def _statistics(sounds: Sequence[FaceFigures]) -> dict[str, _Measured]:
+    """Every figure that some sound allows."""
+    errors = [each.errors for each in sounds if each.errors is not None]
+    frames = np.array([each.frames for each in errors], float)
+    found: dict[str, _Measured] = {}
+    for name in (field.name for field in fields(VertexErrors) if field.name != "frames"):
+        values = np.array([getattr(each, name) for each in errors])
+        found[name] = _Measured(
+            ratio_of(values * frames, frames) if name in OVER_FRAMES else mean_of(values), len(values)
+        )
+    for name in (field.name for field in fields(Talking)):
+        found[name] = _mean(np.array([getattr(each.talking, name) for each in sounds]))
+    own, truth = (np.array([getattr(each, name) for each in sounds]) for name in ("diversity", "diversity_truth"))
+    several = ~np.isnan(own + truth)
+    found["diversity"] = _mean(own)
+    if truth[several].all():
+        found["diversity_ratio"] = _Measured(ratio_of(own[several], truth[several]), int(several.sum()))
+    known = [each for each in sounds if not np.isnan(each.hits)]
+    hits, emotions = np.array([each.hits for each in known]), np.array([each.emotion for each in known])
+    found["emotion_recognised"] = _Measured(lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known))
+    return {name: each for name, each in found.items() if each.count}
+
+
+def _mean(values: Float[ndarray, " N"]) -> _Measured:
+    known = values[~np.isnan(values)]
+    return _Measured(mean_of(known), len(known))

@@ -1,0 +1,73 @@
+"""How generated poses move, beside true ones: distances (Zhang et al., Table 2), jitter, seams, variety, manner.
+
+Poses come in units of the train split's deviations, so the six numbers weigh the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+JITTER_HZ = 5.0
+STILL = 1e-4  # in units of deviations: what does not vary is taken for this
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Root mean squares over frames and numbers of the difference of poses, and of motions (a frame each)."""
+
+    pose: float
+    motion: float
+
+
+def distances(made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]) -> Distances:
+    """Eq. 3 as figures, over all clips together."""
+    apart = [ours[: len(theirs)] - theirs[: len(ours)] for ours, theirs in zip(made, true, strict=True)]
+    moved = [np.diff(each, axis=0) for each in apart]
+    return Distances(_root_mean_square(apart), _root_mean_square(moved))
+
+
+def jitter(poses: Sequence[Float[ndarray, "T 6"]], fps: float) -> float:
+    """Share of the power of motion (of velocity) above 5 Hz, over numbers and clips; 0 of a still head."""
+    above = total = 0.0
+    for each in poses:
+        velocity = np.diff(each, axis=0)
+        power = np.abs(np.fft.rfft((velocity - velocity.mean(0)) * np.hanning(len(velocity))[:, None], axis=0)) ** 2
+        hz = np.fft.rfftfreq(len(velocity), 1 / fps)
+        above, total = above + power[hz > JITTER_HZ].sum(), total + power.sum()
+    return float(above / total) if total > 0 else 0.0
+
+
+def seams(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
+    """Speed of the steps into a new window (each `hop` frames) as a multiple of the speed of all others."""
+    speed = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in poses]
+    at = np.concatenate([each[hop - 1 :: hop] for each in speed])
+    elsewhere = np.concatenate([np.delete(each, np.s_[hop - 1 :: hop]) for each in speed])
+    return float(at.mean() / max(elsewhere.mean(), 1e-12)) if len(at) else float("nan")
+
+
+def variety(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
+    """Mean over pairs of clips of the root mean square difference: 0 if a model does the same whatever it hears."""
+    frames = min(map(len, poses))
+    pairs = [(i, j) for i in range(len(poses)) for j in range(i)]
+    return float(np.mean([_root_mean_square([poses[i][:frames] - poses[j][:frames]]) for i, j in pairs]))
+
+
+def manner(pose: Float[ndarray, "T 6"]) -> Float[ndarray, " 18"]:
+    """How somebody moves: logarithms of the deviations of the six numbers, of their motion, and of its change."""
+    return np.asarray(
+        np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=STILL))
+    )
+
+
+def unlike(ours: Float[ndarray, " 18"], theirs: Float[ndarray, " 18"]) -> float:
+    """Root mean square of the difference of two manners: 0.1 is a tenth more or less."""
+    return float(np.sqrt(np.mean((ours - theirs) ** 2)))
+
+
+def _root_mean_square(arrays: Sequence[Float[ndarray, "T 6"]]) -> float:
+    return float(np.sqrt(sum((each**2).sum() for each in arrays) / sum(each.size for each in arrays)))

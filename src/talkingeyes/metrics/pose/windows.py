@@ -1,0 +1,45 @@
+"""Windows of 256 frames of poses, as every measurement of the paper sees them (section 4.3): sliding, or end to end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from talkingeyes.corpus.poses import PoseRecording
+
+
+@dataclass(frozen=True)
+class PoseWindows:
+    """N windows of L frames: standardised speech embedding, centred poses, and whose each is (an index)."""
+
+    speech: Float[ndarray, "N L C"]
+    pose: Float[ndarray, "N L 6"]
+    speaker: Int[ndarray, " N"]
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def cut(frames: Float[ndarray, "T C"], length: int, hop: int) -> Float[ndarray, "N L C"]:
+    """Windows of an array, a hop apart; none of one that is shorter."""
+    starts = range(0, len(frames) - length + 1, hop)
+    return np.stack([frames[start : start + length] for start in starts]) if starts else _none(frames, length)
+
+
+def windows_of(recordings: Sequence[PoseRecording], speakers: Sequence[str], length: int, hop: int) -> PoseWindows:
+    """Windows of recordings of these speakers; others are left out."""
+    known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= length]
+    poses = [cut(each.pose, length, hop) for each in known]
+    return PoseWindows(
+        speech=np.concatenate([cut(each.speech, length, hop) for each in known]),
+        pose=np.concatenate(poses),
+        speaker=np.repeat([speakers.index(each.clip.speaker) for each in known], [len(pose) for pose in poses]),
+    )
+
+
+def _none(frames: Float[ndarray, "T C"], length: int) -> Float[ndarray, "0 L C"]:
+    return np.zeros((0, length, frames.shape[1]), frames.dtype)

@@ -1,0 +1,129 @@
+"""What every motion autoencoder of the face is (ProbTalk3D section 3.3.1): stage 1, and the frozen prior of stage 2.
+
+Encoder: linear, convolution, transformer; decoder: the same back. Between them stands what a latent of a frame is made
+of: codes (`vqvae`) or a Gaussian (`vae`). Stage 2 predicts `latents` from speech, `through` passes gradients to them,
+`drawn` samples them, `decode` gives the face.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Protocol, runtime_checkable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import BeforeValidator, Field, SerializeAsAny
+from torch import Tensor, nn
+
+from talkingeyes.models.face.basis import JAW
+from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
+from talkingeyes.settings import PartSettings, Role
+
+FACE_AUTOENCODERS = Role(
+    "motion autoencoder of the face",
+    {
+        "vq": "talkingeyes.models.face.vqvae:FaceVQVAE",
+        "vae": "talkingeyes.models.face.vae:FaceVAE",
+    },
+    ("normalise_by", "normal", "freeze", "terms", "measure", "latents", "through", "noise", "drawn", "decode"),
+)
+AutoencoderPartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(FACE_AUTOENCODERS.read)]
+
+
+class AutoencoderSettings(PartSettings):
+    """Sizes that both kinds share."""
+
+    # Width of the latent of a frame (the paper: 256).
+    latent: Annotated[int, Field(gt=0)]
+    encoder: WindowTransformerSettings
+    decoder: WindowTransformerSettings
+
+
+@runtime_checkable
+class FaceAutoencoder(Protocol):
+    """The role: a torch module made as `Class(settings, numbers)`, `numbers` of expression and jaw a frame."""
+
+    configured_by: Any
+    # Numbers of a frame's `latents`: what stage 2 predicts.
+    predicted: int
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """Take what faces are centred on and divided by."""
+        ...
+
+    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+        """Faces in units of the scale."""
+        ...
+
+    def freeze(self) -> FaceAutoencoder:
+        """Keep everything as it is while stage 2 is trained."""
+        ...
+
+    def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """Named terms of the loss of stage 1."""
+        ...
+
+    def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:
+        """What stage 2 is to predict of a face, in units of what the training faces have."""
+        ...
+
+    def through(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
+        """What the decoder is given for predicted latents in training; gradients pass."""
+        ...
+
+    def measure(self, face: Float[Tensor, "B T F"]) -> None:
+        """Take what it knows of its own latents from training faces, when stage 1 has ended."""
+        ...
+
+    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
+        """Standard normal numbers of draws, a seed a row; they change over `slow_frames` frames."""
+        ...
+
+    def drawn(
+        self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
+    ) -> Float[Tensor, "S T L"]:
+        """What the decoder is given in generation (B is S or 1); at temperature 0 noise counts for nothing."""
+        ...
+
+    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
+        """The face, in its own units."""
+        ...
+
+
+class Coder(nn.Module):
+    """Encoder and decoder around a latent, with the statistics of faces; both kinds hold one."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, settings: AutoencoderSettings, numbers: int, encoded: int) -> None:
+        """`encoded`: what the encoder gives a frame."""
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(numbers))
+        self.register_buffer("scale", torch.ones(numbers))
+        self.encoder = WindowTransformer(settings.encoder, numbers)
+        self.to_latent = nn.Linear(settings.encoder.width, encoded)
+        self.decoder = WindowTransformer(settings.decoder, settings.latent)
+        self.out = nn.Linear(settings.decoder.width, numbers)
+
+    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+        """Centred, in units of the scale."""
+        return (face - self.mean) / self.scale
+
+    def encode(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T E"]:
+        """What the encoder says of a face."""
+        out: Tensor = self.to_latent(self.encoder(self.normal(face)))
+        return out
+
+    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
+        """The face of latents."""
+        out: Tensor = self.out(self.decoder(values))
+        return out * self.scale + self.mean
+
+
+def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    """L1 of expression and of jaw, each a mean over its numbers (eq. 4 and 5), in units of the scale."""
+    return {
+        "expression": F.l1_loss(predicted[..., :-JAW].float(), true[..., :-JAW]),
+        "jaw": F.l1_loss(predicted[..., -JAW:].float(), true[..., -JAW:]),
+    }

@@ -1,0 +1,74 @@
+"""A face by autoregression over codes in the manner of CodeTalker (Xing et al. 2023), deterministic or sampled.
+
+A causal transformer says the latent of the next frame from those before it and the speech; the nearest code takes its
+place, or one drawn by a softmax over distances, as ProbTalk3D's authors do in CodeTalker-ND. CodeTalker feeds back the
+decoded face and decodes the prefix again at every step; here the code values are fed back and decoded once, at the end.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from talkingeyes.errors import InputError
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
+from talkingeyes.models.face.regression import AutoregressionSettings, HistoryDecoder, mixed
+from talkingeyes.models.face.vqvae import FaceVQVAE
+from talkingeyes.models.layers.transformer import shifted
+
+
+class CodesFaceSettings(AutoregressionSettings):
+    """Nothing more."""
+
+    kind: Literal["codes"]
+
+
+class CodesFace(nn.Module):
+    """The codes of the next frame from those before it and the speech."""
+
+    configured_by = CodesFaceSettings
+
+    def __init__(self, settings: CodesFaceSettings, speech: int, numbers: int, prior: FaceAutoencoder | None) -> None:
+        super().__init__()
+        if not isinstance(prior, FaceVQVAE) or prior.settings.layout != "frames":
+            raise InputError("model.prior: should be a codebook with layout frames for a face of codes")
+        self.settings, self.prior = settings, prior
+        self.decoder = HistoryDecoder(settings, speech, prior.predicted, prior.predicted)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """The prior has statistics of its own."""
+
+    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """L1 between latents, of expression and of jaw; the history are true codes, a share of them its own."""
+        true = self.prior.latents(face)
+        first = self._history(self.prior.through(true))
+        with torch.no_grad():
+            own = self._history(self.prior.through(self.decoder(speech, first)))
+        latents = self.decoder(speech, mixed(first, own, self.settings.own_history))
+        again = self.prior.decode(self.prior.through(latents))
+        return {
+            "latent": F.l1_loss(latents.float(), true),
+            **reconstruction(self.prior.normal(again), self.prior.normal(face)),
+        }
+
+    def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
+        """Frame after frame; at temperature 0 one face for all seeds."""
+        rows = len(seeds) if temperature else 1
+        noise = self.prior.noise(seeds[:rows], speech.shape[1], slow_frames=1)
+        steps = self.decoder.start(speech.expand(rows, -1, -1))
+        before = torch.zeros((rows, self.prior.predicted), device=speech.device)
+        values = []
+        for position in range(speech.shape[1]):
+            latents = steps.next(position, before)[:, None]
+            drawn = self.prior.drawn(latents, noise[:, position : position + 1], temperature)
+            values.append(drawn)
+            before = (drawn / self.prior.latent_scale)[:, 0]
+        return self.prior.decode(torch.cat(values, dim=1)).expand(len(seeds), -1, -1)
+
+    def _history(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
+        """Code values before each frame, in units of the latents."""
+        return shifted(values.detach() / self.prior.latent_scale, torch.zeros_like(values[:, :1]))

@@ -1,0 +1,62 @@
+"""Stage 2 of ProbTalk3D (section 3.3.2, eq. 5): speech and style to the latents of a frozen motion autoencoder.
+
+A convolution and transformer layers predict all frames at once; the prior draws codes (or from its Gaussian, in the
+VAE variant) and decodes them. With `slow_frames` 1 codes are drawn anew at every frame, as in the paper.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.errors import InputError
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
+from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
+from talkingeyes.settings import PartSettings
+
+
+class LatentFaceSettings(PartSettings):
+    """The network, and how slowly the noise of a draw changes."""
+
+    kind: Literal["latent"]
+    transformer: WindowTransformerSettings
+    slow_frames: Annotated[int, Field(gt=0)]
+
+
+class LatentFace(nn.Module):
+    """z^a of speech, as near as it gets to z^m of the face."""
+
+    configured_by = LatentFaceSettings
+
+    def __init__(self, settings: LatentFaceSettings, speech: int, numbers: int, prior: FaceAutoencoder | None) -> None:
+        super().__init__()
+        if prior is None:
+            raise InputError("model.prior: should name an autoencoder of conf/pretrain/ for a latent face, got null")
+        self.settings, self.prior = settings, prior
+        self.transformer = WindowTransformer(settings.transformer, speech)
+        self.out = nn.Linear(settings.transformer.width, prior.predicted)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """The prior has statistics of its own."""
+
+    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """Eq. 5: L1 between latents, of expression and of jaw."""
+        latents = self._latents(speech)
+        again = self.prior.decode(self.prior.through(latents))
+        return {
+            "latent": F.l1_loss(latents.float(), self.prior.latents(face)),
+            **reconstruction(self.prior.normal(again), self.prior.normal(face)),
+        }
+
+    def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
+        """All frames at once."""
+        noise = self.prior.noise(seeds, speech.shape[1], self.settings.slow_frames)
+        return self.prior.decode(self.prior.drawn(self._latents(speech), noise, temperature))
+
+    def _latents(self, speech: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:
+        out: Tensor = self.out(self.transformer(speech))
+        return out

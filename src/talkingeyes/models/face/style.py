@@ -1,0 +1,110 @@
+"""The style of a face: who speaks, with which emotion, how strongly (ProbTalk3D section 3.2: C = [c_id|c_emo|c_int]).
+
+One-hot vectors side by side. Somebody whom the training has not heard is the mean of those whom it has; a neutral face
+has no intensity. Along a clip the style may change: vectors between two keys are blended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.errors import InputError
+from talkingeyes.physiology.face import FEELINGS
+
+EMOTIONS = tuple(FEELINGS)
+INTENSITIES = (1, 2, 3)
+NEUTRAL = "neutral"
+StyleInput = Literal["speaker", "emotion", "intensity"]
+
+
+@dataclass(frozen=True)
+class Style:
+    """`speaker` None: the mean of all; `intensity` 0 is for neutral alone. Raises InputError, with the choices."""
+
+    speaker: str | None
+    emotion: str
+    intensity: int
+
+    def __post_init__(self) -> None:
+        if self.emotion not in EMOTIONS:
+            raise InputError(f"emotion: should be one of {', '.join(EMOTIONS)}, got {self.emotion}")
+        if self.emotion == NEUTRAL and self.intensity:
+            raise InputError(f"intensity: should be 0 with a neutral face, got {self.intensity}")
+        if self.emotion != NEUTRAL and self.intensity not in INTENSITIES:
+            raise InputError(f"intensity: should be 1, 2 or 3 with {self.emotion}, got {self.intensity}")
+
+
+@dataclass(frozen=True)
+class StyleKey:
+    """From `onset_s` on the style is this."""
+
+    onset_s: float
+    style: Style
+
+
+@dataclass(frozen=True)
+class StyleVocabulary:
+    """The speakers that a model knows, in the order of their numbers."""
+
+    speakers: tuple[str, ...]
+
+    @classmethod
+    def of(cls, clips: Iterable[Clip]) -> StyleVocabulary:
+        """The speakers of clips, by name."""
+        return cls(tuple(sorted({clip.speaker for clip in clips})))
+
+    @property
+    def numbers(self) -> int:
+        """Of a style vector."""
+        return len(self.speakers) + len(EMOTIONS) + len(INTENSITIES)
+
+    def columns(self, inputs: Sequence[StyleInput]) -> list[int]:
+        """Which numbers of a vector tell these inputs."""
+        emotions = len(self.speakers)
+        intensities = emotions + len(EMOTIONS)
+        ranges: dict[StyleInput, range] = {
+            "speaker": range(emotions),
+            "emotion": range(emotions, intensities),
+            "intensity": range(intensities, self.numbers),
+        }
+        return [column for name in inputs for column in ranges[name]]
+
+    def vector(self, style: Style) -> Float[ndarray, " D"]:
+        """C of a style. Raises InputError for a speaker whom the model does not know."""
+        if style.speaker is not None and style.speaker not in self.speakers:
+            raise InputError(
+                f"speaker: should be one of {', '.join(self.speakers)} or none for their mean, got {style.speaker}"
+            )
+        vector = np.zeros(self.numbers, np.float32)
+        if style.speaker is None:
+            vector[: len(self.speakers)] = 1 / len(self.speakers)
+        else:
+            vector[self.speakers.index(style.speaker)] = 1
+        vector[len(self.speakers) + EMOTIONS.index(style.emotion)] = 1
+        if style.intensity:
+            vector[len(self.speakers) + len(EMOTIONS) + style.intensity - 1] = 1
+        return vector
+
+    def along(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
+        """C of every frame: each key from its onset on, blended in over `fade_s`; before the first key, the first."""
+        if not keys:
+            raise InputError("style: should have at least one key, got none")
+        times_s = np.arange(frames) / fps
+        ordered = sorted(keys, key=lambda key: key.onset_s)
+        found = np.repeat(self.vector(ordered[0].style)[None], frames, axis=0)
+        for key in ordered[1:]:
+            share = np.clip((times_s - key.onset_s) / fade_s, 0, 1)[:, None].astype(np.float32)
+            found = (1 - share) * found + share * self.vector(key.style)
+        return found
+
+    def style_of(self, clip: Clip) -> Style:
+        """Of a speaker who is not known, the mean of all; of a clip whose emotion nobody said (a video), neutral."""
+        speaker = clip.speaker if clip.speaker in self.speakers else None
+        return Style(speaker, clip.emotion or NEUTRAL, clip.intensity)

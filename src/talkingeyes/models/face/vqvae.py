@@ -1,0 +1,148 @@
+"""The VQ-VAE of facial motion (ProbTalk3D section 3.3.1, eq. 3 and 4): 256 codes of 128 numbers, latents of 256.
+
+What a code stands for is the `layout`. `frames`: the latent of a frame is cut into pieces as wide as a code, so that a
+code says something of one frame. `channels`, as the released program has it: latents are laid out channel by channel
+before they are cut, so that a code stands for 128 consecutive values of one channel over time, and a change of one
+frame changes all codes of a clip. docs/face_models.md says more.
+The codebook term of eq. 3 is minimised by its closed form (layers/quantiser.py); the commitment term is as written.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int
+from pydantic import model_validator
+from torch import Tensor, nn
+
+from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coder, reconstruction
+from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
+from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
+from talkingeyes.settings import out_of_bounds
+
+Layout = Literal["frames", "channels"]
+
+
+class FaceVQVAESettings(AutoencoderSettings):
+    """The codebook, and what a code stands for."""
+
+    kind: Literal["vq"]
+    layout: Layout
+    quantiser: QuantiserSettings
+
+    @model_validator(mode="after")
+    def _whole_codes(self) -> FaceVQVAESettings:
+        if self.latent % self.quantiser.width:
+            raise out_of_bounds(f"latent should be a multiple of quantiser.width, {self.quantiser.width}", self.latent)
+        return self
+
+
+def cut(latents: Float[Tensor, "B T L"], layout: Layout, width: int) -> Float[Tensor, "B N C"]:
+    """Latents in pieces as wide as a code."""
+    ordered = latents if layout == "frames" else latents.transpose(1, 2)
+    return ordered.reshape(len(latents), -1, width)
+
+
+def joined(pieces: Float[Tensor, "B N C"], layout: Layout, latent: int) -> Float[Tensor, "B T L"]:
+    """The inverse of `cut`."""
+    if layout == "frames":
+        return pieces.reshape(len(pieces), -1, latent)
+    return pieces.reshape(len(pieces), latent, -1).transpose(1, 2)
+
+
+class FaceVQVAE(nn.Module):
+    """E, the codebook and D. `spread`: mean squared distance of the training latents from their codes, the unit of
+    temperatures; `latent_scale`: their root mean square, the unit of what stage 2 predicts."""
+
+    spread: Tensor
+    latent_scale: Tensor
+    configured_by = FaceVQVAESettings
+
+    def __init__(self, settings: FaceVQVAESettings, numbers: int) -> None:
+        super().__init__()
+        self.settings, self.predicted = settings, settings.latent
+        self.coder = Coder(settings, numbers, settings.latent)
+        self.quantiser = Quantiser(settings.quantiser)
+        self.register_buffer("spread", torch.ones(()))
+        self.register_buffer("latent_scale", torch.ones(()))
+        self.frozen = False
+
+    def freeze(self) -> FaceVQVAE:
+        """Keep weights and codebook as they are while stage 2 is trained."""
+        self.frozen = True
+        self.requires_grad_(False)
+        return self.eval()
+
+    def train(self, mode: bool = True) -> FaceVQVAE:
+        """A frozen codebook stays in evaluation mode."""
+        super().train(mode and not self.frozen)
+        return self
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """Set what faces are centred on and divided by."""
+        self.coder.mean.copy_(mean)
+        self.coder.scale.copy_(scale)
+
+    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+        """Faces in units of the scale."""
+        return self.coder.normal(face)
+
+    def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """Eq. 4: quantisation, expression and jaw."""
+        quantised = self.quantiser(self._cut(self.coder.encode(face)))
+        again = self.coder.decode(self._joined(quantised.values))
+        beta = self.settings.quantiser.commitment
+        return {
+            "quantisation": beta * quantised.commitment,
+            **reconstruction(self.normal(again), self.normal(face)),
+        }
+
+    @torch.no_grad()
+    def measure(self, face: Float[Tensor, "B T F"]) -> None:
+        """Take the units of temperatures and of latents from faces, once, when stage 1 is trained."""
+        latents = self.coder.encode(face)
+        pieces = self._cut(latents)
+        self.spread.copy_((pieces - self.quantiser(pieces).values).square().sum(-1).mean())
+        self.latent_scale.copy_(latents.square().mean().sqrt())
+
+    def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T L"]:
+        """z^m of eq. 5."""
+        return self.coder.encode(face) / self.latent_scale
+
+    def through(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
+        """Nearest codes, straight through."""
+        return self._joined(self.quantiser(self._cut(latents * self.latent_scale)).values)
+
+    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
+        """One number for each code at each place of a frame."""
+        places = self.settings.latent // self.settings.quantiser.width
+        return slow_normal(seeds, frames, places * self.settings.quantiser.codes, slow_frames)
+
+    def drawn(
+        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
+    ) -> Float[Tensor, "S T L"]:
+        """The values of drawn codes."""
+        return self._joined(self.quantiser.codebook[self.codes(latents, noise, temperature)])
+
+    def codes(
+        self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
+    ) -> Int[Tensor, "S N"]:
+        """Codes by a softmax over minus squared distances, in units of `temperature` times `spread` (section 3.3.3):
+        the largest of the logits plus Gumbel noise."""
+        distances = self.quantiser.distances(self._cut(latents * self.latent_scale))
+        if temperature == 0:
+            return distances.argmin(-1).expand(len(noise), -1)
+        logits = -distances / (temperature * self.spread)
+        gumbel = gumbel_of(noise.to(logits)).reshape(len(noise), -1, logits.shape[-1])
+        return (logits + gumbel).argmax(-1)
+
+    def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
+        """D of code values."""
+        return self.coder.decode(values)
+
+    def _cut(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B N C"]:
+        return cut(latents, self.settings.layout, self.settings.quantiser.width)
+
+    def _joined(self, pieces: Float[Tensor, "B N C"]) -> Float[Tensor, "B T L"]:
+        return joined(pieces, self.settings.layout, self.settings.latent)

@@ -1,0 +1,96 @@
+"""Head poses by a VQ-VAE: codes of a few frames, drawn one after the other under the speech.
+
+TalkingEyes compares a VQ-VAE of the head with its VAE (section V-E). Here codebook and the network that predicts codes
+are trained at once: reconstruction and commitment (its eq. 7) for the one, cross-entropy for the other, whose gradient
+does not reach the codebook.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import torch
+from jaxtyping import Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from talkingeyes.models import losses
+from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
+from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
+from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shifted
+from talkingeyes.settings import PartSettings
+
+
+class VQVAEPoseSettings(PartSettings):
+    """Sizes; a code stands for `frames_per_code` frames."""
+
+    width: Annotated[int, Field(gt=0)]
+    layers: Annotated[int, Field(gt=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+    frames_per_code: Annotated[int, Field(gt=0)]
+    quantiser: QuantiserSettings
+    transformer: TransformerSettings
+
+
+class VQVAEPose(nn.Module):
+    """Encoder, codebook, decoder, and a causal transformer over codes and speech."""
+
+    configured_by = VQVAEPoseSettings
+    window = None
+
+    def __init__(self, settings: VQVAEPoseSettings, speech: int, embedding: int) -> None:
+        super().__init__()
+        self.settings = settings
+        width, code, hidden = settings.width, settings.quantiser.width, settings.transformer.width
+        self.encoder = ConvolutionStack(6, width, settings.layers, settings.dropout)
+        self.to_latent = nn.Linear(width, code)
+        self.quantiser = Quantiser(settings.quantiser)
+        self.decoder = ConvolutionStack(code, width, settings.layers, settings.dropout)
+        self.out = nn.Linear(width, 6)
+        self.first = nn.Parameter(torch.zeros(1, 1, hidden))
+        self.from_code = nn.Embedding(settings.quantiser.codes, hidden)
+        self.from_speech = nn.Linear(speech, hidden)
+        self.transformer = CausalTransformer(settings.transformer)
+        self.scores = nn.Linear(hidden, settings.quantiser.codes)
+
+    def remember(self, memory: Memory) -> None:
+        """It needs nothing."""
+
+    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+        """Through the codebook; codes predicted from those before them."""
+        quantised = self.quantiser(self.to_latent(self._pooled(self.encoder(pose))))
+        made = self._decoded(quantised.values, pose.shape[1])
+        before = shifted(self.from_code(quantised.indices), self.first.expand(len(pose), 1, -1))
+        scores = self.scores(self.transformer(before + self.from_speech(self._pooled(heard.features))))
+        terms = {
+            "pose": losses.reconstruction(made, pose),
+            "motion": losses.velocity(made, pose),
+            "commitment": quantised.commitment,
+            "codes": functional.cross_entropy(scores.flatten(0, 1), quantised.indices.flatten()),
+        }
+        return PosePrediction(made, terms)
+
+    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+        """Codes drawn one after the other."""
+        speech = self.from_speech(self._pooled(heard.features))
+        cache, before = self.transformer.start(), self.first.expand(len(noise), 1, -1)
+        drawn: list[Int[Tensor, " B"]] = []
+        for position in range(speech.shape[1]):
+            scores = self.scores(self.transformer.step(before + speech[:, position : position + 1], cache))[:, 0]
+            chances = scores.softmax(-1).cpu()
+            rows = [torch.multinomial(row, 1, generator=each) for row, each in zip(chances, noise, strict=True)]
+            drawn.append(torch.cat(rows))
+            before = self.from_code(drawn[-1])[:, None]
+        return self._decoded(self.quantiser.codebook[torch.stack(drawn, dim=1)], heard.features.shape[1])
+
+    def _pooled(self, frames: Float[Tensor, "B T W"]) -> Float[Tensor, "B N W"]:
+        """Means over the frames of a code; the last code may stand for fewer."""
+        span = self.settings.frames_per_code
+        return torch.stack([part.mean(1) for part in frames.split(span, dim=1)], dim=1)
+
+    def _decoded(self, values: Float[Tensor, "B N C"], frames: int) -> Float[Tensor, "B T 6"]:
+        spread = values.repeat_interleave(self.settings.frames_per_code, dim=1)[:, :frames]
+        made: Tensor = self.out(self.decoder(spread))
+        return made

@@ -1,0 +1,146 @@
+"""PoseGAN: head poses by a convolutional encoder and a U-Net, from speech and an initial pose (Zhang et al., 4.1).
+
+The initial pose stands beside the speech at the input, and again beside the last features at the output layer. Its
+losses are eq. 3, pose (with the distance of the first frame from the initial pose) and motion; the adversarial one
+(eq. 4 and 5, which the text that we have lacks) comes from the rival (`rival.py`). Windows of 256 frames; in longer
+speech the last pose of a window is the initial pose of the next (`speech_to_pose.py`).
+
+Ours: the style scales and shifts what the U-Net normalises (Perez et al. 2018), and scales the pose; added to speech
+alone it does not get past the normalisation, and all people move alike (docs/log.md). The initial pose's distance from
+the first frame is taken back over `anchor_frames` (0: as the paper).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from talkingeyes.models import losses
+from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
+from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.settings import PartSettings
+
+GROUPS = 8
+
+
+class PoseGANSettings(PartSettings):
+    """Size of the generator."""
+
+    width: Annotated[int, Field(gt=0, multiple_of=GROUPS)]
+    # Dilated convolutions of the encoder before the U-Net.
+    layers: Annotated[int, Field(ge=0)]
+    # Halvings of the frame rate in the U-Net: 5 take 256 frames to 8.
+    levels: Annotated[int, Field(gt=0)]
+    dropout: Annotated[float, Field(ge=0, lt=1)]
+    # Frames of a window (the paper: 256).
+    window: Annotated[int, Field(gt=1)]
+    # Whether it is told the initial pose (the ablation is not).
+    initial_pose: bool
+    # Frames over which the first frame's distance from the initial pose is taken back; 0: it is not.
+    anchor_frames: Annotated[int, Field(ge=0)]
+
+
+class PoseGAN(nn.Module):
+    """The generator G(x, p)."""
+
+    configured_by = PoseGANSettings
+
+    def __init__(self, settings: PoseGANSettings, speech: int, embedding: int) -> None:
+        super().__init__()
+        self.settings = settings
+        self.window = settings.window
+        width = settings.width
+        self.encoder = ConvolutionStack(speech + 6, width, settings.layers, settings.dropout)
+        self.down = nn.ModuleList(_Halved(width, speech) for _ in range(settings.levels))
+        self.up = nn.ModuleList(_Doubled(width, speech) for _ in range(settings.levels))
+        self.out = nn.Linear(width, 6)
+        self.gain = nn.Linear(speech, 6)
+        self.from_start = nn.Linear(6, 6)
+
+    def remember(self, memory: Memory) -> None:
+        """It needs nothing."""
+
+    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+        """Eq. 3, the first true frame as the initial pose."""
+        made = self(heard, pose[:, 0])
+        terms = {
+            "pose": losses.reconstruction(made, pose),
+            "start": losses.reconstruction(made[:, :1], pose[:, :1]),
+            "motion": losses.velocity(made, pose),
+        }
+        return PosePrediction(made, terms)
+
+    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+        """One window, anchored at its start."""
+        made: Tensor = self(heard, start)
+        if not self.settings.anchor_frames or not self.settings.initial_pose:
+            return made
+        fading = 1 - torch.arange(made.shape[1], device=made.device) / self.settings.anchor_frames
+        anchored: Tensor = made + fading.clamp(min=0)[:, None] * (start - made[:, 0])[:, None]
+        return anchored
+
+    def forward(self, heard: Heard, start: Float[Tensor, "B 6"]) -> Float[Tensor, "B T 6"]:
+        """Poses of one window."""
+        frames = heard.features.shape[1]
+        if not self.settings.initial_pose:
+            start = torch.zeros_like(start)
+        entered = torch.cat([heard.features, start[:, None].expand(-1, frames, -1)], dim=-1)
+        h = self._padded(self.encoder(entered)).transpose(1, 2)
+        kept = []
+        for halved in self.down:
+            kept.append(h)
+            h = halved(h, heard.style)
+        for doubled in self.up:
+            h = doubled(h, heard.style) + kept.pop()
+        last = h.transpose(1, 2)[:, :frames]
+        made: Tensor = self.out(last) * self.gain(heard.style).exp()[:, None] + self.from_start(start)[:, None]
+        return made
+
+    def _padded(self, features: Float[Tensor, "B T W"]) -> Float[Tensor, "B U W"]:
+        """A whole number of the U-Net's slowest frames, the last frame repeated."""
+        missing = -features.shape[1] % 2**self.settings.levels
+        return torch.cat([features, features[:, -1:].expand(-1, missing, -1)], dim=1)
+
+
+class _Halved(nn.Module):
+    """Half the frame rate."""
+
+    def __init__(self, width: int, style: int) -> None:
+        super().__init__()
+        self.convolution = nn.Conv1d(width, width, 4, stride=2, padding=1)
+        self.norm = _StyledNorm(width, style)
+
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
+        return functional.leaky_relu(self.norm(self.convolution(h), style), 0.2)
+
+
+class _Doubled(nn.Module):
+    """Twice the frame rate, between frames by straight lines: repeated frames would step."""
+
+    def __init__(self, width: int, style: int) -> None:
+        super().__init__()
+        self.convolution = nn.Conv1d(width, width, 3, padding=1)
+        self.norm = _StyledNorm(width, style)
+
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
+        twice = functional.interpolate(h, scale_factor=2.0, mode="linear")
+        return functional.leaky_relu(self.norm(self.convolution(twice), style), 0.2)
+
+
+class _StyledNorm(nn.Module):
+    """Group normalisation that the style scales and shifts."""
+
+    def __init__(self, width: int, style: int) -> None:
+        super().__init__()
+        self.norm = nn.GroupNorm(GROUPS, width, affine=False)
+        self.of_style = nn.Linear(style, 2 * width)
+
+    def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W T"]:
+        scale, shift = self.of_style(style)[..., None].chunk(2, dim=1)
+        styled: Tensor = self.norm(h) * (1 + scale) + shift
+        return styled

@@ -1,0 +1,117 @@
+"""Speech to face: features of speech, multiplied by the style, then a face generator (ProbTalk3D section 3.3.2).
+
+`probtalk3d`, its variants and all it is compared with are this one model with different generators (conf/model/).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.face.autoencoder import FaceAutoencoder
+from talkingeyes.models.face.generator import FACE_GENERATORS, FaceGenerator, FacePartSettings
+from talkingeyes.models.face.style import StyleInput, StyleVocabulary
+from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.settings import Settings
+
+
+class SpeechToFaceSettings(Settings):
+    """What the model is made of. Weights name the terms of the loss (eq. 5)."""
+
+    kind: Literal["speech_to_face"]
+    parts: tuple[Literal["face"], ...]
+    # The pretrained motion autoencoder that the generator needs; null: none.
+    prior: str | None
+    speech: SpeechSettings
+    # What of the style is told; none: the paper's ablation.
+    style: tuple[StyleInput, ...]
+    # Share of the windows whose speaker is the mean of all in training, so that a stranger has a style.
+    speaker_dropout: Annotated[float, Field(ge=0, lt=1)]
+    face: FacePartSettings
+    weights: dict[str, Annotated[float, Field(ge=0)]]
+    # Temperatures to choose from on val; one: taken as it is.
+    temperatures: tuple[Annotated[float, Field(ge=0)], ...]
+
+
+@dataclass(frozen=True)
+class FaceBatch:
+    """Speech embedding, style vectors (one for all frames, or one each) and true faces of B windows of T frames."""
+
+    speech: Float[Tensor, "B T C"]
+    style: Float[Tensor, "B U D"]
+    face: Float[Tensor, "B T F"]
+
+    def to(self, device: torch.device) -> FaceBatch:
+        """The same on a device."""
+        return FaceBatch(self.speech.to(device), self.style.to(device), self.face.to(device))
+
+
+class SpeechToFace(nn.Module):
+    """The whole model. `temperature` is chosen on val after training; faces stay between `lowest` and `highest`."""
+
+    temperature: Tensor
+    lowest: Tensor
+    highest: Tensor
+    told: Tensor
+
+    def __init__(
+        self,
+        settings: SpeechToFaceSettings,
+        channels: Sequence[str],
+        vocabulary: StyleVocabulary,
+        numbers: int,
+        prior: FaceAutoencoder | None,
+    ) -> None:
+        super().__init__()
+        self.settings, self.speakers = settings, len(vocabulary.speakers)
+        self.speech = SpeechInput(settings.speech, channels)
+        columns = vocabulary.columns(settings.style)
+        self.register_buffer("told", torch.tensor(columns, dtype=torch.long))
+        self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
+        if self.style is not None:
+            nn.init.ones_(self.style.bias)  # training starts from speech as it is
+        self.face: FaceGenerator = FACE_GENERATORS.make(settings.face, settings.speech.width, numbers, prior)
+        self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
+        self.register_buffer("lowest", torch.full((numbers,), -torch.inf))
+        self.register_buffer("highest", torch.full((numbers,), torch.inf))
+
+    def bound_by(self, lowest: Float[Tensor, " F"], highest: Float[Tensor, " F"]) -> None:
+        """Take how far each number goes in the train split."""
+        self.lowest.copy_(lowest)
+        self.highest.copy_(highest)
+
+    def terms(self, batch: FaceBatch) -> dict[str, Tensor]:
+        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
+        batch = batch.to(self.temperature.device)
+        terms = self.face.terms(self._fused(batch.speech, self._with_strangers(batch.style)), batch.face)
+        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
+        return {"total": total, **terms}  # type: ignore[dict-item]
+
+    @torch.no_grad()
+    def generate(
+        self,
+        embedding: Float[Tensor, "T C"],
+        style: Float[Tensor, "U D"],
+        seeds: list[int],
+        temperature: float | None = None,
+    ) -> Float[Tensor, "B T F"]:
+        """Faces of one speech under one course of style (a vector for all frames, or one each), a seed each."""
+        device = self.temperature.device
+        fused = self._fused(embedding[None].to(device), style[None].to(device))
+        chosen = float(self.temperature) if temperature is None else temperature
+        return self.face.sample(fused, seeds, chosen).clamp(self.lowest, self.highest)
+
+    def _fused(self, embedding: Float[Tensor, "B T C"], style: Float[Tensor, "B U D"]) -> Float[Tensor, "B T S"]:
+        features: Tensor = self.speech(embedding)
+        return features if self.style is None else features * self.style(style[..., self.told])
+
+    def _with_strangers(self, style: Float[Tensor, "B U D"]) -> Float[Tensor, "B U D"]:
+        strange = torch.rand(len(style), device=style.device) < self.settings.speaker_dropout
+        speaker = torch.where(strange[:, None, None], 1 / self.speakers, style[..., : self.speakers])
+        return torch.cat([speaker, style[..., self.speakers :]], dim=-1)

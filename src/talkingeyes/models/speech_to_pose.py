@@ -1,0 +1,138 @@
+"""Speech to head poses of six numbers, a model of the head alone: what is heard, a person's style, a generator.
+
+`kind: speech_to_pose` in conf/model/: PoseGAN (Zhang et al., section 4.1), its baselines, VAE and VQ-VAE are this one
+model with different generators. A style is a mixture of those of the training speakers, given as K shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.corpus.poses import PoseSettings
+from talkingeyes.models.head.pose import POSE_GENERATORS, Heard, PoseGenerator, PosePartSettings, PosePrediction
+from talkingeyes.models.head.rival import Rival, RivalSettings
+from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.settings import Settings
+
+# Poses that a first window may start at, of each speaker.
+STARTS = 64
+
+
+class SpeechToPoseSettings(Settings):
+    """What the model is made of. Weights name the terms of the loss."""
+
+    kind: Literal["speech_to_pose"]
+    parts: tuple[Literal["head"], ...]
+    prior: None
+    poses: PoseSettings
+    speech: SpeechSettings
+    head: PosePartSettings
+    # The discriminator; null: none.
+    rival: RivalSettings | None
+    weights: dict[str, Annotated[float, Field(ge=0)]]
+
+
+@dataclass(frozen=True)
+class PoseBatch:
+    """Speech embedding, centred poses (radians, metres) and styles of B windows of T frames."""
+
+    speech: Float[Tensor, "B T C"]
+    pose: Float[Tensor, "B T 6"]
+    style: Float[Tensor, "B K"]
+
+
+class SpeechToPose(nn.Module):
+    """The model. `scale` is the deviation of each number, `rest` the mean pose, `starts` poses of the speakers."""
+
+    scale: Tensor
+    rest: Tensor
+    starts: Tensor
+
+    def __init__(self, settings: SpeechToPoseSettings, channels: Sequence[str], speakers: Sequence[str]) -> None:
+        super().__init__()
+        self.settings, self.speakers = settings, tuple(speakers)
+        self.speech = SpeechInput(settings.speech, channels)
+        self.styles = nn.Linear(len(speakers), settings.speech.width, bias=False)
+        embedding = len(self.speech.heard)
+        self.head: PoseGenerator = POSE_GENERATORS.make(settings.head, settings.speech.width, embedding)
+        self.rival = Rival(settings.rival, len(speakers)) if settings.rival else None
+        self.register_buffer("scale", torch.ones(6))
+        self.register_buffer("rest", torch.zeros(6))
+        self.register_buffer("starts", torch.zeros(len(speakers), STARTS, 6))
+
+    def hear(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> Heard:
+        """Learnt features with the style added, the style, and the embedding as it comes."""
+        vector = self.styles(style)
+        return Heard(self.speech(speech) + vector[:, None], vector, self.speech.standard(speech))
+
+    def predict(self, batch: PoseBatch) -> PosePrediction:
+        """Poses (in units of the deviation), all terms of the loss and their weighted sum, `total`."""
+        true = batch.pose / self.scale
+        predicted = self.head.predict(self.hear(batch.speech, batch.style), true)
+        terms = dict(predicted.terms)
+        if self.rival is not None:
+            terms["adversarial"] = self.rival.doubt(predicted.pose, batch.style)
+        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
+        return PosePrediction(predicted.pose, {"total": total, **terms})  # type: ignore[dict-item]
+
+    def contest(self, batch: PoseBatch, made: Float[Tensor, "B T 6"]) -> dict[str, Tensor]:
+        """The terms of the rival for poses that were made (in units of the deviation)."""
+        assert self.rival is not None
+        return self.rival.terms(batch.pose / self.scale, made.detach(), batch.style)
+
+    def stream(
+        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
+    ) -> Iterator[Float[ndarray, "S U 6"]]:
+        """Centred poses, window by window: each starts at the last pose of the one before. Memory does not grow.
+
+        Without a style, each seed draws one of the training speakers.
+        """
+        noise = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
+        styles = torch.stack([self._style(style, each) for each in noise])
+        pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, noise, strict=True)])
+        length = self.head.window or max(len(speech), 2)
+        for first in range(0, max(len(speech) - 1, 1), length - 1):
+            made = self._window(speech[first : first + length], styles, pose, noise)
+            pose = made[:, -1]
+            # The first frame of a further window is the last one of the window before.
+            yield (made[:, min(first, 1) :] * self.scale).numpy()
+
+    def sample(
+        self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
+    ) -> Float[ndarray, "S T 6"]:
+        """Centred poses at the frame rate of poses, a seed each."""
+        return np.concatenate(list(self.stream(speech, seeds, style)), axis=1)
+
+    def style_of(self, speaker: str) -> Float[ndarray, " K"]:
+        """The style of a training speaker."""
+        return np.asarray(np.eye(len(self.speakers), dtype=np.float32)[self.speakers.index(speaker)])
+
+    @torch.no_grad()
+    def _window(
+        self,
+        speech: Float[ndarray, "T C"],
+        styles: Float[Tensor, "S K"],
+        start: Float[Tensor, "S 6"],
+        noise: list[torch.Generator],
+    ) -> Float[Tensor, "S T 6"]:
+        part = torch.from_numpy(np.array(speech, np.float32)).expand(len(noise), -1, -1)
+        return self.head.sample(self.hear(part, styles), start, noise)
+
+    def _style(self, style: Float[ndarray, " K"] | None, noise: torch.Generator) -> Float[Tensor, " K"]:
+        drawn = torch.randint(len(self.speakers), (1,), generator=noise)
+        if style is not None:
+            return torch.from_numpy(np.asarray(style, np.float32))
+        return torch.eye(len(self.speakers))[drawn[0]]
+
+    def _start(self, style: Float[Tensor, " K"], noise: torch.Generator) -> Float[Tensor, " 6"]:
+        """A pose that the person that the style is most of has had; the paper starts at rest."""
+        return self.starts[style.argmax(), torch.randint(STARTS, (1,), generator=noise)[0]]

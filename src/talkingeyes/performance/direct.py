@@ -1,0 +1,83 @@
+"""A model's course is directed: whose manner, how lively, listening to whom, at whom gaze is, what it goes to.
+
+Each step changes the course only where it is asked to, in an order in which the later ones have the last word: targets
+over eye contact, eye contact over liveliness and manner. Blinks are drawn before (`blinks_of`), for gaze holds in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from talkingeyes.fitting.manner import Manner
+from talkingeyes.motion import Blink
+from talkingeyes.performance.aiming import aimed
+from talkingeyes.performance.contact import contacted
+from talkingeyes.performance.course import Course, scaled, within_reach
+from talkingeyes.performance.direction import Direction, Liveliness
+from talkingeyes.performance.listening import Listening
+from talkingeyes.performance.manner import in_manner
+from talkingeyes.performance.targets import LISTENER, TargetTrack
+from talkingeyes.physiology import blinks, eye_head
+from talkingeyes.physiology.blinks import BlinkProfile
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A direction whose style has been found and whose partner has been listened to."""
+
+    direction: Direction
+    manner: Manner | None = None
+    listening: Listening | None = None
+
+    @property
+    def nothing(self) -> bool:
+        """Whether head and gaze are the model's own."""
+        asked = self.direction
+        still = (asked.targets, asked.contact, self.manner, self.listening) == (None, None, None, None)
+        return still and (asked.liveliness.head, asked.liveliness.gaze) == (1.0, 1.0)
+
+
+def blinks_of(profile: BlinkProfile, asked: Asked, seconds: float, random: np.random.Generator) -> tuple[Blink, ...]:
+    """Blinks at the rate of the profile or of the manner, times the dial; with a partner, where talk has them."""
+    rate = asked.manner.blinks_per_min if asked.manner else blinks.draw_rate_per_min(profile, random)
+    rate *= asked.direction.liveliness.blinks
+    if rate == 0:
+        return ()
+    annotation = asked.listening.annotation if asked.listening else None
+    return blinks.draw_blinks(profile, seconds, random, annotation, rate)
+
+
+def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
+    """The course as it is asked for; `seeds` are those of this sample."""
+    if asked.nothing:
+        return course
+    own, direction = course, asked.direction
+    if asked.manner:
+        course = in_manner(course, asked.manner, [*seeds, 1])
+    course = lively(course, direction.liveliness)
+    listener = (direction.targets or TargetTrack()).place(LISTENER).at(course.times_s)
+    if asked.listening:
+        nods = eye_head.head_path(asked.listening.nods, course.times_s)
+        course = replace(course, head=course.head + direction.liveliness.head * nods)
+    if direction.contact is not None:
+        course = contacted(course, listener, direction.contact, [*seeds, 2])
+    elif asked.listening:
+        listens = asked.listening.annotation.listening
+        course = contacted(course, listener, asked.listening.look, [*seeds, 2], listens)
+    if direction.targets:
+        course = aimed(course, direction.targets)
+    return within_reach(course, own)
+
+
+def lively(course: Course, dials: Liveliness) -> Course:
+    """Head and gaze as far from where they usually are as the dials say."""
+    if dials.gaze != 1.0:
+        centre = np.median(course.together_rad, axis=0)
+        course = scaled(course, centre, np.full(2, dials.gaze), centre)
+    if dials.head != 1.0:
+        mean = course.head.mean(axis=0)
+        course = replace(course, head=mean + dials.head * (course.head - mean))
+    return course

@@ -1,0 +1,58 @@
+"""Saccades as steps of frames: at 25 frames a second, most take one or two of them.
+
+Each run of steps of gaze in space is one saccade, whose duration and course follow the main sequence
+(physiology.saccades), its onset placed inside the frames by how the step is split among them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from scipy.special import betaincinv
+
+from talkingeyes.motion import Saccade
+from talkingeyes.physiology import saccades
+
+# A step of at least 1 degree a frame (25 degrees a second at 25 fps) is a saccade (Salvucci & Goldberg 2000); smaller
+# steps right before and after it are its slow start and end.
+STEP_RAD = np.radians(1.0)
+EDGE_RAD = np.radians(0.2)
+
+
+def find_saccades(space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
+    """Saccades of gaze in space (yaw, pitch; the mean of the eyes): runs of steps, amplitude their sum."""
+    found = []
+    steps = np.linalg.norm(np.diff(space_rad, axis=0), axis=1)
+    for first, last in _runs(steps >= EDGE_RAD):
+        start, end = space_rad[first], space_rad[last + 1]
+        amplitude = float(np.linalg.norm(end - start))
+        if amplitude < STEP_RAD or steps[first : last + 1].max() < STEP_RAD:
+            continue
+        duration, skew = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
+        found.append(
+            Saccade(
+                onset_s=_onset_s(space_rad[first : last + 2], duration, skew, first / fps, fps),
+                duration_s=duration,
+                start_rad=(float(start[0]), float(start[1])),
+                end_rad=(float(end[0]), float(end[1])),
+                skew=skew,
+            )
+        )
+    return tuple(found)
+
+
+def _onset_s(points: Float[ndarray, "K 2"], duration_s: float, skew: float, first_s: float, fps: float) -> float:
+    """When the saccade starts: by the share f that the first step makes up, t0 = t1 - D I^-1(f)."""
+    step = points[-1] - points[0]
+    share = float(np.dot(points[1] - points[0], step) / np.dot(step, step))
+    if len(points) == 2 or not 0 < share < 1:
+        return first_s + max(0.5 / fps - duration_s / 2, 0.0)
+    phase = float(betaincinv(saccades.BETA_SUM * skew + 1, saccades.BETA_SUM * (1 - skew) + 1, share))
+    return max(first_s, first_s + 1 / fps - duration_s * phase)
+
+
+def _runs(mask: Bool[ndarray, " T"]) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
+    edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))

@@ -1,0 +1,55 @@
+"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.config import CONF
+from talkingeyes.learning.checkpoint import save
+from talkingeyes.learning.trained import network_config
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+
+
+def content(*place: str) -> Any:
+    """A file of conf/."""
+    return yaml.safe_load(CONF.joinpath(*place).read_text())
+
+
+def embedding_settings() -> EmbedSettings:
+    """The default section with the encoder that needs no weights."""
+    node = {**content("embed", "default.yaml"), "encoder": content("embed", "encoder", "logmel.yaml")}
+    node.pop("defaults")
+    return EmbedSettings.model_validate(node)
+
+
+def write_live_model(folder: Path, **changes: Any) -> Path:
+    """Write one with other values at the top of its section."""
+    torch.manual_seed(3)
+    prior = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
+    codebook = GazeVQVAE(prior)
+    codebook.normalise_by(torch.zeros_like(codebook.mean), 0.2)
+    codebook.quantiser.train()
+    codebook.quantiser(torch.randn(1, 64, prior.quantiser.width))
+    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
+    embedding = embedding_settings()
+    channels = make_encoder(embedding).channels
+    network = SpeechToMotion(settings, channels, codebook.freeze())
+    network.speech.standardise_by(torch.full((len(channels),), -20.0), torch.full((len(channels),), 10.0))
+    network.head.normalise_by(torch.tensor([0.05, 0.0, 0.0]), 0.1)
+    folder.mkdir(parents=True)
+    save(folder, network.state_dict(), network_config(settings, channels, codebook))
+    (folder / "embedding.json").write_text(
+        json.dumps({"fps": 25.0, "channels": channels, "settings": embedding.model_dump(mode="json")})
+    )
+    law = {"mean": 3.1, "sd": 0.3}
+    (folder / "blinks.json").write_text(json.dumps({"speakers": {"log_normal": law, "count": 5, "without_blinks": 0}}))
+    (folder / "speakers.json").write_text("{}")
+    return folder

@@ -1,0 +1,159 @@
+"""Bad input to every command: one clear line on stderr, exit status 2, nothing half-written."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import moving
+import numpy as np
+import pytest
+from toy_model import sound_file, toy_model
+
+from talkingeyes import cli, conversion
+from talkingeyes.cli import COMMANDS
+from talkingeyes.errors import InputError
+from talkingeyes.formats.read import read_motion
+from talkingeyes.motion import Motion
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with good and bad files of every kind."""
+    root = tmp_path_factory.mktemp("bad")
+    moving.motion(seconds=1.0).save(root / "good.npz")
+    moving.flame_motion().save(root / "flame.npz")
+    np.savez(root / "other.npz", a=np.zeros(3))
+    np.savez(root / "pickled.npz", a=np.array([{}], object))
+    (root / "cut.npz").write_bytes((root / "good.npz").read_bytes()[:700])
+    (root / "text.txt").write_text("words")
+    (root / "empty.npz").touch()
+    (root / "list.json").write_text("[]")
+    (root / "events.json").write_text('{"schema": "talkingeyes.events/1", "saccades": []}')
+    (root / "bad.csv").write_text("a,b\n1,2\n")
+    (root / "bad.glb").write_bytes(b"glTF" + bytes(20))
+    (root / "bad.bvh").write_text("HIERARCHY\nROOT")
+    (root / "bad.usda").write_text("#usda 1.0\n(")
+    (root / "folder").mkdir()
+    (root / "taken").mkdir()
+    (root / "taken" / "letters.txt").touch()
+    sound_file(root / "a.wav")
+    toy_model(root / "model")
+    return root
+
+
+CASES = [
+    ("", "Missing command"),
+    ("dance", "No such command 'dance'"),
+    ("animate --fly", "No such option: --fly"),
+    ("animate a.wav -o out --seed one", "Invalid value for '--seed'"),
+    ("animate a.wav -o out --model text.txt", "got what cannot be read"),
+    ("animate a.wav -o out --model folder", "not a trained model"),
+    ("animate text.txt -o out --model model", "not a sound that can be decoded"),
+    ("animate folder -o out --model model", "folder: should hold sounds"),
+    ("animate a.wav -o taken --model model --force", "got one with letters.txt in it"),
+    ("animate a.wav a.wav -o out --model model", "another sound is called a too"),
+    ("animate a.wav text.txt -o taken --model model", "got letters.txt in it"),
+    ("animate a.wav -o out --model model --target list.json", "schema should be"),
+    ("animate a.wav -o out --model model --target bad.csv", "columns should be"),
+    ("animate a.wav -o out --model model --contact nan", "contact: should be 0"),
+    ("animate a.wav -o out --model model --style nobody", "style: should be one of"),
+    ("animate a.wav -o out --model model --style cut.npz", "cut.npz: not a readable motion"),
+    ("animate a.wav -o out --model model --emotion bored", "emotion: should be one of neutral, happy"),
+    ("animate a.wav -o out --model model --emotion sad --intensity 9", "intensity: should be 1, 2 or 3"),
+    ("animate a.wav -o out --model model --without nose", "parts: should be among head, gaze"),
+    ("animate a.wav -o out --model model --replace head", "replace: should be PART=MOTION.npz"),
+    ("animate a.wav -o out --model model --replace head=other.npz", "schema should be"),
+    ("animate a.wav -o out --model model --dialogue", "a dialogue should have two channels"),
+    ("animate a.wav a.wav -o out --model model --dialogue --partner a.wav", "and no --partner"),
+    ("animate --text Hi -o out --model model --language xx", "language: should be one of en"),
+    ("animate --text Hi -o out --model model --emotion bored", "emotion: should be one of neutral"),
+    ("render cut.npz -o a.mp4", "cut.npz: not a readable motion"),
+    ("render other.npz -o a.mp4", "schema should be talkingeyes.motion/1, got none"),
+    ("render pickled.npz -o a.mp4", "pickled.npz: not a readable motion"),
+    ("render empty.npz -o a.mp4", "empty.npz: not a readable motion"),
+    ("render good.npz -o a.avi", "should be a name that ends in .mp4"),
+    ("render good.npz -o none/a.mp4", "should be a file in a folder that exists"),
+    ("render good.npz -o a.mp4 --keys list.json", "schema should be talkingeyes.events/1, got list"),
+    ("render good.npz -o a.mp4 --keys events.json", "should hold the original keys too"),
+    ("render good.npz -o a.mp4 --camera moon", "camera: should be head"),
+    ("render good.npz -o a.mp4 --size 1", "size: should be 16 to 4096"),
+    ("render good.npz -o a.mp4 --head flame", "model: should be the FLAME file"),
+    ("render good.npz -o a.mp4 --head flame --model text.txt", "text.txt"),
+    ("render good.npz -o a.mp4 --sound text.txt", "not a sound that can be decoded"),
+    ("head -o a.jpg", "should be a name that ends in .png"),
+    ("export good.npz -o a.npz", "format: should be said for a.npz: one of flame, vhap, diffposetalk"),
+    ("export good.npz -o a.fbx", "format: should be said for a.fbx"),
+    ("export good.npz -f fbx -o a.fbx", "format: should be one of flame"),
+    ("export good.npz -f glb -o a.gltf", "should be a name that ends in .glb"),
+    ("export good.npz -f glb -o a.glb --fps 1000", "fps: should be 10 to 240"),
+    ("export good.npz -f glb -o a.glb --sound a.wav", "sound: only mp4 has any"),
+    ("export good.npz -f bvh -o a.bvh --keys list.json", "schema should be talkingeyes.events/1"),
+    ("export good.npz -f vhap -o a.npz", "model: should be your FLAME file"),
+    ("export flame.npz -f livelink -o a.csv", "model: should be your FLAME file"),
+    ("export none.npz -f bvh -o a.bvh", "none.npz: not a readable motion"),
+    ("import bad.csv -o out", "bad.csv"),
+    ("import bad.glb -o out", "bad.glb"),
+    ("import bad.bvh -o out", "bad.bvh"),
+    ("import bad.usda -o out", "bad.usda"),
+    ("import list.json -o out", "list.json"),
+    ("import other.npz -o out", "other.npz"),
+    ("import pickled.npz -o out", "pickled.npz"),
+    ("import folder -o out", "folder: should hold files that end in"),
+    ("import good.npz flame.npz -o out.npz", "should be a folder for 2 files"),
+    ("pack folder -o a.safetensors", "should be a trained model"),
+    ("pack model -o a.bin", "should be a name that ends in .safetensors"),
+    ("pack model model -o a.safetensors", "folders of different names"),
+    ("evaluate folder --reference folder", "folder"),
+    ("track none.mp4 -o out", "none.mp4"),
+    ("view none.npz", "none.npz"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), CASES)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    monkeypatch.chdir(place)
+    before = {path: path.stat().st_mtime_ns for path in place.rglob("*")}
+    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words.split()])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    said = capfd.readouterr()
+    lines = [line for line in said.err.splitlines() if "it/s]" not in line and line.strip()]
+    assert left.value.code == 2, said
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("error: ")
+    assert message in lines[0]
+    assert said.out == ""
+    assert {path: path.stat().st_mtime_ns for path in place.rglob("*")} == before
+
+
+@pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "motion"])
+def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: str) -> None:
+    """Cut anywhere, or with some bytes changed."""
+    good = tmp_path / f"good{'.npz' if format == 'motion' else conversion.FORMATS[format].suffix}"
+    shown = moving.flame_motion().cut(0, 12) if format == "flame" else moving.motion().cut(0, 12)
+    shown.save(good) if format == "motion" else conversion.write(shown, None, format, good)
+    content, random = good.read_bytes(), np.random.default_rng(0)
+    bad, refused = good.with_stem("bad"), 0
+    for index in range(24):
+        damaged = bytearray(content[: random.integers(len(content))] if index % 3 == 0 else content)
+        for _ in range(index % 3 * 2):
+            damaged[random.integers(min(len(damaged), 3000))] = random.integers(256)
+        bad.write_bytes(damaged)
+        try:
+            read_motion(bad)
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error), error
+    assert refused > 4
+
+
+def test_every_command_is_tried() -> None:
+    tried = {words.split()[0] for words, _ in CASES if words}
+    assert set(COMMANDS) - tried <= {"serve"}  # which tells what is wrong over the wire (test_service)
+
+
+def test_an_edit_of_a_good_file_is_still_read(place: Path) -> None:
+    assert Motion.load(place / "good.npz").seconds == 1.0  # the cases above touched nothing

@@ -1,0 +1,152 @@
+"""Many sounds at once: resumable, the same bytes whatever the jobs, a table that says what became of each."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from toy_model import sound_file, toy_model
+
+import talkingeyes
+from talkingeyes import animation, cli
+from talkingeyes.animation import Order
+from talkingeyes.audio.waveform import read_speech
+from talkingeyes.batch import animate_all, seed_of
+from talkingeyes.errors import InputError
+from talkingeyes.motion import Motion
+
+ORDER = Order(samples=1, seed=4, pictures=False)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder with three sounds and a model."""
+    monkeypatch.chdir(tmp_path)
+    toy_model(tmp_path / "data" / "train" / "talkingeyes")
+    (tmp_path / "lines").mkdir()
+    for index, name in enumerate(("b", "a", "c")):
+        sound_file(tmp_path / "lines" / f"{name}.wav", 1.0 + index / 4, seed=index)
+    return tmp_path
+
+
+def files(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with (folder / "summary.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:
+    lines = animate_all(["lines"], "out", ORDER)
+    rows = table(place / "out")
+    assert [row["file"] for row in rows] == ["a.wav", "b.wav", "c.wav"]
+    assert list(rows[0]) == ["file", "seconds", "samples", "seed", "status", "reason"]
+    assert [(float(row["seconds"]), row["status"]) for row in rows] == [(1.25, "made"), (1.0, "made"), (1.5, "made")]
+    assert json.loads((place / "out" / "summary.json").read_text()) == [vars(line) for line in lines]
+    assert len({row["seed"] for row in rows}) == 3
+    alone = talkingeyes.animate(place / "lines" / "a.wav", seed=lines[0].seed)
+    found = Motion.load(place / "out" / "a" / "sample_00.npz")
+    np.testing.assert_allclose(found.gaze, alone.motion.gaze, atol=1e-6)
+
+
+def test_jobs_and_order_change_no_byte(place: Path) -> None:
+    sounds = sorted((place / "lines").iterdir())
+    animate_all(sounds, "one", Order(samples=2, seed=4, formats=("bvh",), pictures=False))
+    animate_all(sounds[::-1], "two", Order(samples=2, seed=4, formats=("bvh",), pictures=False), jobs=2)
+    assert files(place / "one") == files(place / "two")
+
+
+def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> None:
+    animate_all(["lines"], "out", ORDER)
+    before = files(place / "out" / "b")
+    stamps = {path: path.stat().st_mtime_ns for path in (place / "out").glob("*/*.npz")}
+    sound_file(place / "lines" / "d.wav")
+    lines = animate_all(["lines"], "out", ORDER)
+    assert [(line.file, line.status) for line in lines] == [
+        ("a.wav", "kept"),
+        ("b.wav", "kept"),
+        ("c.wav", "kept"),
+        ("d.wav", "made"),
+    ]
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    sound_file(place / "lines" / "b.wav", seed=9)  # spoken again
+    assert [line.status for line in animate_all(["lines"], "out", ORDER)] == ["kept", "failed", "kept", "kept"]
+    assert files(place / "out" / "b") == before
+    assert [line.status for line in animate_all(["lines"], "out", ORDER, force=True)] == [
+        "kept",
+        "made",
+        "kept",
+        "kept",
+    ]
+    assert files(place / "out" / "b") != before
+
+
+@pytest.mark.parametrize("change", [{"seed": 5}, {"samples": 2}, {"fps": 60.0}, {"formats": ("bvh",)}])
+def test_another_order_is_not_taken_for_done(place: Path, change: dict[str, object]) -> None:
+    animate_all(["lines/a.wav"], "out", ORDER)
+    changed = Order(**{"samples": 1, "seed": 4, "pictures": False} | change)  # type: ignore[arg-type]
+    assert [line.status for line in animate_all(["lines/a.wav"], "out", changed)] == ["failed"]
+    assert [line.status for line in animate_all(["lines/a.wav"], "out", changed, force=True)] == ["made"]
+
+
+def test_failures_do_not_stop_the_others(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(place / "lines" / "b.wav", np.zeros(16_000), 16_000)
+    (place / "lines" / "d.wav").write_bytes(b"no sound")
+    monkeypatch.setattr(
+        sys, "argv", ["talkingeyes", "animate", "lines", "-o", "out", "--samples", "1", "--no-pictures"]
+    )
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 2
+    said = capfd.readouterr()
+    assert said.out == "out: 2 made, 2 failed\n"
+    assert "error: 2 of 4 failed (out/summary.csv); the first: lines/b.wav: silent" in said.err
+    rows = table(place / "out")
+    assert [row["status"] for row in rows] == ["made", "failed", "made", "failed"]
+    assert "not a sound that can be decoded" in rows[3]["reason"]
+    assert not (place / "out" / "b").exists()
+
+
+def test_an_unforeseen_fault_is_a_row_too(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("two\nlines")
+
+    monkeypatch.setattr(animation, "write", broken)
+    (line,) = animate_all(["lines/a.wav"], "out", ORDER)
+    assert (line.status, line.reason) == ("failed", "RuntimeError: two lines")
+
+
+def test_leftovers_of_a_killed_run_go_and_strange_things_stay(place: Path) -> None:
+    animate_all(["lines"], "out", ORDER)
+    (place / "out" / ".a.123.partial").mkdir()
+    animate_all(["lines"], "out", ORDER)
+    assert not (place / "out" / ".a.123.partial").exists()
+    (place / "out" / "letters").mkdir()
+    with pytest.raises(InputError, match="or that of an earlier run, got letters in it"):
+        animate_all(["lines"], "out", ORDER)
+
+
+def test_a_missing_model_is_refused_before_anything_is_made(place: Path) -> None:
+    with pytest.raises(InputError, match="no trained model here"):
+        animate_all(["lines"], "out", ORDER, model="none")
+    assert not (place / "out").exists()
+
+
+def test_seeds_follow_from_what_is_heard(place: Path) -> None:
+    one, other = (read_speech(place / "lines" / f"{name}.wav") for name in "ab")
+    assert seed_of(1, one) == seed_of(1, one.copy())
+    assert len({seed_of(1, one), seed_of(1, other), seed_of(2, one)}) == 3

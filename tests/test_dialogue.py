@@ -1,0 +1,103 @@
+"""Two people talk: who has the turn is heard, whoever listens looks at the speaker, nods and blinks at phrase ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from directed import PERFORMER
+
+from talkingeyes import rotation
+from talkingeyes.audio.waveform import read_dialogue
+from talkingeyes.errors import InputError
+from talkingeyes.performance.contact import share_of_contact
+from talkingeyes.performance.dialogue import converse
+from talkingeyes.performance.listening import listening, turns
+from talkingeyes.performance.perform import Performance
+
+RATE = 16_000
+TALK = ((0.0, 6.0, 0), (6.4, 12.0, 1), (12.5, 18.0, 0), (18.3, 26.0, 1), (26.5, 30.0, 0))
+
+
+def talk() -> tuple[np.ndarray, np.ndarray]:
+    """Noise by turns, in phrases of 1.6 s and gaps of .4 s."""
+    random = np.random.default_rng(0)
+    sounds = np.zeros((2, 30 * RATE), np.float32)
+    for start, end, who in TALK:
+        sounds[who, int(start * RATE) : int(end * RATE)] = random.normal(0, 0.1, int(end * RATE) - int(start * RATE))
+    gap = (np.arange(30 * RATE) / RATE) % 2.0 > 1.6
+    sounds[:, gap] = 0.0
+    return sounds[0], sounds[1]
+
+
+def test_turns_are_heard() -> None:
+    heard = turns(*talk())
+    assert len(heard.partner) == 7
+    for (start, end, _), span in zip([each for each in TALK if each[2] == 1], heard.listening, strict=True):
+        assert abs(span.start_s - start) < 0.5
+        assert abs(span.end_s - end) < 0.9
+    assert turns(*(sound * 0 for sound in talk())).partner == ()
+    assert turns(talk()[0], np.zeros(0, np.float32)).listening == ()
+
+
+def looks(made: Performance, who: int) -> float:
+    """Contact while the other has the turn."""
+    times = np.arange(len(made.motion)) / 25
+    listens = np.any([(times >= start + 0.3) & (times < end) for start, end, each in TALK if each != who], axis=0)
+    head, space = made.motion.head, rotation.gaze_in_space(made.motion.head, made.motion.gaze)
+    ahead = np.tile([0.0, 0.0, 1.0], (len(times), 1))
+    return share_of_contact(head[listens], space[listens], ahead[listens])
+
+
+def test_listeners_look_at_the_speaker_nod_and_blink_at_ends() -> None:
+    sounds = talk()
+    pairs = converse(PERFORMER, sounds, 8, 0, 25.0)
+    alone = PERFORMER.perform(sounds[0], 8, 0, 25.0)
+    listening_ = [looks(pair.first, 0) for pair in pairs]
+    assert np.mean(listening_) > 0.7
+    assert np.mean(listening_) > np.mean([looks(each, 0) for each in alone]) + 0.2
+    assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.7
+    nodded = [np.abs(pair.first.motion.head - each.motion.head).max() for pair, each in zip(pairs, alone, strict=True)]
+    assert np.median(nodded) > np.radians(1.0)
+    ends = [span.end_s for span in turns(*sounds).partner]
+    near = [_near_ends(each, ends) for each in [pair.first for pair in pairs]]
+    assert np.mean(near) > 1.3 * np.mean([_near_ends(each, ends) for each in alone])
+
+
+def _near_ends(made: Performance, ends: list[float]) -> int:
+    return sum(any(0.2 <= blink.onset_s - end <= 0.6 for end in ends) for blink in made.events.blinks)
+
+
+def test_nods_answer_the_partners_phrases() -> None:
+    sounds = talk()
+    heard = [listening(*sounds, [0, index]) for index in range(20)]
+    nods = [nod for each in heard for nod in each.nods]
+    ends = np.array([span.end_s for span in turns(*sounds).partner])
+    assert len(nods) > 40
+    assert all((np.abs(nod.onset_s - ends[:, None] - 1.2) < 1.3).any() for nod in nods)
+    assert 0.7 < np.mean([each.look for each in heard]) < 0.92
+
+
+def test_the_same_dialogue_again_and_in_a_batch() -> None:
+    one, many = converse(PERFORMER, talk(), 1, 3, 25.0)[0], converse(PERFORMER, talk(), 2, 3, 25.0)
+    np.testing.assert_array_equal(one.second.motion.gaze, many[0].second.motion.gaze)
+    assert one.first.events == many[0].first.events
+    assert one.first.events.blinks != one.second.events.blinks
+
+
+def test_two_channels_are_two_people(tmp_path: Path) -> None:
+    sounds = talk()
+    soundfile.write(tmp_path / "both.wav", np.stack(sounds, axis=1), RATE)
+    for read, true in zip(read_dialogue(tmp_path / "both.wav"), sounds, strict=True):
+        np.testing.assert_allclose(read, true, atol=1e-4)
+    soundfile.write(tmp_path / "one.wav", sounds[0], RATE)
+    with pytest.raises(InputError, match="two channels, a person each, got 1"):
+        read_dialogue(tmp_path / "one.wav")
+
+
+def test_the_shorter_sound_is_silent_in_the_end() -> None:
+    one, other = talk()
+    pair = converse(PERFORMER, (one, other[: 10 * RATE]), 1, 0, 25.0)[0]
+    assert len(pair.first.motion) == len(pair.second.motion) == 750

@@ -1,0 +1,204 @@
+"""The pages of the docs: every command in them is one that exists, with options that exist; the tutorial runs.
+
+Commands that need other people's programs, machines or data are only read here; ELSEWHERE says which.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+
+from talkingeyes import cli
+from talkingeyes.config import compose
+from talkingeyes.errors import InputError
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")])
+BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are looked at, not called
+SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
+
+
+def commands(page: Path) -> list[str]:
+    """The commands of a page: continued lines joined, comments dropped, parts of && and ; alone."""
+    text = "".join(BLOCK.findall(page.read_text())).replace("\\\n", " ")
+    lines = [re.sub(r"(^|\s)#.*", "", line).strip() for line in text.splitlines()]
+    parts = [part.strip() for line in lines for part in re.split(r"&&|;|\|", _without_substitutions(line))]
+    return [part for part in parts if part]
+
+
+def _without_substitutions(line: str) -> str:
+    """$(...) as one word: what stands in it runs with the tutorial."""
+    while (start := line.find("$(")) >= 0:
+        depth, end = 1, start + 2
+        while depth:
+            depth += {"(": 1, ")": -1}.get(line[end], 0)
+            end += 1
+        line = line[:start] + "SUBSTITUTED" + line[end:]
+    return line
+
+
+def checked(command: str) -> str | None:
+    """What is wrong with a command; None if nothing is."""
+    words = shlex.split(command)
+    while words and re.fullmatch(r"[A-Z_]+=.*", words[0]):
+        words = words[1:]
+    if not words:
+        return None
+    known = {"talkingeyes": _talkingeyes, "make": _make, "python": _python}
+    if words[0] in known:
+        return known[words[0]](words[1:])
+    return None if words[0] in ELSEWHERE | SHELL else f"no such program: {words[0]}"
+
+
+def _talkingeyes(words: list[str]) -> str | None:
+    command = typer.main.get_command(cli.app)
+    try:
+        while hasattr(command, "commands"):
+            command, words = command.commands[words[0]], words[1:]
+        command.make_context(command.name, list(words))
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def _make(words: list[str]) -> str | None:
+    targets = re.findall(r"^([a-z]+):.*##", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
+    variables = re.findall(r"^([a-z]+) \?=", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
+    strange = [w for w in words if (w.split("=")[0] not in variables if "=" in w else w not in targets)]
+    return f"no such target or variable: {strange}" if strange else None
+
+
+def _python(words: list[str]) -> str | None:
+    if words[0] == "-m":
+        module = words[1]
+        if find_spec(module.split(".")[0]) is None or find_spec(module) is None:
+            return f"no such module: {module}"
+        return _composes(words[2:]) if module == "pipelines.experiment" else None
+    exists = (REPOSITORY / words[0]).is_file() or words[0] in ("-c", "local_viewer.py")  # the last: GaussianAvatars'
+    return None if exists else f"no such script: {words[0]}"
+
+
+def _composes(words: list[str]) -> str | None:
+    """Whether conf/ has what is set; of the values of a sweep the first. What docs/extend.md adds, test_extend runs."""
+    own = {"sway", "crossings"}
+    wanted = [word.split(",")[0] for word in words if "=" in word and not word.startswith("hydra")]
+    if any(name in word for word in wanted for name in own):
+        return None
+    try:
+        compose(wanted)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
+def test_every_command_of_the_docs_exists(page: Path) -> None:
+    wrong = {command: fault for command in commands(page) if (fault := checked(command))}
+    assert not wrong
+
+
+def test_a_command_that_does_not_exist_is_found() -> None:
+    assert checked("talkingeyes animate speech.wav -o out --samples 2 --seed 0") is None
+    for command in (
+        "talkingeyes render motion.npz",
+        "talkingeyes animate speech.wav -o out --sample 2",
+        "talkingeyes dance",
+        "talkingeyes study make",
+        "make coffee",
+        "make repro corpse=x",
+        "python -m pipelines.dance",
+        "python -m pipelines.experiment train.sead=1",
+        "python -m pipelines.experiment -m sweep=none",
+        "python scripts/none.py",
+        "teyes",
+    ):
+        assert checked(command), command
+    assert any("two_cities" in line or "SUBSTITUTED" in line for line in commands(REPOSITORY / "README.md"))
+    assert len(commands(REPOSITORY / "docs/tutorial.md")) >= 10
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
+def test_links_lead_somewhere(page: Path) -> None:
+    links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
+    dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+    assert not dead
+
+
+def test_the_site_has_the_pages_that_it_names() -> None:
+    site = yaml.safe_load((REPOSITORY / "mkdocs.yml").read_text())
+
+    def files(entry: object) -> list[str]:
+        if isinstance(entry, str):
+            return [entry]
+        parts = entry.values() if isinstance(entry, dict) else entry
+        return [name for part in parts for name in files(part)]
+
+    named = files(site["nav"])
+    assert len(named) == len(set(named))
+    assert [name for name in named if not (REPOSITORY / "docs" / name).is_file()] == []
+    assert {"tutorial.md", "api.md", "model_card.md", "data_card.md", "formats.md", "benchmark.md"} <= set(named)
+    modules = re.findall(r"^::: (\S+)", (REPOSITORY / "docs/api.md").read_text(), re.MULTILINE)
+    assert modules
+    assert [module for module in modules if find_spec(module) is None] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs mkdocs; `make docs` installs it")
+def test_the_site_is_built(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)]
+    built = subprocess.run(
+        command,
+        cwd=REPOSITORY,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert built.returncode == 0, built.stderr
+    assert "Motion" in (tmp_path / "api.html").read_text()
+    for page in tmp_path.glob("*.html"):  # nothing is loaded from elsewhere
+        assert not re.search(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//(?!example)', page.read_text()), (
+            page
+        )
+
+
+@pytest.mark.slow
+def test_the_tutorial_runs(tmp_path: Path) -> None:
+    """In a copy of what git has; `make` without its set-up, which is this environment; the viewer until it is up."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, check=True, capture_output=True).stdout
+    for name in listed.decode().split("\0"):
+        if name and (REPOSITORY / name).is_file():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(REPOSITORY / name, tmp_path / name)
+    programs, python = Path(sys.executable).parent, shlex.quote(sys.executable)
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    (tmp_path / ".venv" / "bin" / "activate").write_text("")
+    text = "".join(BLOCK.findall((tmp_path / "docs/tutorial.md").read_text()))
+    around = f"""set -euo pipefail
+make() {{ command make -o setup BIN={shlex.quote(str(programs))} "$@"; }}
+talkingeyes() {{
+    if [ "$1" != view ]; then {python} -m talkingeyes.cli "$@"; return; fi
+    timeout -s INT 40 {python} -m talkingeyes.cli "$@" --port 0 > viewed || true
+    grep -q http://127.0.0.1 viewed
+}}
+"""
+    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": f"{tmp_path}/src:{tmp_path}"}
+    ran = subprocess.run(
+        ["bash", "-c", around + text], cwd=tmp_path, env=environment, check=False, capture_output=True, text=True
+    )
+    assert ran.returncode == 0, ran.stdout[-2000:] + ran.stderr[-4000:]
+    build = tmp_path / "build"
+    for made in ("first/sample_01.mp4", "first.glb", "first.csv", "figures/benchmark.json"):
+        assert (build / made).stat().st_size > 0, made

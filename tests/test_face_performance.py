@@ -1,0 +1,236 @@
+"""The face in a performance: joined with blinks and lids at any rate, replaced, switched off; what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from talkingeyes import rotation
+from talkingeyes.audio.encoder import EmbedSettings
+from talkingeyes.config import compose
+from talkingeyes.corpus.samples import FaceSamples, Samples
+from talkingeyes.errors import InputError
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import motion_names
+from talkingeyes.models.face.basis import FaceBasis
+from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
+from talkingeyes.motion import Motion
+from talkingeyes.performance import face as faces_of
+from talkingeyes.performance.direction import Direction
+from talkingeyes.performance.face import FacePerformer, beside, between, felt_lid, with_face
+from talkingeyes.performance.parts import Parts
+from talkingeyes.performance.perform import Performer
+
+FPS, FRAMES = 25.0, 100
+NAMES = motion_names(open_head())
+SOUND = np.zeros(16000 * FRAMES // 25, np.float32)
+
+
+class Encoder:
+    """Embeds silence."""
+
+    channels = ("one",)
+
+    def __call__(self, sound, fps):
+        return np.zeros((round(len(sound) / 16000 * fps), 1), np.float32)
+
+
+class Heads:
+    """Heads and eyes that wander, by their seeds."""
+
+    def generate(self, embedding, seeds, fps):
+        frames = len(embedding)
+        wander = [np.cumsum(np.random.default_rng(seed).normal(0, 0.004, (frames, 3)), axis=0) for seed in seeds]
+        head = np.stack(wander)
+        gaze = np.zeros((len(seeds), frames, 2, 3))
+        gaze[:, frames // 2 :, :, 1] = 0.2
+        return Samples(fps, head, gaze)
+
+
+class Faces:
+    """Faces of noise, by their seeds; squinting all the while."""
+
+    basis = FaceBasis("anny", NAMES)
+    vocabulary = StyleVocabulary(("ann", "ben"))
+
+    def generate(self, embedding, style, seeds, fps):
+        frames = len(embedding)
+        drawn = np.stack([np.random.default_rng(seed).uniform(0, 0.5, (frames, len(NAMES) + 3)) for seed in seeds])
+        drawn[..., NAMES.index("eyeSquintLeft")] = 0.4
+        return FaceSamples(fps, drawn[..., -3:], drawn[..., :-3], NAMES, "anny")
+
+
+ENCODER = Encoder()
+WITH_FACE = Performer(ENCODER, Heads(), FPS, face=FacePerformer(Faces(), ENCODER))
+WITHOUT_FACE = replace(WITH_FACE, face=None)
+
+
+def perform(direction=None, performer=WITH_FACE, samples=1, seed=3, fps=FPS):
+    return performer.perform(SOUND, samples, seed, fps, direction or Direction())
+
+
+def felt(emotion, intensity=3, speaker=None):
+    return (StyleKey(0.0, Style(speaker, emotion, intensity)),)
+
+
+def test_one_speech_and_one_seed_give_a_whole_motion():
+    one, many = perform(), perform(samples=3)
+    motion = one[0].motion
+    assert motion.expression_names == NAMES
+    assert np.ptp(motion.jaw) > 0.1
+    assert np.ptp(motion.head) > 0.01
+    assert len(one[0].events.blinks) > 0
+    for name in ("head", "gaze", "lid", "jaw", "expression"):
+        assert np.array_equal(getattr(motion, name), getattr(many[0].motion, name)), f"{name}: alone or with others"
+        assert not np.array_equal(many[0].motion.expression, many[1].motion.expression)
+    assert not np.array_equal(perform(seed=4)[0].motion.jaw, motion.jaw)
+
+
+def test_the_face_leaves_head_gaze_and_blinks_alone():
+    whole, bare = perform()[0], perform(performer=WITHOUT_FACE)[0]
+    for name in ("head", "gaze", "lid"):
+        assert np.array_equal(getattr(whole.motion, name), getattr(bare.motion, name)), name
+    assert whole.events == bare.events
+    assert bare.motion.expression_names == ()
+
+
+def test_a_blink_closes_lids_that_squint_or_are_raised():
+    motion = perform(Direction(face=felt("surprised")))[0].motion
+    shut = motion.lid.mean(axis=1) > 0.99
+    assert shut.any(), "raised lids still close"
+    squint = motion.expression[:, NAMES.index("eyeSquintLeft")]
+    assert squint[shut].max() < 0.01
+    quiet = np.isclose(motion.lid, -0.18).all(axis=1)  # as the law has it for a strong surprise
+    assert quiet.mean() > 0.5
+    assert np.allclose(squint[quiet], 0.4)
+    brows = motion.expression[:, NAMES.index("browInnerUp")]
+    assert brows[shut].max() > 0, "brows are the face model's own"
+
+
+def test_an_emotion_may_change_along_a_clip():
+    keys = (*felt("neutral", 0), StyleKey(2.0, Style(None, "surprised", 3)))
+    lid = felt_lid(keys, np.array([0.0, 1.9, 2.25, 3.0]))
+    assert np.allclose(lid, [0.0, 0.0, -0.09, -0.18])
+    assert np.allclose(felt_lid(keys[::-1], np.array([0.0, 3.0])), [0.0, -0.18]), "in whatever order they are given"
+
+
+def test_other_frame_rates_pass_through_the_models_frames_and_never_beyond():
+    slow, fast = perform()[0].motion, perform(fps=75.0)[0].motion
+    assert len(fast) == 3 * len(slow)
+    assert np.allclose(fast.jaw[::3], slow.jaw)
+    values = np.array([[0.0], [0.0], [1.0], [1.0]])
+    course = between(values, FPS, np.arange(12) / 75.0)[:, 0]
+    assert (np.diff(course) >= 0).all()
+    assert course.min() == 0.0
+    assert course.max() == 1.0, "lips that meet stay together: no overshoot"
+    assert np.allclose(between(np.ones((1, 2)), FPS, np.arange(3) / 75.0), 1.0)
+
+
+def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
+    embedding, style = np.zeros((FRAMES, 1), np.float32), felt("neutral", 0)
+    whole = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    monkeypatch.setattr(faces_of, "PIECE_S", 1.6)
+    monkeypatch.setattr(faces_of, "OVERLAP_S", 0.8)
+    monkeypatch.setattr(faces_of, "SEAM_S", 0.4)
+    pieces = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
+    assert pieces.jaw.shape == whole.jaw.shape
+    assert pieces.expression.shape == whole.expression.shape
+    for start in (20, 40, 60):
+        following = WITH_FACE.face._piece(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
+        assert np.array_equal(pieces.jaw[:, start + 15 : start + 25], following.jaw[:, 15:25]), "after its seam its own"
+    still = replace(whole, jaw=np.zeros((2, 40, 3)), expression=np.zeros((2, 40, len(NAMES))))
+    one, other = still, replace(still, jaw=np.ones((2, 40, 3)))
+    course = faced_over(one, other)
+    assert (np.diff(course) >= 0).all()
+    assert np.diff(course).max() < 0.11, "faded, not cut"
+    assert (course[:20].max(), course[-20:].min()) == (0.0, 1.0)
+
+
+def faced_over(one, other):
+    """The jaw where one piece becomes another, from frame 20 on, over an overlap of 20 frames."""
+    return faces_of.faded(one, other, 20, 20).jaw[0, :, 0]
+
+
+@pytest.mark.parametrize("fps", [FPS, 60.0])
+def test_parts_are_switched_off(fps):
+    own = perform(fps=fps)[0]
+    still = perform(Direction(parts=Parts(("head", "gaze", "blinks", "face"))), fps=fps)[0]
+    assert not still.motion.head.any()
+    assert not still.motion.gaze.any()
+    assert not still.motion.lid.any()
+    assert not still.motion.jaw.any()
+    assert still.motion.expression_names == ()
+    assert still.events.saccades == still.events.blinks == ()
+    headless = perform(Direction(parts=Parts(("head",))), fps=fps)[0].motion
+    space, own_space = (rotation.gaze_in_space(each.head, each.gaze) for each in (headless, own.motion))
+    assert np.allclose(space, own_space, atol=1e-6), "gaze in space stays"
+    assert np.array_equal(headless.jaw, own.motion.jaw)
+
+
+def test_parts_are_taken_from_other_motions():
+    donor = perform(seed=9)[0].motion
+    parts = Parts(replaced={"head": donor, "face": donor, "blinks": donor})
+    own, recast = perform()[0], perform(Direction(parts=parts))[0]
+    assert np.allclose(recast.motion.head, donor.head)
+    for name in ("jaw", "expression", "lid"):
+        assert np.array_equal(getattr(recast.motion, name), getattr(donor, name)), name
+    space, own_space = (rotation.gaze_in_space(each.head, each.gaze) for each in (recast.motion, own.motion))
+    # Blinks hold gaze, and the model's are not drawn here: elsewhere it is the same gaze.
+    open_eyes = own.motion.lid.max(axis=1) == 0
+    assert np.allclose(space[open_eyes], own_space[open_eyes], atol=1e-6)
+    eyes = perform(Direction(parts=Parts(replaced={"gaze": donor})))[0]
+    assert np.array_equal(eyes.motion.gaze, donor.gaze)
+    assert len(eyes.events.saccades) >= 1, "found in the eyes that are shown"
+    at_60 = perform(Direction(parts=Parts(replaced={"face": donor})), fps=60.0)[0].motion
+    assert len(at_60) == FRAMES * 60 // 25
+    with pytest.raises(InputError, match=r"^replace face: should last as long as the speech, 4\.00 s, got 2\.00 s$"):
+        perform(Direction(parts=Parts(replaced={"face": donor.cut(0, 50)})))
+
+
+def test_what_is_not_there_is_refused_in_one_line():
+    with pytest.raises(InputError, match=r"^emotion: should be one of neutral, happy, .*contempt, got bored$"):
+        felt("bored")
+    with pytest.raises(InputError, match=r"^intensity: should be 1, 2 or 3 with happy, got 4$"):
+        felt("happy", 4)
+    with pytest.raises(InputError, match=r"^speaker: should be one of ann, ben or none for their mean, got carl$"):
+        perform(Direction(face=felt("happy", 2, "carl")))
+    with pytest.raises(InputError, match=r"model of the face \(probtalk3d\), got none$"):
+        perform(Direction(face=felt("happy")), WITHOUT_FACE)
+    with pytest.raises(InputError, match=r"^parts: should be among head, gaze, blinks, face, got ears$"):
+        Parts(("ears",))
+    with pytest.raises(InputError, match=r"^parts: head should be replaced or switched off, got both$"):
+        Parts(("head",), {"head": Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))})
+    with pytest.raises(InputError, match="at least one style"):
+        Direction(face=())
+
+
+def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
+    for name in ("talkingeyes", "probtalk3d"):
+        (tmp_path / name).mkdir()
+    assert beside(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
+    assert beside(tmp_path / "probtalk3d") is None
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / "talkingeyes").symlink_to(tmp_path / "talkingeyes")
+    (tmp_path / "linked" / "probtalk3d").symlink_to(tmp_path / "elsewhere")
+    assert beside(tmp_path / "linked" / "talkingeyes") == tmp_path / "linked" / "probtalk3d", "links stay links"
+    (tmp_path / "probtalk3d").rmdir()
+    assert beside(tmp_path / "talkingeyes") is None
+    (tmp_path / "talkingeyes" / "config.json").write_text('{"model": {"parts": ["head", "gaze"]}}')
+    with pytest.raises(InputError, match="should be a model of the face, such as probtalk3d"):
+        FacePerformer.load(tmp_path / "talkingeyes", EmbedSettings.model_validate(compose()["embed"]), ENCODER)
+
+
+def test_another_encoder_hears_the_sound_itself():
+    other = Encoder()
+    performer = replace(WITH_FACE, face=FacePerformer(Faces(), other))
+    assert np.array_equal(perform(performer=performer)[0].motion.jaw, perform()[0].motion.jaw)
+    embedded = performer.perform_embedded(ENCODER(SOUND, FPS), 1, 3, FPS)
+    assert embedded[0].motion.expression_names == (), "there is no sound to hear"
+
+
+def test_with_face_needs_no_names_of_its_own():
+    motion = Motion.of(FPS, np.zeros((3, 3)), np.zeros((3, 2, 3)))
+    faces = FaceSamples(FPS, np.zeros((1, 3, 3)), np.full((1, 3, 1), 2.0), ("mouthPucker",), "anny")
+    shown = with_face(motion, faces, 0, felt("neutral", 0))
+    assert shown.expression.max() == 1.0, "weights of the open head lie between 0 and 1"

@@ -1,0 +1,139 @@
+"""The face's row of `evaluate` on a hand-made workspace, its page, and what the table of faces is asked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_workspace import FPS, FRAMES, toy_workspace
+
+from pipelines import evaluate
+from pipelines.evaluate_face import FaceSources, measure_faces, stacked_faces
+from pipelines.face_table import SEEDS, options
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
+from talkingeyes.errors import InputError
+from talkingeyes.head.anny import open_head
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.metrics.face.pictures import coloured, heat
+from talkingeyes.metrics.face.row import summarise_face, summarise_seeds
+from talkingeyes.metrics.face.surface import Surface
+from talkingeyes.metrics.face.table import face_markdown
+from talkingeyes.motion import Motion
+
+SHAPES = ("browInnerUp", "mouthFunnel")
+
+
+def faced(motion, random):
+    """A motion with a face that moves."""
+    return replace(
+        motion,
+        jaw=np.stack([random.uniform(0, 0.2, FRAMES), *np.zeros((2, FRAMES))], axis=1),
+        expression=random.uniform(0, 1, (FRAMES, len(SHAPES))),
+        expression_names=SHAPES,
+    )
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """Truth and fit have faces; the model `copy` gives the truth's own, `noise` others."""
+    made, random = toy_workspace(tmp_path_factory.mktemp("workspace")), np.random.default_rng(0)
+    corpus = Corpus(made.corpus)
+    for clip in corpus.clips:
+        truth = faced(corpus.truth(clip), random)
+        truth.save(sharded(corpus.root / "truth", clip.id, ".npz"))
+        fitted = sharded(made.data("fit", "motion"), clip.id, ".npz")
+        replace(Motion.load(fitted), jaw=truth.jaw, expression=truth.expression, expression_names=SHAPES).save(fitted)
+        if clip.split in ("test", "unseen") and clip.take == 0:
+            again = [faced(truth, random) for _ in range(4)]
+            for name, drawn in (("copy", [truth] * 4), ("noise", again)):
+                stacked_faces(drawn).save(sharded_for_writing(made.data("sample", name), clip.id, ".npz"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def tables(workspace):
+    for row in ("copy", "noise"):
+        evaluate.run(workspace, row)
+    return {
+        name: json.loads(workspace.data("evaluate", name, "metrics.json").read_text()) for name in ("copy", "noise")
+    }
+
+
+def test_a_model_of_the_face_has_that_part_alone(workspace, tables):
+    for table in tables.values():
+        assert {split: set(parts) for split, parts in table.items()} == {"test": {"face"}, "unseen": {"face"}}
+    copied, noise = tables["copy"]["test"]["face"], tables["noise"]["test"]["face"]
+    for name in ("mve", "lve", "mee", "ce_squared", "fdd_absolute", "diversity"):
+        assert copied[name]["value"] == 0.0 < noise[name]["value"], name
+    assert noise["ce"]["value"] < noise["lve"]["value"]
+    assert noise["mve"]["low"] <= noise["mve"]["value"] <= noise["mve"]["high"]
+    assert "emotion_recognised" not in noise, "nobody says what the toys feel"
+    assert workspace.data("evaluate", "copy", "benchmark.json").is_file()
+
+
+def test_true_takes_are_compared_with_each_other(workspace):
+    corpus = Corpus(workspace.corpus)
+    sources = FaceSources("truth", workspace.corpus, workspace.data("fit"), workspace.data("sample", "truth"), 0)
+    takes = [clip for clip in corpus.clips if clip.sound == "e0"]
+    assert len(takes) == 3
+    several, alone = measure_faces(sources, [takes, takes[:1]], jobs=1)
+    assert several.errors is not None
+    assert several.errors.lve > 0
+    assert several.diversity == several.diversity_truth > 0
+    assert alone.errors is None
+    again = measure_faces(sources, [takes], jobs=1)
+    assert again[0].errors == several.errors
+
+
+def test_seeds_are_averaged_and_their_range_told(workspace):
+    corpus = Corpus(workspace.corpus)
+    sounds = [[clip] for clip in corpus.select("test", "unseen", take=0)]
+    places = workspace.corpus, workspace.data("fit")
+    by_seed = [
+        measure_faces(FaceSources(row, *places, workspace.data("sample", row), 0), sounds, jobs=1)
+        for row in ("copy", "noise")
+    ]
+    settings = BootstrapSettings(draws=50, level=0.95, seed=0)
+    both, noise = summarise_seeds(by_seed, settings), summarise_face(by_seed[1], settings)
+    assert both["lve"].value == pytest.approx(noise["lve"].value / 2)
+    assert (both["lve"].least, both["lve"].most) == (0.0, noise["lve"].value)
+    assert both["lve"].low == pytest.approx(noise["lve"].low / 2)
+
+
+def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):
+    figure = {"value": 1.0, "low": 0.5, "high": 2.0, "least": 0.75, "most": 1.25}
+    rows = {"probtalk3d": {"test": {"face": {"mve": figure}}}, "truth": {"test": {"face": {}}}, "mean": {"test": {}}}
+    page = face_markdown(rows)
+    assert page.index("| Truth: its other takes |") < page.index(
+        "| ProbTalk3D | 1.000 <sub>0.500–2.000; seeds 0.750–1.250"
+    )
+    assert "0.7243, 60.4, 4.15, 55.49, 52.27, 0.3274" in page
+    assert "Unseen" not in page
+    assert "mean" not in page
+
+
+def test_heat_is_the_way_from_frame_to_frame():
+    surface, frames = Surface(open_head()), 200
+    expression = np.zeros((1, frames, 1))
+    expression[0, ::2] = 0.5  # to and fro, as far each time
+    steady = heat(surface, FaceSamples(FPS, np.zeros((1, frames, 3)), expression, ("mouthFunnel",), "anny"))
+    shape = surface.model.expression[surface.model.shape("mouthFunnel")][surface.regions["face"]]
+    assert np.allclose(steady.mean_mm, 500 * np.linalg.norm(shape, axis=1), atol=1e-3)
+    assert steady.sd_mm.max() < 0.01
+    colours = coloured(surface.model, np.ones(len(surface.model.template)))
+    eyes = surface.model.vertices_of("pupil")
+    assert np.array_equal(colours[eyes], surface.model.colours[eyes])
+    assert not np.allclose(colours[surface.regions["lips"]], surface.model.colours[surface.regions["lips"]])
+
+
+def test_the_table_is_asked_by_seeds_and_folder(tmp_path):
+    out, seeds, overrides = options(["--out", str(tmp_path), "seeds=4,5", "train.seed=9"])
+    assert (out, seeds, overrides) == (tmp_path, [4, 5], ["experiment=probtalk3d_table", "train.seed=9"])
+    assert options(["experiment=tiny"])[1:] == (list(SEEDS), ["experiment=tiny"])
+    with pytest.raises(InputError, match=r"^seeds: should be numbers such as seeds=0,1,2, got 'x'$"):
+        options(["seeds=x"])
+    with pytest.raises(InputError, match=r"^--out: should name a folder, got none$"):
+        options(["--out"])

@@ -1,0 +1,416 @@
+"""The service: what it gives, what it refuses and with which words, and that it keeps running whatever it is sent."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from live_model import write_live_model
+from test_streaming import speech
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from talkingeyes import conversion
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.performance.streaming import LiveModel
+from talkingeyes.viewer.head_file import FIXED
+from tests.browser import CHROMIUM, FLAGS, browsing
+
+SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # a busy machine may keep a client waiting that long
+LIMITED = f"""
+import sys
+from dataclasses import replace
+from pathlib import Path
+from talkingeyes.hosting import LIMITS, host_service
+more = dict(stream_s=30, speech_s=4, work_s=60, kept=3)
+limits = replace(LIMITS, streams={STREAMS}, upload_bytes=300_000, idle_s={IDLE_S}, **more)
+host_service(model=sys.argv[1], live=sys.argv[1], port=0, limits=limits, started=lambda each: print(each, flush=True))
+"""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the service says."""
+
+    status: int
+    body: bytes
+
+    @property
+    def told(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass(frozen=True)
+class Service:
+    """One that runs."""
+
+    address: str
+    model: Path
+    place: Path
+
+    def ask(self, path: str, body: bytes | None = None, **headers: str) -> Answer:
+        """GET, or POST with a body."""
+        headers = {"Content-Type": "audio/wav", **{name.replace("_", "-"): value for name, value in headers.items()}}
+        request = urllib.request.Request(self.address + path, data=body, headers=headers)
+        try:
+            with urllib.request.urlopen(request, timeout=300) as found:
+                return Answer(found.status, found.read())
+        except urllib.error.HTTPError as error:
+            return Answer(error.code, error.read())
+
+    def stream(self, **headers: str) -> ClientConnection:
+        """A WebSocket."""
+        return connect(self.address.replace("http", "ws") + "stream", additional_headers=headers)
+
+    @property
+    def port(self) -> int:
+        return int(urllib.parse.urlsplit(self.address).port or 0)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    place = tmp_path_factory.mktemp("service")
+    model = write_live_model(place / "talkingeyes_live")
+    (place / "temporary").mkdir()
+    environment = {**os.environ, "TMPDIR": str(place / "temporary")}
+    process = subprocess.Popen(
+        [sys.executable, "-c", LIMITED, str(model)], stdout=subprocess.PIPE, text=True, cwd=place, env=environment
+    )
+    assert process.stdout is not None
+    found = Service(process.stdout.readline().strip(), model, place)
+    yield found
+    process.terminate()
+    process.wait(timeout=120)
+    process.stdout.close()
+    assert not any((place / "temporary").iterdir())  # the service takes everything with it
+
+
+def wav(sound: np.ndarray, rate: int = SAMPLE_RATE, format: str = "WAV") -> bytes:
+    buffer = io.BytesIO()
+    soundfile.write(buffer, sound, rate, format=format)
+    return buffer.getvalue()
+
+
+def pcm(sound: np.ndarray) -> bytes:
+    return np.round(sound * 32767).astype("<i2").tobytes()
+
+
+def spoken(connection: ClientConnection, sound: np.ndarray, chunk: int = 3200) -> tuple[np.ndarray, dict[str, Any]]:
+    """All rows of a stream, and its last words."""
+    about = json.loads(connection.recv(120))
+    for start in range(0, len(sound), chunk):
+        connection.send(pcm(sound[start : start + chunk]))
+    connection.send('{"end": true}')
+    rows, expected = [], 0
+    while True:
+        message = connection.recv(120)
+        if isinstance(message, str):
+            return np.concatenate(rows), json.loads(message)
+        assert int.from_bytes(message[:4], "little") == expected
+        rows.append(np.frombuffer(message[4:], "<f4").reshape(-1, about["columns"]))
+        expected += len(rows[-1])
+
+
+def well(service: Service) -> None:
+    """It still does its work."""
+    assert service.ask("performances?seed=1", wav(speech(0.5))).status == 200
+    with service.stream() as connection:
+        connection.send("{}")
+        assert spoken(connection, speech(0.5))[1] == {"end": True, "frames": 12}
+
+
+class TestFiles:
+    def test_a_file_becomes_a_performance_with_its_sound(self, service: Service) -> None:
+        sound = speech(SECONDS)
+        made = service.ask("performances?seed=3", wav(sound))
+        assert made.status == 200
+        assert made.told["frames"] == int(SECONDS * 25)
+        place = f"performances/{made.told['id']}"
+        rows = np.frombuffer(service.ask(f"{place}/poses").body, "<f4").reshape(made.told["frames"], -1)
+        assert rows.shape[1] == made.told["columns"] > FIXED
+        assert np.ptp(rows[:, 3:7], axis=0).max() > 1e-3  # the head turns
+        heard, rate = soundfile.read(io.BytesIO(service.ask(f"{place}/sound").body))
+        assert (rate, len(heard)) == (SAMPLE_RATE, len(sound))
+        np.testing.assert_allclose(heard, sound, atol=1e-3)
+
+    def test_seed_and_dials_count(self, service: Service) -> None:
+        def poses(asked: str) -> bytes:
+            made = service.ask(f"performances?{asked}", wav(speech(SECONDS)))
+            assert made.status == 200, made.body
+            return service.ask(f"performances/{made.told['id']}/poses").body
+
+        first = poses("seed=3")
+        assert poses("seed=3") == first
+        for asked in ("seed=4", "seed=3&lively_head=2", "seed=3&lively_gaze=0", "seed=3&fps=50", "seed=3&contact=1"):
+            assert poses(asked) != first, asked
+
+    def test_other_formats_and_rates_are_heard(self, service: Service) -> None:
+        for format, rate in (("FLAC", 44_100), ("OGG", 48_000), ("MP3", 22_050)):
+            assert service.ask("performances", wav(speech(1.0), rate, format)).status == 200
+
+    @pytest.mark.parametrize("format", [name for name in conversion.FORMATS if name != "mp4"])
+    def test_downloads(self, service: Service, format: str, performed: str) -> None:
+        found = service.ask(f"{performed}/{format}")
+        assert found.status == 200, found.body
+        assert len(found.body) > 100
+
+    @pytest.mark.slow
+    def test_a_film_is_a_download_too(self, service: Service, performed: str) -> None:
+        assert service.ask(f"{performed}/mp4").body[4:8] == b"ftyp"
+
+    @pytest.fixture
+    def performed(self, service: Service) -> str:
+        return f"performances/{service.ask('performances', wav(speech(0.4))).told['id']}"
+
+    def test_only_the_newest_are_kept(self, service: Service) -> None:
+        made = [service.ask("performances", wav(speech(0.4))).told["id"] for _ in range(4)]
+        assert service.ask(f"performances/{made[0]}/poses").status == 404
+        assert service.ask(f"performances/{made[1]}/poses").status == 200
+
+
+class TestStreams:
+    def test_a_stream_gives_every_frame_in_order(self, service: Service) -> None:
+        live, sound = LiveModel.load(service.model), speech(SECONDS)
+        with service.stream() as connection:
+            connection.send('{"seed": 5}')
+            rows, end = spoken(connection, sound)
+        heard = np.frombuffer(pcm(sound), "<i2") / np.float32(32768)
+        assert end == {"end": True, "frames": int(SECONDS * 25)}
+        assert len(rows) == end["frames"]
+        whole = live.whole(heard.astype(np.float32), 5)
+        from talkingeyes.head.anny import open_head
+        from talkingeyes.viewer.head_file import pose_rows
+
+        np.testing.assert_allclose(rows, pose_rows(open_head(), whole), atol=1e-4)
+
+    def test_several_at_once_do_not_mix_and_one_more_is_refused(self, service: Service) -> None:
+        with contextlib.ExitStack() as stack:
+            streams = [stack.enter_context(service.stream()) for _ in range(STREAMS)]
+            for seed, each in enumerate(streams):
+                each.send(json.dumps({"seed": seed}))
+                assert "latency_s" in each.recv(120)
+            with service.stream() as late:
+                assert f"{STREAMS} streams run already" in late.recv(120)
+                with pytest.raises(ConnectionClosed, match="1013"):
+                    late.recv(120)
+            for part in np.array_split(speech(SECONDS), 5):
+                for each in streams:
+                    each.send(pcm(part))
+            found = []
+            for each in streams:
+                each.send('{"end": true}')
+                messages = list(iter(lambda each=each: each.recv(120), '{"end": true, "frames": 40}'))
+                found.append(b"".join(message[4:] for message in messages))
+        assert len({len(each) for each in found}) == 1
+        assert len(set(found)) == STREAMS
+        well(service)
+
+    @pytest.mark.parametrize(
+        ("messages", "reason"),
+        [
+            (["no wish"], "the first message should be a wish"),
+            ([b"\0\0"], "the first message should be a wish"),
+            (["[1]"], "the first message should be a wish"),
+            (['{"seed": -1}'], "wish.seed: Input should be greater than or equal to 0, got -1"),
+            (['{"seed": 1, "path": "/etc"}'], "wish.path"),
+            (['{"lively_head": 1e9}'], "wish.lively_head"),
+            (["{}", b"\0"], "sound should be 16-bit samples, got 1 bytes"),
+            (["{}", b"\0" * 64_002], "at most 64000 bytes"),
+            (["{}", "what"], "after the wish"),
+            (["{}", *[b"\0" * 64_000] * 16], "at most 30 s"),
+        ],
+    )
+    def test_a_mistake_is_told_before_the_end(self, service: Service, messages: list[Any], reason: str) -> None:
+        with service.stream() as connection:
+            with contextlib.suppress(ConnectionClosed):
+                for message in messages:
+                    connection.send(message)
+            told = []
+            with pytest.raises(ConnectionClosed):
+                while True:
+                    told.append(connection.recv(120))
+        assert reason in json.loads(told[-1])["error"]
+
+    def test_a_message_beyond_all_bounds_ends_the_stream(self, service: Service) -> None:
+        with service.stream() as connection, pytest.raises(ConnectionClosed, match="1009"):
+            connection.send(b"\0" * (1 << 20))
+            connection.recv(120)
+        well(service)
+
+    def test_who_says_nothing_is_sent_away(self, service: Service) -> None:
+        for first in ([], ["{}"]):
+            with service.stream() as connection:
+                for each in first:
+                    connection.send(each)
+                    connection.recv(120)
+                assert "nothing was heard" in connection.recv(120)
+        well(service)
+
+    def test_who_leaves_in_the_middle_leaves_room(self, service: Service) -> None:
+        for _ in range(STREAMS):
+            with service.stream() as connection:
+                connection.send("{}")
+                assert "latency_s" in connection.recv(120)
+                connection.send(pcm(speech(0.5)))
+                connection.socket.shutdown(socket.SHUT_RDWR)  # without a word
+        until = time.monotonic() + 120
+        refused = True
+        while refused:
+            with service.stream() as connection:
+                connection.send("{}")
+                refused = "error" in connection.recv(120)
+            assert time.monotonic() < until
+        well(service)
+
+
+class TestMistakes:
+    @pytest.mark.parametrize(
+        ("query", "body", "status", "reason"),
+        [
+            ("", b"", 422, "the sound: empty"),
+            ("", b"RIFF and nothing else", 422, "the sound: not a sound that can be decoded"),
+            ("", wav(np.zeros(8000)), 422, "the sound: silent"),
+            ("", wav(speech(0.1)), 422, "at least 0.3 s"),
+            ("", wav(speech(5.0)), 422, "at most 4 s, got 5.0 s"),
+            ("", bytes(300_001), 413, "at most 300000 bytes"),
+            ("seed=x", b"0", 422, "wish.seed"),
+            ("seed=1&name=../../x", b"0", 422, "wish.name"),
+            ("fps=1000", b"0", 422, "wish.fps: Input should be less than or equal to 120"),
+            ("contact=nan", b"0", 422, "wish.contact"),
+            ("emotion=glee&intensity=1", wav(speech(0.4)), 422, "emotion: should be one of"),
+        ],
+    )
+    def test_one_line_and_a_status(self, service: Service, query: str, body: bytes, status: int, reason: str) -> None:
+        answer = service.ask(f"performances?{query}", body)
+        assert answer.status == status, answer.body
+        assert reason in answer.told["error"]
+        assert "\n" not in answer.told["error"]
+        assert str(service.place) not in answer.body.decode()
+
+    def test_other_content_and_other_methods(self, service: Service) -> None:
+        for kind in ("multipart/form-data; boundary=x", "text/html", "application/json"):
+            assert service.ask("performances", wav(speech(0.4)), Content_Type=kind).status == 415
+        assert service.ask("performances").status == 404
+        assert service.ask("stream", b"x").status == 405
+
+    def test_nothing_else_can_be_read(self, service: Service) -> None:
+        made = service.ask("performances", wav(speech(0.4))).told["id"]
+        escapes = [
+            "..",
+            "../..",
+            "..%2f..",
+            "%2e%2e/motion.npz",
+            "/etc/passwd",
+            "motion.npz",
+            "upload",
+            "x" * 3000,
+            "%00",
+        ]
+        for escape in escapes:
+            for path in (escape, f"performances/{made}/{escape}", f"performances/{escape}/poses"):
+                answer = service.ask(urllib.parse.quote(path, safe="/%."))
+                assert answer.status in (400, 404), (path, answer.status)
+                assert b"root:" not in answer.body
+
+    def test_pages_from_elsewhere_are_refused(self, service: Service) -> None:
+        elsewhere = "http://elsewhere.example"
+        assert service.ask("performances", wav(speech(0.4)), Origin=elsewhere).status == 403
+        assert service.ask("service.json", Host="elsewhere.example").status == 400
+        with pytest.raises(Exception, match="403"):
+            service.stream(Origin=elsewhere)
+        assert service.ask("performances", wav(speech(0.4)), Origin=service.address.rstrip("/")).status == 200
+
+    def test_a_body_that_stalls_is_given_up(self, service: Service) -> None:
+        with socket.create_connection(("127.0.0.1", service.port)) as stalled:
+            stalled.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")
+            stalled.settimeout(20)
+            assert b" 408 " in stalled.recv(4096)
+        with socket.create_connection(("127.0.0.1", service.port)) as gone:
+            gone.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")
+        well(service)
+
+    @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.data())
+    def test_damaged_and_invented_files(self, service: Service, data: st.DataObject) -> None:
+        whole = wav(speech(0.5), format=data.draw(st.sampled_from(("WAV", "FLAC", "OGG"))))
+        cut = whole[: data.draw(st.integers(0, len(whole)))]
+        body = bytearray(
+            data.draw(st.sampled_from((cut, whole, b"ftyp", b"#EXTM3U\nfile:///etc/passwd\n", b"\x1aE\xdf\xa3")))
+        )
+        for _ in range(data.draw(st.integers(0, 20))):
+            if body:
+                body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+        answer = service.ask("performances", bytes(body) + data.draw(st.binary(max_size=64)))
+        assert answer.status in (200, 422), answer.body
+        assert answer.status == 200 or answer.told["error"]
+
+    @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.lists(st.one_of(st.text(max_size=30), st.binary(max_size=300), st.just('{"end": true}')), max_size=6))
+    def test_invented_streams(self, service: Service, messages: list[str | bytes]) -> None:
+        with service.stream() as connection, contextlib.suppress(ConnectionClosed):
+            connection.send("{}")
+            for message in messages:
+                connection.send(message)
+            connection.send("{}")
+            while True:
+                connection.recv(120)
+
+    def test_it_still_works_after_all_that_and_wrote_only_in_its_folder(self, service: Service) -> None:
+        well(service)
+        assert {each.name for each in service.place.iterdir()} == {"talkingeyes_live", "temporary"}
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+class TestPage:
+    def test_an_upload_is_performed_with_sound_and_dials(self, service: Service, tmp_path: Path) -> None:
+        (tmp_path / "speech.wav").write_bytes(wav(speech(3.0)))
+        with browsing(tmp_path / "profile") as browser:
+            browser.open(service.address)
+            browser.until("document.body.dataset.state === 'ready'")
+            node = browser.call("DOM.getDocument")["root"]["nodeId"]
+            upload = browser.call("DOM.querySelector", nodeId=node, selector="#upload")["nodeId"]
+            browser.call("DOM.setFileInputFiles", nodeId=upload, files=[str(tmp_path / "speech.wav")])
+            browser.until("document.body.dataset.state === 'playing'")
+            browser.until("document.getElementById('sound').currentTime > 0.2")
+            first = browser.value("document.getElementById('sound').src")
+            assert browser.value("document.querySelectorAll('#downloads a').length") == len(conversion.FORMATS)
+            browser.value("document.getElementById('another').click()")
+            browser.until(f"document.getElementById('sound').src !== {json.dumps(first)}")
+            browser.until("document.body.dataset.state === 'playing'")
+            browser.picture(tmp_path / "page.png")
+        assert (tmp_path / "page.png").stat().st_size > 20_000
+
+    def test_the_microphone_moves_the_head_and_becomes_a_performance(
+        self, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        (tmp_path / "speech.wav").write_bytes(wav(speech(3.0), 48_000))
+        fake = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
+        file = f"--use-file-for-fake-audio-capture={tmp_path / 'speech.wav'}"
+        monkeypatch.setattr("tests.browser.FLAGS", (*FLAGS, *fake, file))
+        with browsing(tmp_path / "profile") as browser:
+            browser.open(service.address)
+            browser.until("document.body.dataset.state === 'ready'")
+            browser.value("document.getElementById('record').click()")
+            browser.until("document.body.dataset.state === 'live'")
+            browser.until("Number(document.body.dataset.frames) > 25")
+            browser.value("document.getElementById('record').click()")
+            browser.until("document.body.dataset.state === 'playing'")

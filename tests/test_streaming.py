@@ -1,0 +1,254 @@
+"""Streams: what comes out is what the whole speech gives, however it is cut, in the time that is stated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from live_model import embedding_settings, write_live_model
+from numpy import ndarray
+
+from talkingeyes.audio.encoder import make_encoder
+from talkingeyes.audio.live import USUAL_DBFS, LiveProsody, RunningLevel
+from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
+from talkingeyes.errors import InputError
+from talkingeyes.kinematics import eye_speed_deg_s
+from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.streaming import MotionStream, frames_ahead
+from talkingeyes.motion import Motion
+from talkingeyes.performance.direction import Liveliness
+from talkingeyes.performance.streaming import GREATEST_LATENCY_S, Frames, LiveModel, LiveWish
+
+SECONDS = 3.3
+
+
+def speech(seconds: float = SECONDS, seed: int = 0) -> ndarray:
+    """Syllables: bursts of a buzz whose pitch glides, and pauses."""
+    random = np.random.default_rng(seed)
+    times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
+    pitch = 120 + 40 * np.sin(2 * np.pi * 0.7 * times)
+    buzz = np.sign(np.sin(2 * np.pi * np.cumsum(pitch) / SAMPLE_RATE))
+    loud = np.clip(np.sin(2 * np.pi * 3 * times), 0, 1) * (np.sin(2 * np.pi * 0.4 * times) > -0.3)
+    return (0.2 * loud * buzz + 0.002 * random.standard_normal(len(times))).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
+    return LiveModel.load(write_live_model(tmp_path_factory.mktemp("live") / "model"))
+
+
+def streamed(live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, wish: LiveWish | None = None) -> Frames:
+    """All frames of a stream whose chunks have these sizes, in turn."""
+    stream = live.stream(seed, wish or LiveWish())
+    parts, start, turn = [], 0, 0
+    while start < len(sound):
+        size = sizes[turn % len(sizes)]
+        parts.append(stream.push(sound[start : start + size]))
+        start, turn = start + size, turn + 1
+    parts.append(stream.finish())
+    assert [part.first for part in parts] == np.cumsum([0, *(len(part) for part in parts[:-1])]).tolist()
+    return Frames(0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid")))
+
+
+def close(one: Frames | Motion, other: Frames | Motion) -> None:
+    for name in ("head", "gaze", "lid"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-5)
+
+
+@pytest.mark.parametrize("seconds", [0.31, 0.7, 1.0, SECONDS])
+def test_a_stream_is_what_the_whole_speech_gives(live: LiveModel, seconds: float) -> None:
+    sound = speech(seconds)
+    whole = live.whole(sound, 4)
+    assert len(whole) == frames_of(len(sound), live.fps)
+    close(streamed(live, sound, [640]), whole)
+
+
+def test_no_bit_depends_on_the_chunks(live: LiveModel) -> None:
+    sound = speech()
+    expected = streamed(live, sound, [640])
+    for sizes in ([len(sound)], [160], [1, 7000, 333, 0]):
+        found = streamed(live, sound, sizes)
+        for name in ("head", "gaze", "lid"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
+    one, other = live.whole(speech(), 1), live.whole(speech(), 2)
+    assert eye_speed_deg_s(one.gaze[None], live.fps).max() > 10
+    assert np.abs(one.head - other.head).max() > 0.01
+    assert np.abs(one.gaze - other.gaze).max() > 0.01
+
+
+def test_frames_come_in_the_stated_time_and_not_before_they_can(live: LiveModel) -> None:
+    assert live.latency_s <= GREATEST_LATENCY_S
+    sound, size = speech(), 80
+    stream = live.stream(0)
+    given, waits = 0, []
+    for start in range(0, len(sound), size):
+        frames = stream.push(sound[start : start + size])
+        heard_s = min(start + size, len(sound)) / SAMPLE_RATE
+        given += len(frames)
+        # The next frame has not come: the time since it would be late by the stated latency is not up.
+        assert heard_s - given / live.fps < live.latency_s + size / SAMPLE_RATE
+        waits += [heard_s - frame / live.fps for frame in range(frames.first, frames.first + len(frames))]
+    assert max(waits) == pytest.approx(live.latency_s, abs=size / SAMPLE_RATE)
+
+
+def test_what_is_said_later_changes_no_frame_that_was_given(live: LiveModel) -> None:
+    sound = speech()
+    cut = round(1.8 * SAMPLE_RATE)
+    other = np.concatenate([sound[:cut], speech(seed=9)[: len(sound) - cut] * 3])
+    first, second = live.whole(sound, 4), live.whole(other, 4)
+    same = int((cut / SAMPLE_RATE - live.latency_s) * live.fps)
+    np.testing.assert_allclose(first.head[:same], second.head[:same], atol=1e-5)
+    np.testing.assert_allclose(first.gaze[:same], second.gaze[:same], atol=1e-5)
+    ahead = slice(same, same + 25)
+    assert np.abs(first.head[ahead] - second.head[ahead]).max() > 1e-4
+
+
+def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
+    sound = speech()
+    whole, half = streamed(live, sound, [640]), streamed(live, sound[: len(sound) // 2], [640])
+    same = len(half.head) - round(live.latency_s * live.fps) - 1
+    np.testing.assert_array_equal(half.head[:same], whole.head[:same])
+    np.testing.assert_array_equal(half.lid, whole.lid[: len(half.lid)])
+
+
+def test_dials(live: LiveModel) -> None:
+    sound = speech()
+    counts = [len(live.blinks_of(1, LiveWish(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)]
+    assert counts[0] == 0
+    assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]
+    still = live.whole(sound, 1, LiveWish(liveliness=Liveliness(head=0.0)))
+    np.testing.assert_allclose(still.head, still.head[:1].repeat(len(still), 0), atol=1e-6)
+    wish = LiveWish("paper", Liveliness(2.0, 0.5, 1.0))
+    close(streamed(live, sound, [3000], 1, wish), live.whole(sound, 1, wish))
+    with pytest.raises(InputError, match=r"blinks: should be one of .*, got often"):
+        live.stream(0, LiveWish("often"))
+
+
+def test_what_cannot_be_streamed(live: LiveModel) -> None:
+    stream = live.stream(0)
+    with pytest.raises(InputError, match="finite"):
+        stream.push(np.array([0.0, np.nan], np.float32))
+    assert not len(stream.finish())
+    with pytest.raises(InputError, match="has ended"):
+        stream.push(np.zeros(10, np.float32))
+    with pytest.raises(InputError, match="at most 3600 s"):
+        live.stream(0).push(np.zeros(3601 * SAMPLE_RATE, np.float32))
+
+
+def test_memory_does_not_grow(live: LiveModel) -> None:
+    def size(stream: object) -> int:
+        """Numbers that a stream remembers, wherever."""
+        seen: set[int] = set()
+
+        def count(thing: object) -> int:
+            if id(thing) in seen or isinstance(thing, (torch.nn.Module, LiveModel, type)):
+                return 0
+            seen.add(id(thing))
+            if isinstance(thing, (np.ndarray, torch.Tensor)):
+                return int(np.prod(thing.shape))
+            inner = (
+                thing
+                if isinstance(thing, (list, tuple))
+                else vars(thing).values()
+                if hasattr(thing, "__dict__")
+                else ()
+            )
+            return sum(map(count, inner))
+
+        return count(stream)
+
+    stream, sizes = live.stream(0), []
+    for seconds in (9.0, 1.6, 1.6):  # attention looks 8 s back
+        stream.push(speech(seconds))
+        sizes.append(size(stream))
+    assert sizes[0] > 1000
+    assert sizes[2] <= sizes[1] * 1.02
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"speech": {"channels": None, "width": 64, "layers": 2, "dropout": 0.1, "channel_dropout": 0.0}}, "hear"),
+        ({"head": {"kind": "vae", "width": 64, "layers": 3, "dropout": 0.1, "latent": 4, "latent_frames": 12}}, "head"),
+    ],
+)
+def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        LiveModel.load(write_live_model(tmp_path / "model", **changes))
+
+
+def test_a_model_that_is_too_late_is_refused(live: LiveModel, tmp_path: Path) -> None:
+    late = live.network.settings.speech.model_dump() | {"ahead": 7}
+    with pytest.raises(InputError, match=r"at most 0.4 s ahead, got 0.437 s"):
+        LiveModel.load(write_live_model(tmp_path / "model", speech=late))
+
+
+class TestNetwork:
+    def test_it_takes_parts_of_any_length(self, live: LiveModel) -> None:
+        torch.manual_seed(0)
+        embedding = torch.randn(61, len(live.network.speech.mean)) * 10 - 20
+        expected = live.network.generate(embedding, [5])
+        for part in (1, 3, 4, 61):
+            stream = MotionStream(live.network, 5)
+            found = [stream.push(each) for each in embedding.split(part)] + [stream.finish()]
+            for name in ("head", "gaze"):
+                joined = torch.cat([getattr(each, name) for each in found], dim=1)
+                torch.testing.assert_close(joined, getattr(expected, name), atol=1e-5, rtol=0)
+
+    def test_the_frames_ahead_are_those_that_count(self, live: LiveModel) -> None:
+        torch.manual_seed(0)
+        embedding = torch.randn(60, len(live.network.speech.mean)) * 10 - 20
+        known, changed = 40, embedding.clone()
+        changed[known:] += 30
+        one, other = (live.network.generate(each, [5]) for each in (embedding, changed))
+        moved = (one.head - other.head).abs().amax(-1)[0] > 1e-6
+        assert int(moved.nonzero()[0]) >= known - frames_ahead(live.network)
+
+    def test_causal_convolutions_step_by_step(self) -> None:
+        torch.manual_seed(0)
+        stack, x = CausalConvolutionStack(3, 8, 3, 0.0, ahead=2), torch.randn(2, 40, 3)
+        whole, past = stack(x), stack.start(2)
+        steps = [stack.step(part, past) for part in torch.nn.functional.pad(x, (0, 0, 0, 2)).split(5, dim=1)]
+        torch.testing.assert_close(torch.cat(steps, dim=1)[:, 2:], whole)
+        changed = x.clone()
+        changed[:, 20:] += 1
+        assert torch.equal(stack(changed)[:, :18], whole[:, :18])
+        assert not torch.equal(stack(changed)[:, 18], whole[:, 18])
+
+
+class TestProsody:
+    def test_it_is_the_prosody_of_the_embedding_but_for_the_level(self) -> None:
+        settings, sound = embedding_settings(), speech()
+        live = LiveProsody(settings, 25.0).whole(sound)
+        whole = make_encoder(settings)(sound, 25.0)[:, -3:]
+        np.testing.assert_allclose(live[:, 1:], whole[:, 1:], atol=1e-3)
+        loud = whole[:, 0] > settings.prosody.energy_floor_dbfs + 10
+        off = np.abs(live - whole)[loud, 0]
+        assert off[-10:].max() < min(off[:10].min(), 4.0)  # the level is known ever better
+
+    def test_the_level_starts_at_the_usual_one_and_follows_what_is_heard(self) -> None:
+        level = RunningLevel()
+        assert level.levels_dbfs == [USUAL_DBFS]
+        level.push(np.zeros(SAMPLE_RATE, np.float32))
+        assert level.levels_dbfs[-1] == USUAL_DBFS  # silence says nothing
+        loud = np.tile([0.5, -0.5], 40 * SAMPLE_RATE // 2).astype(np.float32)
+        level.push(loud)
+        assert level.levels_dbfs[-1] == pytest.approx(-6.02, abs=1)
+        level.push(loud / 100)
+        assert level.levels_dbfs[-1] == pytest.approx(-46.02, abs=3)  # the loud part is out of memory
+        assert len(level._audible_dbfs) == 600
+
+    def test_other_frame_rates(self) -> None:
+        settings, sound = embedding_settings(), speech(2.0)
+        live = LiveProsody(settings, 50.0, together=3)
+        parts = [live.push(each) for each in np.array_split(sound, 17)] + [live.finish()]
+        expected = LiveProsody(settings, 50.0).whole(sound)
+        assert len(expected) == 100
+        np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-4)
+        with pytest.raises(InputError, match=r"fps: should be 20, 25, 50 or 100 .* got 30"):
+            LiveProsody(settings, 30.0)

@@ -1,0 +1,483 @@
+"""`talkingeyes study`: designs, who sees what, films, the page, and what a crowd with known preferences comes to."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+import yaml
+from fastapi.testclient import TestClient
+
+from talkingeyes import cli
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.samples import FaceSamples, Samples
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.takes import motions_in
+from talkingeyes.errors import InputError
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import pose_of
+from talkingeyes.head.skinning import posed
+from talkingeyes.motion import Motion
+from talkingeyes.rotation import gaze_of_angles
+from talkingeyes.study.answers import Answer, Answers
+from talkingeyes.study.design import DESIGNS, Design, load_design, names
+from talkingeyes.study.films import LATE_S, shown, static_lids
+from talkingeyes.study.folder import Study, film_id, films_of
+from talkingeyes.study.plan import ATTENTION, Pair, pairs_of
+from talkingeyes.study.results import preferences, wilcoxon_p
+from talkingeyes.study.server import study_app
+from talkingeyes.study.tables import p_text, table
+from talkingeyes.studying import make, results
+from tests.browser import CHROMIUM, browsing
+
+FPS, FRAMES = 25.0, 15
+
+
+def pools(design: Design) -> dict[str, tuple[str, ...]]:
+    clips = {s.name: tuple(f"{s.name}-{place}" for place in range(s.pool)) for s in design.strata}
+    return {**clips, ATTENTION: ("check",)}
+
+
+def a_study(root: Path, design: Design, seed: int = 0) -> Study:
+    """A study whose films are no films."""
+    study = Study(root, design, seed, pools(design))
+    (root / "films").mkdir(parents=True)
+    for name in study.films:
+        study.film(name).write_bytes(b"film " + name.encode())
+    study.save()
+    return Study.load(root)
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_designs_ask_what_the_papers_asked(name: str) -> None:
+    design = load_design(name)
+    shown_ = pairs_of(design, pools(design), 0, 0)
+    asked = {
+        "talkingeyes_table4": (30, 6, 20),
+        "probtalk3d_table2": (24, 3, 69),
+        "posegan_table4": (100, 5, 50),
+        "posegan_shape": (3, 1, 50),
+        "eyelid_follow": (10, 1, 20),
+    }[name]
+    assert (len(shown_) - 1, len(design.comparisons), design.participants) == asked
+    assert sum(pair.attention for pair in shown_) == 1
+    if name == "posegan_table4":
+        assert Counter(pair.stratum for pair in shown_ if not pair.attention) == {
+            "4_seconds": 60,
+            "8_seconds": 25,
+            "12_seconds": 15,
+        }
+    if name == "probtalk3d_table2":
+        assert [question.label for question in design.questions] == ["Lip Sync", "Realism", "Emotional Expression"]
+        assert {count for count in Counter(pair.stratum for pair in shown_ if not pair.attention).values()} == {3}
+
+
+def test_films_are_dealt_evenly_and_sides_are_fair() -> None:
+    design = load_design("talkingeyes_table4")
+    everything = [pair for number in range(20) for pair in pairs_of(design, pools(design), 3, number)]
+    for comparison in design.comparisons:
+        own = [pair for pair in everything if (pair.a, pair.b) == comparison and not pair.attention]
+        assert len(own) == 100
+        assert set(Counter(pair.clip for pair in own).values()) == {5}  # 20 films, 100 answers
+        assert sum(pair.a_left for pair in own) == 50
+    first, second = pairs_of(design, pools(design), 3, 0), pairs_of(design, pools(design), 3, 1)
+    assert [pair.clip for pair in first] != [pair.clip for pair in second]
+    assert first == pairs_of(design, pools(design), 3, 0)
+    assert first != pairs_of(design, pools(design), 4, 0)
+
+
+def chooses_a(pair: Pair, prefers: dict[tuple[str, str], float], careless: bool, random: np.random.Generator) -> bool:
+    """A person with known preferences; the careless ones miss the check."""
+    return not careless if pair.attention else bool(random.random() < prefers[pair.a, pair.b])
+
+
+def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], careless: int = 0) -> None:
+    """People who answer all that they are asked."""
+    random = np.random.default_rng(0)
+    for person in range(people):
+        token = study.answers.begin()
+        pairs = study.pairs(person)
+        for place, pair in enumerate(pairs):
+            who = study.answers.participant(token)
+            assert who is not None
+            if who.done:
+                break
+            chosen = {
+                question.name: chooses_a(pair, prefers, person < careless, random)
+                for question in study.design.questions
+            }
+            last = place + 1 == len(pairs)
+            assert study.answers.add(who, pair, chosen, last, study.design.attention.ends)
+
+
+def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float], careless: bool, seed: int) -> None:
+    """One of them, through the pages: all that is known there are two names of films."""
+    random = np.random.default_rng(seed)
+    token = page.post("/api/begin").json()["token"]
+    state = page.get(f"/api/state/{token}").json()
+    while not state["done"]:
+        left, right = study.films[state["left"]], study.films[state["right"]]
+        swapped = (
+            left.condition,
+            right.condition,
+        ) not in prefers and left.condition != study.design.attention.condition
+        a, b = (right, left) if swapped else (left, right)
+        a_chosen = chooses_a(Pair(a.condition, b.condition, a.stratum, a.clip, not swapped), prefers, careless, random)
+        answers = {question["name"]: "right" if a_chosen == swapped else "left" for question in state["questions"]}
+        sent = page.post(f"/api/state/{token}", json={"place": state["place"], "answers": answers})
+        assert sent.status_code == 200, sent.text
+        state = sent.json()
+
+
+def test_what_is_chosen_on_the_page_is_what_counts(tmp_path: Path) -> None:
+    study = a_study(tmp_path / "study", load_design("eyelid_follow"))
+    with TestClient(study_app(study)) as page:
+        for person, careless in enumerate((False, True, False)):
+            visit(page, study, {("following", "static"): 1.0}, careless, person)
+    found = results(study.root)
+    assert (found.began, found.finished, found.failed) == (3, 2, 1)
+    answers = study.answers.valid()
+    assert {answer.participant for answer in answers} == {0, 2}
+    assert len(answers) == 2 * 10 * 2
+    assert all(answer.chose_a for answer in answers)  # whichever side it was on
+    assert len({answer.a_left for answer in answers}) == 2
+
+
+def test_a_crowd_with_known_preferences_is_found_out(tmp_path: Path) -> None:
+    design = load_design("talkingeyes_table4")
+    study = a_study(tmp_path / "study", design)
+    known = dict(zip(design.comparisons, (0.9, 0.8, 0.8, 0.7, 0.5, 0.2), strict=True))
+    crowd(study, 22, known, careless=2)
+    found = results(study.root)
+    assert (found.began, found.finished, found.failed) == (22, 20, 2)
+    rates = {(each.a, each.b): each for each in preferences(design, study.answers.valid())}
+    for comparison, rate in known.items():
+        each = rates[comparison]
+        assert each.answers == 100  # 5 of each of 20: the paper's 600 in all
+        assert abs(each.rate.value - rate) < 0.12
+        assert each.rate.low <= each.rate.value <= each.rate.high
+        assert (each.wilcoxon_p < 0.05) == (rate != 0.5)
+        assert (each.binomial_p < 0.05) == (rate != 0.5)
+    lines = found.table.splitlines()
+    assert lines[0].startswith("| Method A vs. Method B | Preference Rate |")
+    assert [line.split(" | ")[0] for line in lines[2:]] == [
+        f"| Ours vs. {name}" for name in ("Mean", "Random", "Similar Sample", "VAE", "Ground Truth")
+    ] + ["| Random vs. Ground Truth"]
+    assert json.loads((study.root / "results.json").read_text())["failed"] == 2
+
+
+def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
+    study = a_study(tmp_path / "study", load_design("probtalk3d_table2"))
+    known = dict(zip(study.design.comparisons, (0.4, 0.75, 0.6), strict=True))
+    crowd(study, 16, known, careless=1)
+    found = results(study.root)
+    assert (found.finished, found.failed) == (15, 1)
+    assert study.answers.participants()[0].place <= 13  # the check is in the first half
+    assert {answer.participant for answer in study.answers.valid()} == set(range(1, 16))
+    header, _, *rows = found.table.splitlines()
+    assert "Lip Sync, A | B | p | Realism, A | B | p | Emotional Expression, A" in header
+    shares = [float(cell.rstrip("%")) for cell in rows[1].split(" | ")[1:3]]
+    assert sum(shares) == pytest.approx(100)
+    assert shares[0] > 60
+
+
+def test_the_table_of_posegan_has_a_column_a_length(tmp_path: Path) -> None:
+    design = load_design("posegan_table4")
+    answers = [
+        Answer(person, "better", a, b, stratum.name, "c", True, chose_a=(person + place) % 10 < 3)
+        for (a, b), stratum, person, place in itertools.product(design.comparisons, design.strata, range(20), range(2))
+    ]
+    header, _, *rows = table(design, preferences(design, answers)).splitlines()
+    assert header == "| Method | 4 seconds | 8 seconds | 12 seconds |"
+    assert rows[-1].startswith("| PoseGAN | 30.0 (")
+    empty = table(design, [])
+    assert empty.count("| - | - | - |") == 5
+
+
+def test_p_values_are_those_of_the_definitions() -> None:
+    design = load_design("eyelid_follow")
+    answers = [
+        Answer(person, "natural", "following", "static", "all_clips", "c", place % 2 == 0, chose_a=place < 8)
+        for person in range(5)
+        for place in range(10)
+    ]
+    (found,) = preferences(design, answers)
+    assert found.binomial_p == pytest.approx(2 * sum(math.comb(50, k) for k in range(11)) / 2**50)
+    assert found.wilcoxon_p == pytest.approx(2 / 2**5)  # all five prefer A
+    assert (found.wilson_low, found.wilson_high) == pytest.approx((0.6696, 0.8876), abs=1e-3)
+    assert math.isnan(wilcoxon_p(np.zeros(4, int)))
+    assert (p_text(1.68e-4), p_text(0.0328), p_text(math.nan)) == ("1.68e-4", "3.28e-2", "-")
+
+
+def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_path: Path) -> None:
+    study = a_study(tmp_path / "study", load_design("eyelid_follow"))
+    page = TestClient(study_app(study))
+    token = page.post("/api/begin").json()["token"]
+    state = page.get(f"/api/state/{token}").json()
+    choice = {"place": 0, "answers": {"natural": "left", "gaze": "right"}}
+    assert page.post(f"/api/state/{token}", json=choice).json()["place"] == 1
+    again = TestClient(study_app(Study.load(study.root)))
+    resumed = again.get(f"/api/state/{token}").json()
+    assert (state["place"], resumed["place"]) == (0, 1)
+    assert again.post(f"/api/state/{token}", json=choice).status_code == 409  # that pair is answered
+    assert again.get(f"/api/state/{token}").json() == resumed
+    with sqlite3.connect(study.answers.path) as connection:
+        columns = {
+            row[1] for table_ in ("participant", "answer") for row in connection.execute(f"pragma table_info({table_})")
+        }
+    connection.close()
+    assert columns == {
+        *("number", "token", "place", "attention", "done"),
+        *("participant", "question", "a", "b", "stratum", "clip", "a_left", "chose_a"),
+    }
+
+
+def test_pages_do_not_tell_which_film_is_which(tmp_path: Path) -> None:
+    study = a_study(tmp_path / "study", load_design("talkingeyes_table4"))
+    page = TestClient(study_app(study))
+    state = page.get(f"/api/state/{page.post('/api/begin').json()['token']}").json()
+    assert not any(word in json.dumps(state) for word in ("ours", "truth", "vae", "random", "similar", "all_clips-"))
+    film = page.get(f"/films/{state['left']}.mp4", headers={"range": "bytes=0-3"})
+    assert (film.status_code, film.content) == (206, b"film")
+
+
+def test_bad_requests_are_refused_with_a_reason_and_change_nothing(tmp_path: Path) -> None:
+    study = a_study(tmp_path / "study", load_design("eyelid_follow"))
+    (study.root / "secret.mp4").write_bytes(b"secret")
+    page = TestClient(study_app(study), raise_server_exceptions=False)
+    token = page.post("/api/begin").json()["token"]
+    good = {"natural": "left", "gaze": "left"}
+    wrong = [
+        (b"", 422),
+        (b"\xff\x00", 422),
+        (b"[" * 4000, 422),
+        (b"x" * 5000, 413),
+        (b"{}", 422),
+        (json.dumps({"place": 0, "answers": {"natural": "left"}}).encode(), 422),
+        (json.dumps({"place": 0, "answers": {**good, "natural": "middle"}}).encode(), 422),
+        (json.dumps({"place": 0, "answers": good, "number": 1}).encode(), 422),
+        (json.dumps({"place": 10**30, "answers": good}).encode(), 409),
+        (json.dumps({"place": -1, "answers": good}).encode(), 409),
+    ]
+    for content, status in wrong:
+        answer = page.post(f"/api/state/{token}", content=content)
+        assert (answer.status_code, bool(answer.json()["detail"])) == (status, True), content
+    assert page.post("/api/state/nobody", json={"place": 0, "answers": good}).status_code == 404
+    for path in ("/films/secret.mp4", "/films/..%2fsecret.mp4", "/study.json", "/answers.sqlite", "/../study.json"):
+        assert page.get(path).status_code == 404, path
+    assert page.get("/", headers={"host": "elsewhere.example"}).status_code == 400
+    assert study.answers.participants()[0].place == 0
+
+
+def toy_data(root: Path, clips: int = 4) -> Path:
+    """A data folder: a corpus with truth, and samples of two models, one of faces."""
+    random = np.random.default_rng(0)
+    corpus = Corpus(root / "data" / "synthesize")
+    corpus.root.mkdir(parents=True)
+    index = []
+    for number in range(clips):
+        name = f"c{number}"
+        gaze = gaze_of_angles(random.normal(0, 0.1, (FRAMES, 2, 2)))
+        truth = Motion.of(FPS, random.normal(0, 0.1, (FRAMES, 3)), gaze, lid=np.full((FRAMES, 2), 0.25))
+        sound = random.normal(0, 0.1, int(FRAMES / FPS * 16_000)).astype(np.float32)
+        corpus.write_sound(name, sound, Annotation())
+        folder = root / "data" / "sample"
+        truth.save(sharded_for_writing(corpus.root / "truth", name, ".npz"))
+        drawn = Samples(FPS, random.normal(0, 0.1, (2, FRAMES, 3)), np.stack([gaze, gaze]))
+        drawn.save(sharded_for_writing(folder / "talkingeyes", name, ".npz"))
+        faces = FaceSamples(FPS, np.full((2, FRAMES, 3), 0.1), np.full((2, FRAMES, 1), 0.5), ("jawOpen",), "anny")
+        faces.save(sharded_for_writing(folder / "probtalk3d", name, ".npz"))
+        index.append(Clip(name, name, 0, "s", "test", FRAMES / FPS, FPS, "neutral", 0, "en", "", "", "", ""))
+    corpus.write_index(index)
+    return root / "data"
+
+
+SMALL = {
+    "pool": 2,
+    "pairs": 1,
+    "name": "all_clips",
+    "emotion": None,
+    "seconds": 0.2,
+}
+
+
+def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = toy_data(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
+    Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
+    study = make("own.yaml", "study", data=data, size=32)
+    assert len(list((tmp_path / "study" / "films").iterdir())) == 2 * 2 + 2
+    pictures = {}
+    for name, film in study.films.items():
+        with av.open(str(study.film(name))) as container:
+            pictures[film.condition, film.clip] = [
+                frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)
+            ]
+            assert len(container.streams.audio) == 1
+    assert {len(frames) for (_, clip), frames in pictures.items() if clip in study.clips["all_clips"]} == {5}
+    check = study.clips[ATTENTION][0]
+    upright, turned = pictures["following", check], pictures["upside_down", check]
+    same, other = (np.abs(each.astype(int) - turned[0]).mean() for each in (upright[0][::-1], upright[0]))
+    assert 3 * same < other  # not the same bytes: films are encoded
+    with pytest.raises(InputError, match="earlier output"):
+        make("own.yaml", "study", data=data, size=32)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = toy_data(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
+    Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
+    make("own.yaml", "study", data=data, size=64)
+    command = [sys.executable, "-m", "talkingeyes.cli", "study", "run", "study", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, browsing(tmp_path / "p") as browser:
+        assert server.stdout is not None
+        address = server.stdout.readline().split(" ")[0]
+        browser.open(address)
+        browser.until("document.body.dataset.state == 'begin'")
+        browser.value("document.getElementById('start').click()")
+        for place in range(2):
+            browser.until(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
+            browser.value("document.querySelectorAll('input[value=left]').forEach((choice) => choice.click())")
+            assert browser.value("document.getElementById('next').disabled")  # nothing was watched yet
+            for side in ("left", "right"):
+                browser.value(f"document.getElementById('{side}').play()")
+                browser.until(f"document.getElementById('{side}').classList.contains('seen')")
+            browser.value("document.getElementById('next').click()")
+            if place == 0:
+                browser.until("document.body.dataset.place == '1'")
+                browser.open("about:blank")
+                browser.open(address)  # closed and opened again: goes on where it was
+        browser.until("document.body.dataset.state == 'end'")
+        server.send_signal(2)
+        assert server.wait(timeout=30) == 0
+    assert results("study").began == 1
+    assert Study.load(Path("study")).answers.participants()[0].done
+
+
+def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from talkingeyes.export.video import write_video
+
+    data = toy_data(tmp_path)
+    for number in range(4):
+        frames = (np.full((32, 32, 3), 10 * place, np.uint8) for place in range(FRAMES))
+        (tmp_path / "emote").mkdir(exist_ok=True)
+        write_video(tmp_path / f"emote/c{number}.mp4", frames, FPS, np.sin(np.arange(9600) / 9).astype(np.float32))
+    monkeypatch.chdir(tmp_path)
+    content = yaml.safe_load((DESIGNS / "probtalk3d_table2.yaml").read_text())
+    Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
+    study = make("own.yaml", "study", data=data, conditions={"emote": "emote"}, without=["facediffuser"], size=32)
+    assert {film.condition for film in study.films.values()} == {"ours", "truth", "emote", "late_sound"}
+    own = next(name for name, film in study.films.items() if film.condition == "emote")
+    with av.open(str(study.film(own))) as container:
+        levels = [frame.to_ndarray(format="rgb24").mean() for frame in container.decode(video=0)]
+    assert len(levels) == 5
+    assert np.allclose(levels, 10 * np.arange(5), atol=4)
+    late = next(name for name, film in study.films.items() if film.condition == "late_sound")
+    with av.open(str(study.film(late))) as container:
+        heard = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
+    assert LATE_S > FRAMES / FPS
+    assert np.abs(heard).max() < 0.01  # the film ends before its sound begins
+
+
+def test_a_film_shows_what_varies_and_shares_the_rest(tmp_path: Path) -> None:
+    design = load_design("posegan_table4")
+    drawn = Motion.of(FPS, np.full((10, 3), 0.1), np.full((10, 2, 3), 0.2), lid=np.full((10, 2), 0.3))
+    truth = Motion.of(FPS, np.full((12, 3), 0.5), np.full((12, 2, 3), 0.6), jaw=np.full((12, 3), 0.7))
+    film = shown(design, drawn, truth)
+    assert len(film) == 10
+    assert (film.head[0, 0], film.gaze[0, 0, 0], film.lid[0, 0], film.jaw[0, 0]) == (0.1, 0.0, 0.0, 0.7)
+    with pytest.raises(InputError, match="25 frames a second of the truth, got 30"):
+        shown(design, Motion.of(30.0, drawn.head, drawn.gaze), truth)
+
+
+def test_static_lids_blink_but_do_not_follow() -> None:
+    head, still = open_head(), static_lids(open_head())
+    upper = head.landmarks.names.index("left_eye_upper_outer")
+
+    def height(model: object, pitch_deg: float, lid: float) -> float:
+        gaze = gaze_of_angles(np.radians(np.full((1, 2, 2), [0.0, pitch_deg])))
+        motion = Motion.of(FPS, np.zeros((1, 3)), gaze, lid=np.full((1, 2), float(lid)))
+        return float(head.landmarks.of(posed(model, pose_of(model, motion)))[0, upper, 1])
+
+    assert height(head, 0, 0) - height(head, -15, 0) > 0.001
+    assert height(still, 0, 0) - height(still, -15, 0) == pytest.approx(0, abs=1e-6)
+    assert height(still, 0, 0) - height(still, 0, 1) > 0.004
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["make", "duck", "-o", "x"], "design: should be eyelid_follow, posegan_shape"),
+        (["make", "none.yaml", "-o", "x"], "none.yaml: not a readable design"),
+        (["make", "bad.yaml", "-o", "x"], "bad.yaml.title: Field required"),
+        (["make", "talkingeyes_table4", "-o", "x"], "mean: should have motions (.npz) or films (.mp4)"),
+        (["make", "eyelid_follow", "-o", "x"], "all_clips: should have 20 clips that all conditions have, got 4"),
+        (["make", "eyelid_follow", "-o", "x", "--fewer", "--size", "5"], "size: should be 16 to 1080"),
+        (["make", "eyelid_follow", "-o", "x", "--condition", "a"], "condition: should be NAME=DIR, got 'a'"),
+        (
+            ["make", "eyelid_follow", "-o", "x", "--condition", "a=b"],
+            "condition: should be one of following, static, got 'a'",
+        ),
+        (["make", "eyelid_follow", "-o", "x", "--without", "static"], "without: should leave a comparison"),
+        (["make", "eyelid_follow", "-o", "data"], "should be a new or empty folder"),
+        (["run", "none"], "none/study.json: not a readable study"),
+        (["results", "data"], "data/study.json: not a readable study"),
+        (["run", "torn"], "torn: should hold 4 films, got none called"),
+    ],
+)
+def test_a_mistake_is_one_line_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    toy_data(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    Path("bad.yaml").write_text("design: 1\n")
+    if words[-1] == "torn":
+        design = load_design("eyelid_follow")
+        Path("torn").mkdir()
+        Study(Path("torn"), design, 0, {"all_clips": ("c0",), ATTENTION: ("c1",)}).save()
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.setattr(sys, "argv", ["talkingeyes", "study", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    captured = capfd.readouterr()
+    assert left.value.code == 2
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_file_of_answers_that_is_none_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "answers.sqlite").write_text("no database " * 100)
+    with pytest.raises(InputError, match="should hold the answers of a study"):
+        Answers(tmp_path / "answers.sqlite").begin()
+
+
+def test_samples_of_faces_are_motions(tmp_path: Path) -> None:
+    data = toy_data(tmp_path, clips=1)
+    (path,) = (data / "sample/probtalk3d").rglob("*.npz")
+    motions = motions_in(path)
+    assert [motion.jaw[0, 0] for motion in motions] == pytest.approx([0.1, 0.1])
+    assert motions[0].expression_names == ("jawOpen",)
+    assert not motions[0].head.any()
+
+
+def test_no_two_films_of_a_study_share_a_name() -> None:
+    for name in names():
+        design = load_design(name)
+        films = films_of(design, pools(design))
+        assert len({film_id(0, film) for film in films}) == len(films)
+        assert not {film_id(0, film) for film in films} & {film_id(1, film) for film in films}

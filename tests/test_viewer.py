@@ -1,0 +1,257 @@
+"""`talkingeyes view`: what the page is told, what it shows and does in a browser, and one line for what will not do."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from fastapi.testclient import TestClient
+from scipy.spatial.transform import Rotation
+
+from talkingeyes import cli
+from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.errors import InputError
+from talkingeyes.export.glb import joint_offsets
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import pose_of
+from talkingeyes.motion import Blink, Events, Motion
+from talkingeyes.rotation import gaze_of_angles
+from talkingeyes.viewer.assets import NAMES, asset
+from talkingeyes.viewer.head_file import FIXED, pose_rows
+from talkingeyes.viewer.scene import outline, traces
+from talkingeyes.viewer.server import viewer_app
+from talkingeyes.viewing import scene_of
+from tests.browser import CHROMIUM, browsing
+from tests.toy_workspace import toy_workspace
+
+FPS, FRAMES = 25.0, 50
+
+
+def motion(seed: int) -> Motion:
+    random = np.random.default_rng(seed)
+    head = np.cumsum(random.normal(0, 0.01, (FRAMES, 3)), axis=0)
+    gaze = gaze_of_angles(np.cumsum(random.normal(0, 0.02, (FRAMES, 2, 2)), axis=0))
+    return Motion.of(FPS, head, gaze, jaw=np.full((FRAMES, 3), [0.1, 0, 0]), lid=random.uniform(0, 1, (FRAMES, 2)))
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder with two motions of one sound, its words, and a truth."""
+    monkeypatch.chdir(tmp_path)
+    for index, name in enumerate(("a", "b", "true")):
+        motion(index).save(tmp_path / f"{name}.npz")
+    Events(blinks=(Blink(0.5, 0.1, 0.05, 0.2, 1.0),)).save(tmp_path / "a.events.json")
+    soundfile.write("a.wav", np.sin(np.arange(32_000) / 10) * np.linspace(0, 0.5, 32_000), 16_000)
+    Annotation(words=(Span(0.2, 0.6, "good"), Span(0.7, 1.2, "morning"))).save(tmp_path / "words.json")
+    return tmp_path
+
+
+def test_rows_hold_the_pose_that_the_head_has(place: Path) -> None:
+    head, shown = open_head(), motion(3)
+    rows, pose = pose_rows(head, shown), pose_of(head, shown)
+    assert rows.shape == (FRAMES, FIXED + len(head.expression_names))
+    assert rows.dtype == np.dtype("<f4")
+    assert np.allclose(rows[:, :3] - joint_offsets(head)[0], pose.translation, atol=1e-6)
+    for place_, vectors in enumerate((pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1])):
+        turned = Rotation.from_quat(rows[:, 3 + 4 * place_ : 7 + 4 * place_]).as_matrix()
+        assert np.allclose(turned, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-5)
+    assert np.allclose(rows[:, FIXED:], pose.expression, atol=1e-6)
+
+
+def test_the_page_is_told_of_truth_samples_words_and_sound(place: Path) -> None:
+    scene = scene_of(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
+    page = TestClient(viewer_app(scene, open_head()))
+    told = page.get("/scene.json").json()
+    assert [(take["name"], take["truth"]) for take in told["takes"]] == [("true", True), ("a", False), ("b", False)]
+    assert told["words"] == [[0.2, 0.6, "good"], [0.7, 1.2, "morning"]]
+    assert (told["seconds"], told["sound"]) == (2.0, True)
+    assert told["takes"][1]["blinks"] == [[0.5, 0.85]]
+    assert np.allclose(told["takes"][2]["traces"]["gaze_yaw_deg"], traces(motion(1))["gaze_yaw_deg"], atol=0.01)
+    rows = np.frombuffer(page.get("/poses/2").content, "<f4").reshape(FRAMES, -1)
+    assert np.array_equal(rows, pose_rows(open_head(), Motion.load(Path("b.npz"))))
+    assert page.get("/sound.wav").content[:4] == b"RIFF"
+    assert page.get("/head.glb").content[:4] == b"glTF"
+    assert "style.css" in page.get("/").text
+
+
+def test_angles_left_and_up_are_positive() -> None:
+    looking = Motion.of(FPS, np.zeros((1, 3)), gaze_of_angles(np.radians([[[10.0, 5.0], [10.0, 5.0]]])))
+    found = traces(looking)
+    assert (round(found["gaze_yaw_deg"][0], 3), round(found["gaze_pitch_deg"][0], 3)) == (10.0, 5.0)
+    assert found["head_yaw_deg"][0] == 0
+
+
+def test_the_outline_follows_the_loudness() -> None:
+    peaks = outline(np.concatenate([np.full(8000, 0.01), np.full(8000, 0.2)]))
+    assert len(peaks) == 100
+    assert set(peaks[:50]) == {0.05}
+    assert set(peaks[51:]) == {1.0}
+
+
+def test_a_clip_of_a_corpus_brings_its_sound_words_and_truth(tmp_path: Path) -> None:
+    workspace = toy_workspace(tmp_path)
+    clip = next(path for path in (tmp_path / "data/sample/random").rglob("*.npz"))
+    scene = scene_of([clip], corpus=workspace.corpus)
+    samples = Samples.load(clip)
+    assert [take.truth for take in scene.takes] == [True] + [False] * len(samples.head)
+    assert scene.takes[2].name == f"{clip.stem}, sample 1"
+    assert np.array_equal(scene.takes[2].motion.head, samples.head[1])
+    assert scene.sound is not None
+
+
+def test_only_own_files_are_served(place: Path) -> None:
+    page = TestClient(viewer_app(scene_of(["a.npz"]), open_head()), raise_server_exceptions=False)
+    for name in (
+        "a.npz",
+        "../a.npz",
+        "..%2fa.npz",
+        "%2e%2e/%2e%2e/etc/passwd",
+        "poses/1",
+        "poses/-1",
+        "sound.wav",
+        "x" * 5000,
+    ):
+        assert page.get(f"/{name}").status_code == 404, name
+    assert page.post("/scene.json").status_code == 405
+    answer = page.get("/", headers={"host": "elsewhere.example"})
+    assert answer.status_code == 400
+    invited = TestClient(viewer_app(scene_of(["a.npz"]), open_head(), "studio.example"))
+    assert invited.get("/", headers={"host": "studio.example:8010"}).status_code == 200
+    assert "default-src 'self'" in page.get("/").headers["content-security-policy"]
+
+
+def test_pages_load_nothing_from_elsewhere() -> None:
+    for name in NAMES:
+        if name == "three.js":
+            continue
+        text = asset(name).content.decode()
+        assert "//cdn" not in text
+        assert "http:" not in text
+        assert "https:" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["none.npz"], "none.npz: not a readable motion"),
+        (["a.npz", "--truth", "none.npz"], "none.npz: not a readable motion"),
+        (["a.npz", "--sound", "words.json"], "words.json: "),
+        (["a.npz", "--words", "a.wav"], "a.wav: not a readable annotation"),
+        (["a.npz", "--corpus", "."], "clips.parquet: not a corpus index"),
+        (["a.npz", "--head", "duck"], "should be one of anny, flame"),
+        (["a.npz"] * 13, "at most 12"),
+        (["a.npz", "--port", "70000"], "port: should be 0 to 65535, got 70000"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    before = sorted(place.iterdir())
+    monkeypatch.setattr(sys, "argv", ["talkingeyes", "view", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    captured = capfd.readouterr()
+    assert left.value.code == 2
+    assert message in captured.err
+    assert captured.err.startswith("error: ")
+    assert captured.err.count("\n") == 1
+    assert sorted(place.iterdir()) == before
+
+
+def test_a_port_that_is_taken_is_one_line(place: Path) -> None:
+    from talkingeyes.viewing import view
+
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="port: should be free"):
+        view(["a.npz"], port=taken.getsockname()[1], started=lambda _: None)
+
+
+def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("talkingeyes.viewer.assets.find_spec", lambda _: None)
+    asset.cache_clear()
+    with pytest.raises(InputError, match="extra `web`"):
+        asset("three.js")
+
+
+@pytest.fixture
+def address(place: Path) -> Iterator[str]:
+    """The command as a person calls it, on a free port."""
+    words = [
+        "view",
+        "a.npz",
+        "b.npz",
+        "--truth",
+        "true.npz",
+        "--sound",
+        "a.wav",
+        "--words",
+        "words.json",
+        "--port",
+        "0",
+    ]
+    command = [sys.executable, "-m", "talkingeyes.cli", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process:
+        yield process.stdout.readline().split(" ")[0]
+        process.send_signal(2)
+        assert process.wait(timeout=30) == 0
+
+
+STATE = "JSON.stringify(document.body.dataset)"
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_heads_play_in_step_in_a_browser(address: str, tmp_path: Path) -> None:
+    with browsing(tmp_path / "profile") as browser:
+        browser.open(f"{address}#at=0.8&rays=1")
+        browser.until("document.body.dataset.state == 'paused'")
+        assert json.loads(browser.value(STATE))["frames"] == "20,20,20"
+        assert browser.value("document.querySelectorAll('.take').length") == 3
+        assert browser.value("document.querySelector('.take').classList.contains('truth')")
+        still = browser.value("document.getElementById('heads').toDataURL()")
+        assert len(set(still)) > 40
+        browser.value("document.getElementById('forth').click()")
+        browser.until("document.body.dataset.frames == '21,21,21'")
+        assert browser.value("document.getElementById('heads').toDataURL()") != still
+        browser.value("document.getElementById('back').click()")
+        browser.until("document.body.dataset.frames == '20,20,20'")
+        browser.value(
+            "(speed => { speed.value = '0.5'; speed.onchange({target: speed}); })(document.getElementById('speed'))"
+        )
+        browser.value("document.getElementById('play').click()")
+        browser.until("document.body.dataset.state == 'playing'")
+        assert browser.value("document.getElementById('sound').playbackRate") == 0.5
+        browser.until("Number(document.body.dataset.now) > 1")
+        frames = json.loads(browser.value(STATE))["frames"].split(",")
+        assert len(set(frames)) == 1  # in step
+        browser.until("document.body.dataset.state == 'paused' && document.body.dataset.now == '2.000'")
+        box = browser.value("JSON.stringify(document.getElementById('whole').getBoundingClientRect())")
+        left = json.loads(box)
+        for kind in ("mousePressed", "mouseReleased"):
+            at = {"x": left["x"] + left["width"] / 4, "y": left["y"] + 5}
+            browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **at)
+        browser.until("document.body.dataset.frames == '12,12,12'")  # a quarter of two seconds
+        browser.picture(tmp_path / "page.png")
+    assert (tmp_path / "page.png").stat().st_size > 50_000
+
+
+def test_the_player_is_valid_javascript() -> None:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs node")
+    for name in NAMES:
+        if name.endswith(".js") and name != "three.js":
+            checked = subprocess.run(
+                [node, "--input-type=module", "--check"], check=False, input=asset(name).content, capture_output=True
+            )
+            assert checked.returncode == 0, checked.stderr

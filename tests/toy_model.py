@@ -1,0 +1,55 @@
+"""A trained model that needs no training: a baseline over toy motions behind the log-mel encoder, as a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from toy import recordings
+
+from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.learning.trained import save_baseline
+from talkingeyes.models.baselines import BaselineSettings, bank_of
+
+EMBED = {
+    "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
+    "prosody": {
+        "f0_lowest_hz": 60.0,
+        "f0_highest_hz": 450.0,
+        "aperiodicity": 0.25,
+        "energy_window_s": 0.05,
+        "energy_floor_dbfs": -80.0,
+    },
+    "level_dbfs": -20.0,
+}
+BLINKS = {"speakers": {"log_normal": {"mean": 3.0, "sd": 0.3}, "count": 9, "without_blinks": 0}}
+
+
+def toy_model(folder: Path) -> Path:
+    """Write it; the motions that it draws are those of `toy`."""
+    folder.mkdir(parents=True)
+    channels = make_encoder(EmbedSettings.model_validate(EMBED)).channels
+    clips = recordings(6, seed=1)
+    random = np.random.default_rng(0)
+    features = [random.standard_normal((len(clip.head), len(channels))).astype(np.float32) for clip in clips]
+    bank = bank_of(features, [clip.head for clip in clips], [clip.gaze for clip in clips])
+    settings = BaselineSettings.model_validate(
+        {"kind": "similar", "parts": ["head", "gaze"], "prior": None, "neighbours": 3}
+    )
+    mean, std = np.zeros(len(channels), np.float32), np.ones(len(channels), np.float32)
+    save_baseline(folder, settings, bank, mean, std)
+    embedding = {"fps": 25.0, "settings": EMBED, "channels": channels, "mean": mean.tolist(), "std": std.tolist()}
+    (folder / "embedding.json").write_text(json.dumps(embedding))
+    (folder / "blinks.json").write_text(json.dumps(BLINKS))
+    (folder / "speakers.json").write_text("{}")
+    return folder
+
+
+def sound_file(path: Path, seconds: float = 1.0, seed: int = 0) -> Path:
+    """Noise that comes and goes."""
+    times = np.arange(round(seconds * 16_000)) / 16_000
+    noise = np.random.default_rng(seed).normal(0, 0.1, len(times)) * (1 + np.sin(2 * np.pi * 3 * times)) / 2
+    soundfile.write(path, noise, 16_000)
+    return path
