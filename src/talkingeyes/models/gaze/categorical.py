@@ -20,6 +20,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
 
@@ -172,11 +173,3 @@ def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tenso
     if codebook.stay_tolerance_rad is None:
         return torch.zeros(patches.shape[:2], dtype=torch.bool, device=patches.device)
     return torch.from_numpy(stays(patches.cpu().numpy(), codebook.stay_tolerance_rad)).to(patches.device)
-
-
-def draw(logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float) -> Int[Tensor, " B"]:
-    """A category by the inverse of the distribution function; temperature 0 takes the most probable."""
-    if temperature == 0:
-        return logits.argmax(-1)
-    cumulative = (logits.double() / temperature).softmax(-1).cumsum(-1)
-    return (cumulative < uniform.double()[:, None] * cumulative[:, -1:]).sum(-1).clamp(max=logits.shape[-1] - 1)

@@ -16,10 +16,10 @@ from torch import Tensor, nn
 
 from talkingeyes.errors import InputError
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.categorical import draw
 from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.quantiser import Quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
