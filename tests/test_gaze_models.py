@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
-from talkingeyes.models.gaze.categorical import draw, stay_mask
+from talkingeyes.models.gaze.categorical import stay_mask
 from talkingeyes.models.gaze.signal import mirrored, stays, to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.quantiser import QuantiserSettings
 from talkingeyes.models.layers.transformer import TransformerSettings
 from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion, SpeechToMotionSettings
