@@ -25,7 +25,7 @@ from talkingeyes.motion import Saccade
 from talkingeyes.physiology import saccades
 from talkingeyes.settings import PartSettings
 
-# Fitted gaze rests between steps: what moves by less than EDGE a frame rests, what lands nearer than LEAST did not leave.
+# Fitted gaze rests between steps: what moves by less than EDGE a frame rests; what lands nearer than LEAST never left.
 EDGE_RAD = np.radians(0.2)
 LEAST_RAD = np.radians(0.7)
 # Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.

@@ -22,6 +22,7 @@ from talkingeyes.models.layers.draw import draw
 from talkingeyes.settings import Settings
 
 OLDEST = 63  # bins since the last event are told apart up to this many
+LOOK = 16  # bins that are looked at together in drawing; two events are some eight apart
 LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
 
 
@@ -44,7 +45,7 @@ class EventProcessSettings(Settings):
 
 @dataclass(frozen=True)
 class EventSequence:
-    """At most K events of each of B sequences, the first in bin 0; `real` tells them from padding. Places are normal."""
+    """At most K events of each of B sequences, the first in bin 0; `real` tells them from padding."""
 
     bins: Int[Tensor, "B K"]
     places: Float[Tensor, "B K D"]
@@ -69,6 +70,15 @@ class Drawn:
     event: Bool[Tensor, "B N"]
     phase: Float[Tensor, "B N"]
     place: Float[Tensor, "B N D"]
+
+
+@dataclass
+class Run:
+    """Between two bins of a free run: what is remembered, the present place, bins since the last event."""
+
+    state: Float[Tensor, "B W"]
+    place: Float[Tensor, "B D"]
+    age: Int[Tensor, " B"]
 
 
 @dataclass(frozen=True)
@@ -132,29 +142,71 @@ class EventProcess(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: Float[Tensor, "B N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
-        """Draw bin after bin from D + 3 uniform numbers a bin. The temperature narrows the choice and the Gaussians."""
+        """Draw from D + 3 uniform numbers a bin, the same as bin after bin, but from event to event.
+
+        Nothing that a hazard depends on changes between two events but the condition and the age, so LOOK bins are
+        looked at together. The temperature narrows the choice of a place and the Gaussians.
+        """
         heard = self.listen(condition)
+        run = self.begin(heard[:, 0], uniform[:, 0], temperature)
         batch, count = heard.shape[:2]
-        state = self.start.expand(batch, -1)
-        place = torch.zeros(batch, self.means.shape[1], device=heard.device)
-        age = torch.zeros(batch, dtype=torch.long, device=heard.device)
-        events, places = [], []
-        for now in range(count):
-            past = _Past(state[:, None], place[:, None], age[:, None])
-            features = self._features(past, heard[:, now : now + 1])[:, 0]
-            event = uniform[:, now, 0] < self.hazard(features)[:, 0].sigmoid() if now else torch.ones_like(age) > 0
-            moved = torch.nonzero(event)[:, 0]
-            if len(moved):
-                old = place[moved]
-                new = self._draw(features[moved], old, uniform[moved, now, 2:], temperature)
-                token = self._tokens(new[:, None], old[:, None], age[moved, None], heard[moved, now : now + 1])
-                state, place, age = state.clone(), place.clone(), age.clone()
-                state[moved] = self.remember(token, state[None, moved].contiguous())[0][:, 0]
-                place[moved], age[moved] = new, 0
-            age = age + 1
-            events.append(event)
-            places.append(place)
-        return Drawn(torch.stack(events, 1), uniform[..., 1], torch.stack(places, 1))
+        event = torch.zeros(batch, count, dtype=torch.bool, device=heard.device)
+        place = torch.zeros(batch, count, run.place.shape[-1], device=heard.device)
+        event[:, 0], place[:, 0] = True, run.place
+        at = torch.zeros(batch, dtype=torch.long, device=heard.device)  # the last bin that is known, a row each
+        ahead = torch.arange(1, LOOK + 1, device=heard.device)
+        while len(rows := torch.nonzero(at < count - 1)[:, 0]):
+            bins = (at[rows, None] + ahead).clamp(max=count - 1)
+            held = (each[rows, None].expand(-1, LOOK, -1) for each in (run.state, run.place))
+            past = _Past(*held, run.age[rows, None] + ahead)
+            features = self._features(past, heard[rows[:, None], bins])
+            happens = uniform[rows[:, None], bins, 0] < self.hazard(features)[..., 0].sigmoid()
+            happens &= at[rows, None] + ahead < count
+            first = torch.where(happens.any(1), happens.int().argmax(1), LOOK - 1)
+            place[rows[:, None], bins] = run.place[rows, None].expand(-1, LOOK, -1)
+            at[rows] += first + 1
+            run.age[rows] += first + 1
+            moved = happens.any(1)
+            new, features = rows[moved], features[moved, first[moved]]
+            if len(new):
+                self._move(run, new, features, heard[new, at[new]], uniform[new, at[new], 2:], temperature)
+                event[new, at[new]], place[new, at[new]] = True, run.place[new]
+        return Drawn(event, uniform[..., 1], place)
+
+    def begin(self, heard: Float[Tensor, "B W"], uniform: Float[Tensor, "B U"], temperature: float) -> Run:
+        """The first bin, which holds an event always."""
+        batch, device = len(heard), heard.device
+        run = Run(
+            self.start.expand(batch, -1).clone(),
+            torch.zeros(batch, self.means.shape[1], device=device),
+            torch.zeros(batch, dtype=torch.long, device=device),
+        )
+        past = _Past(run.state[:, None], run.place[:, None], run.age[:, None])
+        features = self._features(past, heard[:, None])[:, 0]
+        self._move(run, torch.arange(batch, device=device), features, heard, uniform[:, 2:], temperature)
+        return run
+
+    def advance(
+        self, run: Run, heard: Float[Tensor, "B W"], uniform: Float[Tensor, "B U"], temperature: float
+    ) -> Bool[Tensor, " B"]:
+        """One bin more, as a stream has them: whether an event happens in it; the run moves on."""
+        run.age += 1
+        features = self._features(_Past(run.state[:, None], run.place[:, None], run.age[:, None]), heard[:, None])[:, 0]
+        event: Bool[Tensor, " B"] = uniform[:, 0] < self.hazard(features)[:, 0].sigmoid()
+        rows = torch.nonzero(event)[:, 0]
+        if len(rows):
+            self._move(run, rows, features[rows], heard[rows], uniform[rows, 2:], temperature)
+        return event
+
+    def _move(
+        self, run: Run, rows: Int[Tensor, " R"], features: Tensor, heard: Tensor, uniform: Tensor, temperature: float
+    ) -> None:
+        """An event happens in some rows: where it leads, and what is remembered of it."""
+        old = run.place[rows]
+        new = self._draw(features, old, uniform, temperature)
+        token = self._tokens(new[:, None], old[:, None], run.age[rows, None], heard[:, None])
+        run.state[rows] = self.remember(token, run.state[None, rows].contiguous())[0][:, 0]
+        run.place[rows], run.age[rows] = new, 0
 
     def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
         """What was known before each bin of true events; in training with noise on places and some events hidden."""

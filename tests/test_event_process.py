@@ -1,0 +1,90 @@
+"""Marked point processes in bins: drawing from event to event is drawing bin by bin; what was put in is learnt."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
+
+SETTINGS = {
+    "width": 16,
+    "bin_frames": 2,
+    "fixed": 4,
+    "relative": 2,
+    "layers": 1,
+    "dropout": 0.0,
+    "history_dropout": 0.0,
+    "history_noise": 0.0,
+}
+
+
+def made(**changes: object) -> EventProcess:
+    torch.manual_seed(0)
+    return EventProcess(EventProcessSettings.model_validate({**SETTINGS, **changes}), 3, (1.0, 0.5)).eval()
+
+
+def bin_by_bin(process: EventProcess, condition: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+    heard = process.listen(condition)
+    run = process.begin(heard[:, 0], uniform[:, 0], 1.0)
+    events, places = [torch.ones(len(heard), dtype=torch.bool)], [run.place.clone()]
+    for at in range(1, heard.shape[1]):
+        events.append(process.advance(run, heard[:, at], uniform[:, at], 1.0))
+        places.append(run.place.clone())
+    return torch.stack(events, 1), torch.stack(places, 1)
+
+
+@pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # hardly ever, now and then, in nearly every bin
+def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
+    process = made()
+    with torch.no_grad():
+        process.hazard.bias.fill_(bias)
+        condition, uniform = torch.randn(5, 90, 3), torch.rand(5, 90, 5)
+        events, places = bin_by_bin(process, condition, uniform)
+        drawn = process.sample(condition, uniform, 1.0)
+        assert torch.equal(drawn.event, events)
+        torch.testing.assert_close(drawn.place, places, atol=1e-5, rtol=1e-5)
+        alone = process.sample(condition[:1], uniform[:1], 1.0)  # a row is the same alone
+    assert torch.equal(alone.event[0], drawn.event[0])
+    torch.testing.assert_close(alone.place[0], drawn.place[0], atol=1e-5, rtol=1e-5)
+
+
+def test_events_of_frames() -> None:
+    event = torch.zeros(1, 10, dtype=torch.bool)
+    event[0, [1, 5, 8]] = True
+    place = torch.arange(10.0)[None, :, None]
+    found = EventSequence.of_frames(event, place, bin_frames=2)
+    assert found.bins.tolist() == [[0, 2, 4]]  # what happens in the first bin is where the sequence starts
+    assert found.places[..., 0].tolist() == [[0.0, 5.0, 8.0]]
+    assert found.real.all()
+
+
+def test_it_learns_when_and_where() -> None:
+    """Events where the condition says so, which lead to its side."""
+    torch.manual_seed(1)
+    process = made().train()
+    optimiser = torch.optim.Adam(process.parameters(), lr=1e-2)
+
+    def batch() -> tuple[Tensor, EventSequence]:
+        cue = (torch.rand(32, 40) < 0.2).float()
+        side = torch.randint(0, 2, (32, 40)) * 2.0 - 1
+        condition = torch.stack([cue, side, torch.zeros_like(cue)], -1)
+        place = torch.stack([side, torch.zeros_like(side)], -1) + 0.05 * torch.randn(32, 40, 2)
+        marked = (cue > 0).repeat_interleave(2, dim=1)
+        marked[:, 1::2] = False
+        return condition, EventSequence.of_frames(marked, place.repeat_interleave(2, dim=1), 2)
+
+    for _ in range(150):
+        condition, events = batch()
+        total = sum(process.terms(events, condition).values())
+        optimiser.zero_grad()
+        total.backward()  # type: ignore[union-attr]
+        optimiser.step()
+    process.eval()
+    condition, _ = batch()
+    drawn = process.sample(condition, torch.rand(32, 40, 5), 1.0)
+    asked, happened = condition[:, 1:, 0] > 0, drawn.event[:, 1:]
+    assert (happened == asked).float().mean() > 0.95
+    right = (drawn.place[:, 1:, 0].sign() == condition[:, 1:, 1])[happened]
+    assert right.float().mean() > 0.9
