@@ -27,6 +27,7 @@ from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, pgface_confi
 from talkingeyes.learning.place import Place
 from talkingeyes.learning.poses import PoseModelSettings, PoseTask
 from talkingeyes.learning.progress import Progress
+from talkingeyes.learning.telling import Beside
 from talkingeyes.learning.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
 from talkingeyes.learning.trained_poses import pose_config
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings, TranslationTask
@@ -66,14 +67,15 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     normaliser = Normaliser.of(embed)
     codebook = _codebook(workspace, settings.prior)
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
-    task = TranslationTask(settings, seed, *data, normaliser, codebook)
+    start = load(workspace.data("train", settings.start_from)) if settings.start_from else None
+    task = TranslationTask(settings, seed, *data, normaliser, codebook, Beside(corpus, embed), start)
     progress = _progress(workspace, name, settings, seed, place)
     history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
     place.leave_unless_first()
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
     with workspace.output("train", name) as folder:
-        config = network_config(settings, normaliser.channels, codebook)
+        config = network_config(settings, normaliser.channels, codebook, task.module)
         save(folder, task.module.state_dict(), config, [*history, chosen])
         _keep_what_animate_needs(workspace, folder)
     progress.remove()

@@ -154,7 +154,9 @@ def translation(kind: str, **changes: Any) -> TranslationSettings:
             "speech": {"channels": ["2", "0", "1"], "width": 12, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
             "head": {"kind": "vae", **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
-            "reconstructed_head": 0.5,
+            "conditions": [],
+            "start_from": None,
+            "head_mix": {"truth": 0.5, "posterior": 0.5, "prior": 0.0},
             "weights": {"head_reconstruction": 1.0, "head_velocity": 1.0, "head_kl": 0.1}
             | {f"gaze_{each}": 1.0 for each in terms},
             "temperatures": [1.0, 0.5],
