@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -70,6 +70,7 @@ class Seen:
     motions: Sequence[Float[Tensor, "R 9"]]
 
 
+@runtime_checkable
 class Conditioner(Protocol):
     """The role: a torch module made as `Class(settings, width, known)`, `width` that of the speech features."""
 
