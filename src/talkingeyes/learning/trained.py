@@ -120,6 +120,8 @@ def needs(generator: Generator) -> frozenset[Need]:
 
 def speakers_of(generator: Generator) -> tuple[str, ...]:
     """The speakers whom a trained model knows by number."""
+    if isinstance(generator, HeadThenGaze):
+        return generator.gaze.speakers
     return generator.network.speakers if isinstance(generator, NetworkGenerator) else ()
 
 
