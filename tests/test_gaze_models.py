@@ -49,7 +49,9 @@ def codebook(patch: int, tolerance: float | None) -> GazeVQVAE:
             signal="eye_in_head" if patch == 1 else "gaze_in_space",
             frames_per_code=patch,
             stay_tolerance_deg=tolerance,
-            quantiser=QuantiserSettings(codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1),
+            quantiser=QuantiserSettings(
+                kind="codebook", codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1
+            ),
             encoder=TransformerSettings(**TRANSFORMER),
             decoder=TransformerSettings(**TRANSFORMER),
         )

@@ -13,7 +13,7 @@ from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow
 
 SETTINGS = TransformerSettings(width=16, layers=2, heads=2, dropout=0.0, back=7)
 PLAIN = KLSettings(annealing=None, free_bits=0.0)
-CODES = QuantiserSettings(codes=16, width=4, commitment=0.25, decay=0.9, restart_below=0.1)
+CODES = QuantiserSettings(kind="codebook", codes=16, width=4, commitment=0.25, decay=0.9, restart_below=0.1)
 
 
 def _transformer(cross: CrossWindow | None) -> CausalTransformer:

@@ -23,6 +23,7 @@ from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.nucleus import nucleus
+from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
 
@@ -160,10 +161,9 @@ class CategoricalGaze(nn.Module):
 
     def _near(self, settings: NoisyHistory, codes: Int[Tensor, "B N"]) -> _History:
         """The history of codes near the true ones; stays stay."""
-        quantiser, stay = self.codebook.quantiser, codes == self.stay
-        values = self.codebook.values_of(codes)
-        noise = settings.sigma * quantiser.codebook.std() * torch.randn_like(values)
-        near = torch.where(stay, self.stay, quantiser(values + noise).indices)
+        table, values = self.codebook.quantiser.codebook, self.codebook.values_of(codes)
+        moved = values + settings.sigma * table.std() * torch.randn_like(values)
+        near = torch.where(codes == self.stay, self.stay, squared_distances(moved, table).argmin(-1))
         return self._history(near, self.codebook.values_of(near))
 
     def _mixed(self, settings: ScheduledHistory, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]) -> _History:

@@ -23,7 +23,7 @@ from talkingeyes.models.gaze.history import FreeHistory, HistorySettings, NoisyH
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.draw import draw
-from talkingeyes.models.layers.quantiser import Quantiser
+from talkingeyes.models.layers.quantisers import AnyQuantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
 
@@ -73,7 +73,7 @@ class RegressedGaze(nn.Module):
         """The codebook has statistics of its own."""
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """Losses of all frames, each predicted from those before it; `copy_last`: what copying the true one before gives."""
+        """Losses of frames, each predicted from those before it; `copy_last` is that of copying the true one before."""
         true = self._normal(signal_of(self.codebook.settings.signal, condition.head, gaze))
         past, memory, history = _before(true), self._memory(condition), self.settings.history
         if self.training and isinstance(history, FreeHistory):
@@ -84,7 +84,7 @@ class RegressedGaze(nn.Module):
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
             "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_regularity": F.mse_loss(made.features, made.codes),
+            "gaze_regularity": F.mse_loss(self.codebook.quantiser.among_codes(made.features), made.codes),
             "copy_last": losses.reconstruction(past, true).detach(),
         }
 
@@ -167,7 +167,7 @@ def _before(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
 
 
 def lookup(
-    quantiser: Quantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
+    quantiser: AnyQuantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
 ) -> Float[Tensor, "B C"]:
     """Code values for features: the nearest (eq. 5), or drawn by softmax(-distance / (temperature * nearest))."""
     distance = quantiser.distances(features).clamp(min=0).sqrt()
