@@ -95,7 +95,7 @@ class WaveEncoder(nn.Module):
             part = sound[:, start : start + round(self.settings.window_s * SAMPLE_RATE)]
             inside = slice(*np.searchsorted(times, [start, start + part.shape[1]]))
             positions = torch.from_numpy((times[inside] - start - self.stride.first) / self.stride.samples)
-            weight = torch.from_numpy(fade(times[inside] - start, part.shape[1], overlap)).to(sound)[:, None]
+            weight = torch.from_numpy(fade(times[inside] - start, part.shape[1], float(overlap))).to(sound)[:, None]
             around = (0, 0, inside.start, frames - inside.stop)
             heard = at_positions(self._encoded(part), positions.to(sound))
             parts.append(nn.functional.pad(heard * weight, around))
