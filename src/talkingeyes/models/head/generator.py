@@ -1,6 +1,7 @@
 """What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
 
-A generator is one file here: `vae` (the paper's) or `causal_vae` (for streams); docs/extend.md adds one.
+A generator is one file here: `vae` (the paper's), `causal_vae` (for streams) or `vqvae` (Table V); docs/extend.md
+adds one.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ HEAD_GENERATORS = Role(
     {
         "vae": "talkingeyes.models.head.vae:VAEHead",
         "causal_vae": "talkingeyes.models.head.causal:CausalHead",
+        "vqvae": "talkingeyes.models.head.vqvae:VQVAEHead",
     },
     ("normalise_by", "normal", "predict", "sample"),
 )
