@@ -18,6 +18,7 @@ from numpy import ndarray
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import Checkpoint, load, save
+from talkingeyes.learning.trained_canonical import HEAD, CanonicalGaze, load_canonical
 from talkingeyes.learning.trained_poses import HeadGenerator, pose_network
 from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models import baselines
@@ -98,6 +99,21 @@ class HeadThenGaze:
         return Samples(fps, head, gaze.numpy().astype(np.float64))
 
 
+@dataclass(frozen=True)
+class HeadThenCanonical:
+    """One model's head, and gaze for it by canonical correlation."""
+
+    head: Generator
+    gaze: CanonicalGaze
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
+        """The head first; what differs between seeds is the head."""
+        head = self.head.generate(embedding, seeds, fps, given).head
+        return Samples(fps, head, self.gaze.look(embedding, head))
+
+
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
     """Write both models as one checkpoint. Raises InputError if the second has no gaze decoder."""
     kind = gaze.config["model"]["kind"]
@@ -115,6 +131,8 @@ def needs(generator: Generator) -> frozenset[Need]:
         return generator.network.needs
     if isinstance(generator, HeadThenGaze):
         return generator.gaze.needs | needs(generator.head)
+    if isinstance(generator, HeadThenCanonical):
+        return needs(generator.head)
     return frozenset()
 
 
@@ -168,6 +186,8 @@ def _generator(checkpoint: Checkpoint) -> Generator:
         return HeadGenerator(pose_network(checkpoint))
     if kind == "head_then_gaze":
         return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+    if kind == "canonical":
+        return HeadThenCanonical(_generator(_part(checkpoint, HEAD)), load_canonical(checkpoint))
     return _baseline(checkpoint)
 
 
