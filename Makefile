@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench face facts real ui docs clean
+.PHONY: help setup repro params test check tiny sweep bench face tables facts real ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -66,6 +66,9 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table
+
+tables: setup  ## TalkingEyes Tables III, V, VI and VII on three seeds (docs/tables.md); goes on where it was killed. tables=table3,table7 seeds=0
+	$(BIN)/python -m pipelines.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
 facts: setup  ## The acceptance table of the corpus: how eyes, head, lids and jaw move, beside people. Another: corpus=DIR
 	$(BIN)/python -m pipelines.facts $(corpus)

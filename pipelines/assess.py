@@ -20,10 +20,12 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recordings, recordings
-from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.learning.telling import Beside, Teller
+from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
 from talkingeyes.metrics.benchmark.sound import CRITICS
 from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
 from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
 
@@ -71,7 +73,9 @@ def assess(sources: Sources, settings: AssessSettings, clip: Clip) -> Found:
     corpus, fitted = Corpus(sources.corpus), Recordings([clip], sources.fit, sources.embed)[0]
     speech = np.array(fitted.speech)
     seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
-    drawn = _generator(sources.model).generate(speech, seeds, clip.fps)
+    teller = _teller(sources)
+    given = teller.whole(clip, len(speech)) if teller else NOTHING
+    drawn = _generator(sources.model).generate(speech, seeds, clip.fps, given)
     own = _one(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     truth = _one(corpus.truth(clip)) if corpus.has_truth else own
     critics = _critics(sources.critic)
@@ -87,6 +91,15 @@ def assess(sources: Sources, settings: AssessSettings, clip: Clip) -> Found:
 def _generator(folder: Path) -> Generator:
     """Loaded once a process."""
     return load_generator(folder)
+
+
+@lru_cache(maxsize=1)
+def _teller(sources: Sources) -> Teller | None:
+    """What says what else the model is told, if it is told anything; references are of the train split."""
+    generator, corpus = _generator(sources.model), Corpus(sources.corpus)
+    wanted = needs(generator)
+    known = recordings(corpus, sources.fit, sources.embed, "train") if "reference" in wanted else ()
+    return Teller(wanted, speakers_of(generator), known, Beside(corpus, sources.embed)) if wanted else None
 
 
 @lru_cache(maxsize=1)

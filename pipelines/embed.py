@@ -3,6 +3,7 @@
 Run: python -m pipelines.embed
 Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one a sound (takes share it), and
 data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train split.
+With `partner: true` also data/embed/partner/<shard>/<sound>.npy, of the sounds that are conversations.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ def run(workspace: Workspace) -> Report:
     fps = one_frame_rate(clips)
     channels = encoder_of(settings).channels
     with workspace.output("embed") as folder:
+        if settings.partner:
+            (folder / "partner").mkdir()
         embed = partial(embed_sound, workspace.corpus, settings, folder)
         moments = each(embed, clips, workspace.jobs, "embed")
         total = summed(part for clip, part in zip(clips, moments, strict=True) if clip.split == "train")
@@ -61,9 +64,13 @@ def run(workspace: Workspace) -> Report:
 
 
 def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> Moments:
-    """Write the features of a clip's sound. Gives their sums."""
+    """Write the features of a clip's sound, and of its partner's. Gives the sums of its own."""
     features = encoder_of(settings)(Corpus(corpus).speech(clip), clip.fps)
     np.save(sharded_for_writing(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
+    partner = Corpus(corpus).partner(clip) if settings.partner else None
+    if partner is not None:
+        heard = encoder_of(settings)(partner, clip.fps)
+        np.save(sharded_for_writing(folder / "partner", clip.sound, ".npy"), heard, allow_pickle=False)
     exact = features.astype(np.float64)
     return Moments(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
 

@@ -34,7 +34,7 @@ from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
 from talkingeyes.metrics.benchmark.features import featured, gathered
-from talkingeyes.metrics.benchmark.sound import CRITICS, hear, with_corr, with_heard
+from talkingeyes.metrics.benchmark.sound import CRITICS, Heard, hear, with_corr, with_heard
 from talkingeyes.metrics.benchmark.table import as_json
 from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe
 from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate
@@ -178,9 +178,21 @@ def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
     return found
 
 
-def evaluate(sources: Sources, judges: Judges | None, item: Item) -> Measured | None:
-    """The figures of one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
-    assert judges is not None
+@dataclass(frozen=True)
+class Seen:
+    """One sound of a row: what is compared, what the critics say of it, and its figures by part."""
+
+    case: Case
+    samples: Samples  # uncropped
+    true: list[Motion] | None
+    speech: Float[ndarray, "T C"]
+    others: list[np.ndarray]
+    heard: dict[str, Heard]
+    figures: dict[str, Figures]
+
+
+def look(sources: Sources, judges: Judges, item: Item) -> Seen | None:
+    """Measure one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
     corpus, clip = Corpus(sources.corpus), item.takes[0]
     takes = Recordings(item.takes, sources.fit, sources.embed)[:]
     fitted = stacked(clip.fps, takes)
@@ -202,12 +214,21 @@ def evaluate(sources: Sources, judges: Judges | None, item: Item) -> Measured | 
         hear(judges.critics, speech, sounds, each.head, each.gaze)
         for each, sounds in ((case.samples, others), (case.fitted, ()))
     )
-    compared = _compared(sources, item, samples, true)
-    judged = featured(with_heard(compared.judged, heard), judges.encoder)
-    reference = featured(with_corr(compared.reference, judges.critics, speech, others), judges.encoder)
+    return Seen(case, samples, true, speech, others, heard, measure(case, heard, fitted_heard))
+
+
+def evaluate(sources: Sources, judges: Judges | None, item: Item) -> Measured | None:
+    """The figures of one sound and its part of the gaze benchmark; None if the row has nothing for it."""
+    assert judges is not None
+    seen = look(sources, judges, item)
+    if seen is None:
+        return None
+    compared = _compared(sources, item, seen.samples, seen.true)
+    judged = featured(with_heard(compared.judged, seen.heard), judges.encoder)
+    reference = featured(with_corr(compared.reference, judges.critics, seen.speech, seen.others), judges.encoder)
     return Measured(
-        measure(case, heard, fitted_heard),
-        clip.fps,
+        seen.figures,
+        item.takes[0].fps,
         observe(judged),
         gathered(judged),
         observe(reference),

@@ -15,8 +15,7 @@ import importlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +24,11 @@ from PIL import Image
 
 from pipelines.evaluate import Sources, items
 from pipelines.evaluate_face import REAL, FaceSources, measure_faces, stacked_faces
+from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
-from talkingeyes.config import compose
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
 from talkingeyes.head.anny import open_head
 from talkingeyes.learning.face_trained import FaceGenerator, load_face_generator
 from talkingeyes.metrics.evaluation import EvaluateSettings
@@ -41,12 +39,10 @@ from talkingeyes.metrics.face.table import SPLITS, TITLES, face_markdown
 from talkingeyes.metrics.face.talking import Talking
 from talkingeyes.metrics.face.vertices import VertexErrors
 from talkingeyes.models.face.style import NEUTRAL, Style, StyleKey
-from talkingeyes.recipe import CHECKOUT, Call, recipe
-from talkingeyes.run import Report, Workspace, clip_parallel, each, shell
-from talkingeyes.store import Entry, obtain
+from talkingeyes.recipe import Call
+from talkingeyes.run import Report, Workspace, shell
 
 EXPERIMENT = "experiment=probtalk3d_table"
-SEEDS = (0, 1, 2)
 # What a row follows from beside what it reads.
 ROW_CODE = (
     "pipelines/evaluate_face.py",
@@ -80,92 +76,34 @@ PICTURES = """### How much each vertex moves from frame to frame (its Fig. 6)
 """
 
 
-@dataclass(frozen=True)
-class Made:
-    """A row under one seed: where its figures are, and of a model its samples and the model itself."""
-
-    name: str
-    figures: Path
-    samples: Path | None = None
-    model: Path | None = None
-
-
 def rows_of(params: Mapping[str, Any]) -> list[str]:
     """The models that give a face, and nothing else."""
     return [name for name, model in params["model"].items() if tuple(model["parts"]) == ("face",)]
 
 
-def shared(params: Mapping[str, Any]) -> list[Call]:
-    """What all rows and seeds share."""
-    priors = {params["model"][name]["prior"] for name in rows_of(params)} - {None}
-    order = [("synthesize",), ("fit",), ("embed",), *(("pretrain", prior) for prior in sorted(priors))]
-    return recipe(params, order)
-
-
 def main() -> None:
     """All seeds of all models, then the page and the pictures."""
-    arguments = sys.argv[1:]
-    out, seeds, overrides = options(arguments)
-    made = [compose([*overrides, f"train.seed={seed}", f"sample.seed={seed}"]) for seed in seeds]
+    wanted = options(sys.argv[1:])
+    out, made = wanted.out, of_seeds(wanted.overrides, wanted.seeds)
     params = made[0]
-    entries: dict[Path, Entry] = {}
-    for call in shared(params):
-        entries[call.folder] = _obtain(params, call, entries)
-    work = [(params, name) for name in REAL] + [(of_seed, name) for of_seed in made for name in rows_of(of_seed)]
-    by_name: dict[str, list[Made]] = {}
-    for one in each(partial(_row, entries), work, params["machine"]["jobs"], "face: rows"):
-        by_name.setdefault(one.name, []).append(one)
+    kind = Kind("face_row", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL)
+    found = rows(made, kind, critic=False, title="face")
     settings = EvaluateSettings.model_validate(params["evaluate"])
-    table = {name: _summary(seeds, settings) for name, seeds in by_name.items()}
+    table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
-    introduction = INTRODUCTION.format(seeds=", ".join(map(str, seeds)))
+    introduction = INTRODUCTION.format(seeds=", ".join(map(str, wanted.seeds)))
     (out / "face_table.md").write_text(introduction + face_markdown(table) + PICTURES)
-    data = {folder.parts[1]: entry.output for folder, entry in entries.items()}
-    _draw(out / "pictures", data, {name: seeds[0] for name, seeds in by_name.items()})
+    _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
     print(face_markdown(table))
 
 
-def options(arguments: Sequence[str]) -> tuple[Path, list[int], list[str]]:
-    """Where to write, which seeds, and what is set in conf/. Raises InputError for seeds that are none."""
-    left, out = list(arguments), CHECKOUT / "docs"
-    if "--out" in left:
-        at = left.index("--out")
-        if at + 1 == len(left):
-            raise InputError("--out: should name a folder, got none")
-        out = Path(left[at + 1])
-        left[at : at + 2] = []
-    given = [text.removeprefix("seeds=") for text in left if text.startswith("seeds=")]
-    try:
-        seeds = [int(seed) for text in given for seed in text.split(",")] or list(SEEDS)
-    except ValueError:
-        raise InputError(f"seeds: should be numbers such as seeds=0,1,2, got {given[0]!r}") from None
-    overrides = [text for text in left if not text.startswith("seeds=")]
-    return out, seeds, overrides if any("experiment=" in text for text in overrides) else [EXPERIMENT, *overrides]
-
-
-def _obtain(params: Mapping[str, Any], call: Call, upstream: Mapping[Path, Entry]) -> Entry:
-    def make(of: Call, workspace: Workspace) -> Report:
-        print("==", of.stage, *of.names, file=sys.stderr)
-        with clip_parallel(params["machine"]):
-            report: Report = importlib.import_module(f"pipelines.{of.stage}").run(workspace, *of.names)
-        return report
-
-    return obtain(Path(params["store"]), call, params, upstream, make)
-
-
-def _row(shared_entries: Mapping[Path, Entry], work: tuple[Mapping[str, Any], str]) -> Made:
-    """Train, sample and measure one model of one seed; real motion is measured alone."""
-    params, name = work
-    entries = dict(shared_entries)
-    if name not in REAL:
-        for call in recipe(params, [("train", name), ("sample", name)]):
-            entries[call.folder] = _obtain(params, call, entries)
-    reads = ("data/fit", "data/synthesize", "data/embed", *([] if name in REAL else [f"data/sample/{name}"]))
-    call = Call("face_row", name, reads, ROW_CODE, ("evaluate",))
-    figures = obtain(Path(params["store"]), call, params, entries, _measure).output / "figures.json"
-    made = [entries[Path("data", stage, name)].output for stage in ("sample", "train") if name not in REAL]
-    return Made(name, figures, *made)
+def options(arguments: Sequence[str]) -> Asked:
+    """What is asked for; without an experiment, all models of the face."""
+    wanted = asked(arguments)
+    if any(text.startswith("experiment=") for text in wanted.overrides):
+        return wanted
+    return replace(wanted, overrides=[EXPERIMENT, *wanted.overrides])
 
 
 def _measure(call: Call, workspace: Workspace) -> Report:
@@ -176,9 +114,9 @@ def _measure(call: Call, workspace: Workspace) -> Report:
     sounds = [item.takes for item in items(Sources("fitted", *places, settings.benchmarked), settings)]
     sources = FaceSources(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
     figures = measure_faces(sources, sounds, workspace.jobs)
-    rows = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
+    found = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
     with workspace.output(call.stage, row) as folder:
-        (folder / "figures.json").write_text(json.dumps(rows))
+        (folder / FIGURES).write_text(json.dumps(found))
     return Report()
 
 

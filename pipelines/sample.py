@@ -1,7 +1,9 @@
 """Sample S motions of every test and unseen sound with one model.
 
 Run: python -m pipelines.sample talkingeyes
-Reads: the corpus index, data/embed, data/train/<model>. Writes: data/sample/<model>/<shard>/<clip>.npz.
+Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model that hears the waveform. A model that
+knows speakers is told who speaks, one that hears the partner what the partner says; no style is given.
+Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
 
 from functools import lru_cache, partial
@@ -13,7 +15,9 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
 from talkingeyes.learning.face_trained import FaceGenerator, gives_face, load_face_generator
-from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.learning.telling import Beside, Teller
+from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
+from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.models.face.style import StyleKey
 from talkingeyes.run import Report, Workspace, each, main
 
@@ -23,7 +27,8 @@ def run(workspace: Workspace, name: str) -> Report:
     settings = workspace.settings("sample", SampleSettings)
     clips = Corpus(workspace.corpus).select("test", "unseen", take=0)
     with workspace.output("sample", name) as folder:
-        task = partial(_sample, workspace.data("train", name), workspace.data("embed"), folder, settings)
+        beside = Beside(Corpus(workspace.corpus), workspace.data("embed"))
+        task = partial(_sample, workspace.data("train", name), beside, folder, settings)
         frames = sum(each(task, clips, workspace.jobs, f"sample {name}"))
     return Report(metrics={"clips": len(clips), "frames": frames})
 
@@ -34,8 +39,17 @@ def _generator(folder: Path) -> Generator | FaceGenerator:
     return load_face_generator(folder) if gives_face(folder) else load_generator(folder)
 
 
-def _sample(model: Path, embed: Path, folder: Path, settings: SampleSettings, clip: Clip) -> int:
-    embedding = np.load(sharded(embed / "speech", clip.sound, ".npy"))
+@lru_cache(maxsize=1)
+def _teller(model: Path, beside: Beside) -> Teller | None:
+    """What says what else the model is told, if it is told anything."""
+    generator = _generator(model)
+    if isinstance(generator, FaceGenerator) or not needs(generator):
+        return None
+    return Teller(needs(generator), speakers_of(generator), (), beside)
+
+
+def _sample(model: Path, beside: Beside, folder: Path, settings: SampleSettings, clip: Clip) -> int:
+    embedding = np.load(sharded(beside.embed / "speech", clip.sound, ".npy"))
     entropy = [settings.seed, *clip.id.encode()]
     seeds = np.random.default_rng(entropy).integers(2**31, size=settings.samples).tolist()
     generator, path = _generator(model), sharded_for_writing(folder, clip.id, ".npz")
@@ -43,7 +57,9 @@ def _sample(model: Path, embed: Path, folder: Path, settings: SampleSettings, cl
         style = [StyleKey(0.0, generator.vocabulary.style_of(clip))]
         generator.generate(embedding, style, seeds, clip.fps).save(path)
     else:
-        generator.generate(embedding, seeds, clip.fps).save(path)
+        teller = _teller(model, beside)
+        given = teller.whole(clip, len(embedding)) if teller else NOTHING
+        generator.generate(embedding, seeds, clip.fps, given).save(path)
     return settings.samples * len(embedding)
 
 

@@ -27,7 +27,9 @@ from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, pgface_confi
 from talkingeyes.learning.place import Place
 from talkingeyes.learning.poses import PoseModelSettings, PoseTask
 from talkingeyes.learning.progress import Progress
+from talkingeyes.learning.telling import Beside
 from talkingeyes.learning.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
+from talkingeyes.learning.trained_canonical import CanonicalModelSettings, find, save_canonical
 from talkingeyes.learning.trained_poses import pose_config
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings, TranslationTask
 from talkingeyes.models.baselines import BaselineSettings, bank_of, bank_of_motions
@@ -53,8 +55,15 @@ def run(workspace: Workspace, name: str) -> Report:
     if isinstance(model, dict) and model.get("kind") == "pgface":
         return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceSettings), seed)
     place.leave_unless_first()
-    if isinstance(model, dict) and model.get("kind") == "head_then_gaze":
+    return _without_steps(workspace, name, model.get("kind") if isinstance(model, dict) else None, seed)
+
+
+def _without_steps(workspace: Workspace, name: str, kind: str | None, seed: int) -> Report:
+    """What has no loop: models made of others, and baselines."""
+    if kind == "head_then_gaze":
         return _joined(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
+    if kind == "canonical":
+        return _canonical(workspace, name, workspace.settings(f"model.{name}", CanonicalModelSettings), seed)
     settings = workspace.settings(f"model.{name}", BaselineSettings)
     return (
         _face_baseline(workspace, name, settings) if "face" in settings.parts else _baseline(workspace, name, settings)
@@ -66,14 +75,15 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     normaliser = Normaliser.of(embed)
     codebook = _codebook(workspace, settings.prior)
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
-    task = TranslationTask(settings, seed, *data, normaliser, codebook)
+    start = load(workspace.data("train", settings.start_from)) if settings.start_from else None
+    task = TranslationTask(settings, seed, *data, normaliser, codebook, Beside(corpus, embed), start)
     progress = _progress(workspace, name, settings, seed, place)
     history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
     place.leave_unless_first()
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
     with workspace.output("train", name) as folder:
-        config = network_config(settings, normaliser.channels, codebook)
+        config = network_config(settings, normaliser.channels, codebook, task.module)
         save(folder, task.module.state_dict(), config, [*history, chosen])
         _keep_what_animate_needs(workspace, folder)
     progress.remove()
@@ -162,6 +172,17 @@ def _joined(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> 
         save_head_then_gaze(folder, settings, head, gaze)
         _keep_what_animate_needs(workspace, folder)
     return Report()
+
+
+def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings, seed: int) -> Report:
+    """In closed form, behind the head of a model that is."""
+    embed = workspace.data("embed")
+    clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
+    found = find(settings, clips, Normaliser.of(embed), seed)
+    with workspace.output("train", name) as folder:
+        save_canonical(folder, settings, found, load(workspace.data("train", *settings.made_of)))
+        _keep_what_animate_needs(workspace, folder)
+    return Report(metrics={f"correlation/{at}": float(each) for at, each in enumerate(found.found.correlations)})
 
 
 def _progress(workspace: Workspace, name: str, settings: NetworkSettings, seed: int, place: Place) -> Progress:

@@ -29,6 +29,7 @@ SECTION = {
         "energy_floor_dbfs": -80.0,
     },
     "level_dbfs": -20.0,
+    "partner": False,
 }
 
 

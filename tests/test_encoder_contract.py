@@ -27,7 +27,7 @@ SIZES = {"moonshine": 288, "wav2vec2": 16, "hubert": 16, "logmel": 80}
 
 
 def section(encoder: dict[str, Any]) -> EmbedSettings:
-    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0}
+    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0, "partner": False}
     return validated("embed", EmbedSettings, node)
 
 

@@ -39,7 +39,7 @@ LOOP = {
 }  # fmt: skip
 BOTH_WAYS = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8, "ahead": 8, "kernel": 3}
 CAUSAL = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8}
-QUANTISER = {"codes": 16, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
+QUANTISER = {"kind": "codebook", "codes": 16, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
 AUTOREGRESSION = {"transformer": CAUSAL, "speech_back": 3, "speech_ahead": 3, "own_history": 0.5}
 DIFFUSION = {"kind": "diffusion", "width": 16, "layers": 1, "dropout": 0.0, "noise_steps": 20}
 GENERATORS: dict[str, dict[str, Any]] = {

@@ -11,7 +11,8 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
 from pipelines.evaluate_face import FaceSources, measure_faces, stacked_faces
-from pipelines.face_table import SEEDS, options
+from pipelines.face_table import options
+from pipelines.rows import SEEDS
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
 from talkingeyes.errors import InputError
@@ -130,9 +131,11 @@ def test_heat_is_the_way_from_frame_to_frame():
 
 
 def test_the_table_is_asked_by_seeds_and_folder(tmp_path):
-    out, seeds, overrides = options(["--out", str(tmp_path), "seeds=4,5", "train.seed=9"])
-    assert (out, seeds, overrides) == (tmp_path, [4, 5], ["experiment=probtalk3d_table", "train.seed=9"])
-    assert options(["experiment=tiny"])[1:] == (list(SEEDS), ["experiment=tiny"])
+    wanted = options(["--out", str(tmp_path), "seeds=4,5", "train.seed=9"])
+    assert (wanted.out, wanted.seeds) == (tmp_path, [4, 5])
+    assert wanted.overrides == ["experiment=probtalk3d_table", "train.seed=9"]
+    plain = options(["experiment=tiny"])
+    assert (plain.seeds, plain.overrides) == (list(SEEDS), ["experiment=tiny"])
     with pytest.raises(InputError, match=r"^seeds: should be numbers such as seeds=0,1,2, got 'x'$"):
         options(["seeds=x"])
     with pytest.raises(InputError, match=r"^--out: should name a folder, got none$"):

@@ -18,10 +18,25 @@ from talkingeyes.models.layers.transformer import TransformerSettings
 from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion, SpeechToMotionSettings
 
 TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "back": 20}
-VAE = {"width": 16, "layers": 2, "dropout": 0.0, "latent": 4, "latent_frames": 25}
+VAE = {
+    "width": 16,
+    "layers": 2,
+    "dropout": 0.0,
+    "latent": 4,
+    "latent_frames": 25,
+    "kl": {"annealing": None, "free_bits": 0.0},
+}
+CLEAN = {"kind": "clean"}
 GAZE: dict[str, dict[str, Any]] = {
-    "categorical": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history_dropout": 0.0},
-    "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3},
+    "categorical": {
+        "transformer": TRANSFORMER,
+        "condition_back": 3,
+        "condition_ahead": 3,
+        "history_dropout": 0.0,
+        "history": CLEAN,
+        "top_p": 1.0,
+    },
+    "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history": CLEAN},
     "vae": VAE,
 }
 
@@ -34,7 +49,9 @@ def codebook(patch: int, tolerance: float | None) -> GazeVQVAE:
             signal="eye_in_head" if patch == 1 else "gaze_in_space",
             frames_per_code=patch,
             stay_tolerance_deg=tolerance,
-            quantiser=QuantiserSettings(codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1),
+            quantiser=QuantiserSettings(
+                kind="codebook", codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1
+            ),
             encoder=TransformerSettings(**TRANSFORMER),
             decoder=TransformerSettings(**TRANSFORMER),
         )
@@ -57,7 +74,8 @@ def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
             speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"kind": "vae", "latent_frames": head_frames},
             gaze={"kind": kind, **GAZE[kind]},
-            reconstructed_head=0.5,
+            conditions=(),
+            head_mix={"truth": 0.5, "posterior": 0.5, "prior": 0.0},
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
             temperatures=(1.0,),
         ),

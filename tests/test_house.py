@@ -30,6 +30,8 @@ NO_STAGE |= {
     "facts_link",
     "track",
     "real",
+    "rows",
+    "tables",
     "store",
     "until",
     "objective",

@@ -48,7 +48,14 @@ SMALL = {
     "vqvae": {
         "width": 8,
         "layers": 1,
-        "quantiser": {"codes": 8, "width": 4, "commitment": 0.25, "decay": 0.95, "restart_below": 0.05},
+        "quantiser": {
+            "kind": "codebook",
+            "codes": 8,
+            "width": 4,
+            "commitment": 0.25,
+            "decay": 0.95,
+            "restart_below": 0.05,
+        },
         "transformer": {"width": 8, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8},
     },
     "posegan": {"width": 16, "layers": 1, "levels": 3, "window": 64},

@@ -174,7 +174,20 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
     ("changes", "message"),
     [
         ({"speech": {"channels": None, "width": 64, "layers": 2, "dropout": 0.1, "channel_dropout": 0.0}}, "hear"),
-        ({"head": {"kind": "vae", "width": 64, "layers": 3, "dropout": 0.1, "latent": 4, "latent_frames": 12}}, "head"),
+        (
+            {
+                "head": {
+                    "kind": "vae",
+                    "width": 64,
+                    "layers": 3,
+                    "dropout": 0.1,
+                    "latent": 4,
+                    "latent_frames": 12,
+                    "kl": {"annealing": None, "free_bits": 0.0},
+                }
+            },
+            "head",
+        ),
     ],
 )
 def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:

@@ -23,6 +23,7 @@ from talkingeyes.learning.pgface import PGFaceSettings
 from talkingeyes.learning.poses import PoseModelSettings
 from talkingeyes.learning.priors import PriorSettings
 from talkingeyes.learning.trained import HeadThenGazeSettings
+from talkingeyes.learning.trained_canonical import CanonicalModelSettings
 from talkingeyes.learning.translation import TrainSettings, TranslationSettings
 from talkingeyes.metrics.choosing import AssessSettings, Figure
 from talkingeyes.metrics.contrast import CriticSettings
@@ -59,6 +60,7 @@ ModelSettings = Annotated[
     | PoseModelSettings
     | PGFaceSettings
     | HeadThenGazeSettings
+    | CanonicalModelSettings
     | BaselineSettings,
     Field(discriminator="kind"),
 ]

@@ -93,8 +93,10 @@ def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: M
     deps = [each for each in (_filled(text, scope, params) for text in own.get("deps", [])) if each]
     code = tuple(each for each in deps if each.startswith(("src/", "pipelines/")))
     data = tuple(each for each in deps if each not in code)
-    if stage == "train" and item is not None:  # a model may be made of others that are trained
-        data += tuple(f"data/train/{each}" for each in section(params, f"model.{item}").get("made_of", ()))
+    if stage == "train" and item is not None:  # a model may be made of others that are trained, or start from one
+        model = section(params, f"model.{item}")
+        others = [*model.get("made_of", ()), *filter(None, [model.get("start_from")])]
+        data += tuple(f"data/train/{each}" for each in others)
     sections = tuple(filter(None, (_filled(each, scope, params) for each in own.get("params", []))))
     return Call(stage, item, data, code, sections)
 

@@ -41,6 +41,7 @@ class EmbedSettings(Settings):
     encoder: Annotated[SerializeAsAny[PartSettings], BeforeValidator(ENCODERS.read)]
     prosody: ProsodySettings
     level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
+    partner: bool  # whether the partner's channel of a conversation is embedded too, for models that are told it
 
 
 @runtime_checkable

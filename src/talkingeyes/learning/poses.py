@@ -24,6 +24,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.models.head.pose import Memory, described
 from talkingeyes.models.head.rival import motions
+from talkingeyes.models.layers.pace import tell_steps
 from talkingeyes.models.speech_to_pose import STARTS, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.settings import Settings
 
@@ -103,6 +104,7 @@ class PoseTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """A batch; it is kept for the rival's turn."""
+        tell_steps(self.module, step - 1)
         self.batch = self._draw()
         predicted = self.module.predict(self.batch)
         self.made = predicted.pose

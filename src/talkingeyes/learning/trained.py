@@ -18,10 +18,12 @@ from numpy import ndarray
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import Checkpoint, load, save
+from talkingeyes.learning.trained_canonical import HEAD, CanonicalGaze, load_canonical
 from talkingeyes.learning.trained_poses import HeadGenerator, pose_network
 from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models import baselines
 from talkingeyes.models.baselines import Bank, BaselineSettings
+from talkingeyes.models.condition.conditioner import NOTHING, Given, Need
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.settings import Settings
@@ -29,9 +31,14 @@ from talkingeyes.settings import Settings
 
 @runtime_checkable
 class Generator(Protocol):
-    """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others."""
+    """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others.
 
-    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples: ...
+    `given` is what the model can be told besides (`needs`), of the whole speech.
+    """
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples: ...
 
 
 @dataclass(frozen=True)
@@ -40,9 +47,11 @@ class NetworkGenerator:
 
     network: SpeechToMotion
 
-    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
         """Sample the network."""
-        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds)
+        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, given)
         return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
 
 
@@ -55,7 +64,9 @@ class BaselineGenerator:
     mean: Float[ndarray, " C"]
     std: Float[ndarray, " C"]
 
-    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
         """Draw from the bank."""
         standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
         out = baselines.generate(self.settings, self.bank, standardised, seeds)
@@ -79,11 +90,28 @@ class HeadThenGaze:
     head: Generator
     gaze: SpeechToMotion
 
-    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
-        """The head first, then gaze under the same speech and head."""
-        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps).head
-        gaze = self.gaze.look(torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds)
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
+        """The head first, then gaze under the same speech and head, both told the same."""
+        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, given).head
+        gaze = self.gaze.look(torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, given)
         return Samples(fps, head, gaze.numpy().astype(np.float64))
+
+
+@dataclass(frozen=True)
+class HeadThenCanonical:
+    """One model's head, and gaze for it by canonical correlation."""
+
+    head: Generator
+    gaze: CanonicalGaze
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
+        """The head first; what differs between seeds is the head."""
+        head = self.head.generate(embedding, seeds, fps, given).head
+        return Samples(fps, head, self.gaze.look(embedding, head))
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
@@ -97,14 +125,37 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
     save(folder, tensors, config)
 
 
+def needs(generator: Generator) -> frozenset[Need]:
+    """What a trained model should be given besides the embedding."""
+    if isinstance(generator, NetworkGenerator):
+        return generator.network.needs
+    if isinstance(generator, HeadThenGaze):
+        return generator.gaze.needs | needs(generator.head)
+    if isinstance(generator, HeadThenCanonical):
+        return needs(generator.head)
+    return frozenset()
+
+
+def speakers_of(generator: Generator) -> tuple[str, ...]:
+    """The speakers whom a trained model knows by number."""
+    if isinstance(generator, HeadThenGaze):
+        return generator.gaze.speakers
+    return generator.network.speakers if isinstance(generator, NetworkGenerator) else ()
+
+
 def network_config(
-    settings: TranslationSettings, channels: Sequence[str], codebook: GazeVQVAE | None
+    settings: TranslationSettings,
+    channels: Sequence[str],
+    codebook: GazeVQVAE | None,
+    network: SpeechToMotion | None = None,
 ) -> dict[str, Any]:
-    """What a network is rebuilt from."""
+    """What a network is rebuilt from; one that is told things, or hears the waveform, says what of."""
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(channels),
         "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
+        "speakers": list(network.speakers) if network else [],
+        "architecture": network.wave.architecture() if network and network.wave else None,
     }
 
 
@@ -135,6 +186,8 @@ def _generator(checkpoint: Checkpoint) -> Generator:
         return HeadGenerator(pose_network(checkpoint))
     if kind == "head_then_gaze":
         return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+    if kind == "canonical":
+        return HeadThenCanonical(_generator(_part(checkpoint, HEAD)), load_canonical(checkpoint))
     return _baseline(checkpoint)
 
 
@@ -147,7 +200,8 @@ def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
 def _network(checkpoint: Checkpoint) -> SpeechToMotion:
     config = checkpoint.config
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(config["codebook"])).freeze() if config["codebook"] else None
-    network = SpeechToMotion(TranslationSettings.model_validate(config["model"]), config["channels"], codebook)
+    settings = TranslationSettings.model_validate(config["model"])
+    network = SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()
 

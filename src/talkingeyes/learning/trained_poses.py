@@ -14,6 +14,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.learning.checkpoint import Checkpoint
 from talkingeyes.learning.poses import PoseModelSettings
+from talkingeyes.models.condition.conditioner import NOTHING, Given
 from talkingeyes.models.speech_to_pose import SpeechToPose
 
 
@@ -23,7 +24,9 @@ class HeadGenerator:
 
     network: SpeechToPose
 
-    def generate(self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float) -> Samples:
+    def generate(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+    ) -> Samples:
         """Each seed draws a training speaker's style; the eyes look straight ahead of the head."""
         head = self.heads(embedding, seeds, fps, None)
         return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))

@@ -11,9 +11,14 @@ from torch import Tensor
 
 from talkingeyes.corpus.windows import Normaliser, Recording
 from talkingeyes.learning.aliveness import Aliveness, aliveness
+from talkingeyes.learning.checkpoint import Checkpoint
 from talkingeyes.learning.loop import LoopSettings
+from talkingeyes.learning.start import start_from
+from talkingeyes.learning.telling import Beside, Teller, motion_numbers
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
+from talkingeyes.models.condition.conditioner import NOTHING, Seen
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.pace import tell_steps
 from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
 from talkingeyes.settings import Settings
 
@@ -27,6 +32,8 @@ class TrainSettings(Settings):
 class TranslationSettings(SpeechToMotionSettings):
     """A model and how it is trained."""
 
+    # A trained model whose generators this one starts with; null: from random weights.
+    start_from: str | None
     windows: WindowSettings
     loop: LoopSettings
     # Val clips that are generated, freely and with the model's own head, at each validation.
@@ -44,16 +51,25 @@ class TranslationTask:
         val: Sequence[Recording],
         normaliser: Normaliser,
         codebook: GazeVQVAE | None,
+        beside: Beside | None = None,
+        start: Checkpoint | None = None,
     ) -> None:
+        """`beside`: where that lies which a model is told; `start`: the model that `start_from` names."""
         torch.manual_seed(seed)
         self.settings = settings
-        self.windows = Windows(train, settings.windows, seed)
-        self.random = self.windows.random
         # The first take of each val sound, as many as are watched.
         self.watched = [each for each in val if each.clip.take == 0][: settings.watched_clips]
-        self.module = SpeechToMotion(settings, normaliser.channels, codebook)
-        self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
+        speakers = sorted({each.clip.speaker for each in train}) if settings.conditions else []
+        self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
+        needs = self.module.needs
+        self.teller = Teller(needs, speakers, train, beside) if needs else None
+        self.windows = Windows(train, settings.windows, seed, self.teller)
+        self.random = self.windows.random
+        motions = [torch.from_numpy(motion_numbers(each.head, each.gaze)) for each in train if "reference" in needs]
+        self.module.learn_from(Seen(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std), motions))
         self._normalise(train)
+        if start is not None:
+            start_from(self.module, start)
         self.truth = aliveness([each.head for each in self.watched], [each.gaze for each in self.watched], self._fps)
 
     @property
@@ -62,6 +78,7 @@ class TranslationTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 15 on a batch."""
+        tell_steps(self.module, step - 1)
         return self.module.terms(self.windows.draw(self.settings.loop.batch))
 
     def validate(self) -> dict[str, float]:
@@ -81,10 +98,10 @@ class TranslationTask:
         return {f"distance_at/{each:g}": distance for each, distance in distances.items()}
 
     def _alive(self, temperature: float) -> Aliveness:
-        motions = [
-            self.module.generate(torch.from_numpy(np.array(each.speech)), [index], temperature)
-            for index, each in enumerate(self.watched)
-        ]
+        motions = []
+        for index, each in enumerate(self.watched):
+            told = self.teller.whole(each.clip, len(each)) if self.teller else NOTHING
+            motions.append(self.module.generate(torch.from_numpy(np.array(each.speech)), [index], temperature, told))
         return aliveness(
             [each.head[0].cpu().numpy() for each in motions],
             [each.gaze[0].cpu().numpy() for each in motions],

@@ -14,6 +14,8 @@ from pydantic import Field
 
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
+from talkingeyes.learning.telling import Rows, Teller, given
+from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.models.gaze.signal import mirrored
 from talkingeyes.models.layers import share
 from talkingeyes.models.speech_to_motion import Batch
@@ -79,17 +81,25 @@ class Places:
 
 
 class Windows:
-    """Draws batches from recordings of head and gaze."""
+    """Draws batches from recordings of head and gaze, with what a teller says of them."""
 
-    def __init__(self, recordings: Sequence[Recording], settings: WindowSettings, seed: int) -> None:
-        self.recordings = recordings
+    def __init__(
+        self, recordings: Sequence[Recording], settings: WindowSettings, seed: int, teller: Teller | None = None
+    ) -> None:
+        self.recordings, self.teller = recordings, teller
         self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
         self.random = self.places.random
 
     def draw(self, batch: int) -> Batch:
         """A batch of windows."""
-        speech, head, gaze = zip(*map(self._cut, self.places.draw(batch)), strict=True)
-        return Batch(*(torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)))
+        places = self.places.draw(batch)
+        speech, head, gaze = zip(*map(self._cut, places), strict=True)
+        told = given([self._told(self.teller, each) for each in places]) if self.teller else NOTHING
+        parts = [torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)]
+        return Batch(parts[0], parts[1], parts[2], told)
+
+    def _told(self, teller: Teller, window: Window) -> Rows:
+        return teller.window(self.recordings[window.index].clip, window.frames, window.mirrored)
 
     def _cut(self, window: Window) -> tuple[ndarray, ...]:
         recording, part = self.recordings[window.index], window.frames

@@ -22,7 +22,7 @@ from talkingeyes.settings import Settings
 class SpeechSettings(Settings):
     """Size of the projection."""
 
-    # Channels of the embedding that are heard; null: all.
+    # Channels of the embedding that are heard; null: all; none of them: the model is deaf, its features constant.
     channels: tuple[str, ...] | None
     width: Annotated[int, Field(gt=0)]
     # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
@@ -52,11 +52,11 @@ class SpeechInput(nn.Module):
         strange = [name for name in chosen if name not in names]
         if strange:
             raise InputError(f"speech.channels: should be channels of the embedding, got {', '.join(strange)}")
-        self.register_buffer("heard", torch.tensor([list(names).index(name) for name in chosen]))
+        self.register_buffer("heard", torch.tensor([list(names).index(name) for name in chosen], dtype=torch.long))
         self.register_buffer("mean", torch.zeros(len(names)))
         self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
-        size = (len(chosen), settings.width, settings.layers, settings.dropout)
+        size = (max(len(chosen), 1), settings.width, settings.layers, settings.dropout)
         ahead = settings.ahead if isinstance(settings, CausalSpeechSettings) else None
         self.stack = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
 
@@ -71,5 +71,7 @@ class SpeechInput(nn.Module):
         return features
 
     def standard(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
-        """The channels that are heard, in units of their standard deviations."""
+        """The channels that are heard, in units of their standard deviations; of a deaf model, one of zeros."""
+        if not len(self.heard):
+            return torch.zeros_like(embedding[..., :1])
         return ((embedding - self.mean) / self.std)[..., self.heard]

@@ -5,20 +5,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
+from talkingeyes.errors import InputError
+from talkingeyes.models.condition.conditioner import (
+    CONDITIONERS,
+    NOTHING,
+    Conditioner,
+    ConditionSettings,
+    Given,
+    Known,
+    Need,
+    Seen,
+)
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, HeadPartSettings
+from talkingeyes.models.layers import share
 from talkingeyes.models.speech import CausalSpeechSettings, SpeechInput, SpeechSettings
-from talkingeyes.settings import Settings
+from talkingeyes.models.wave import WaveEncoder, WaveSpeechSettings
+from talkingeyes.settings import Settings, out_of_bounds
+
+
+class HeadMixSettings(Settings):
+    """The head that gaze is conditioned on in training: shares of the clips of a batch, 1 together."""
+
+    # As it was (fitted).
+    truth: Annotated[float, Field(ge=0, le=1)]
+    # As the head generator reconstructs it (the paper: 1), with the gradient.
+    posterior: Annotated[float, Field(ge=0, le=1)]
+    # As the head generator draws it for the speech alone, as in use.
+    prior: Annotated[float, Field(ge=0, le=1)]
+
+    @model_validator(mode="after")
+    def _whole(self) -> HeadMixSettings:
+        if abs(self.truth + self.posterior + self.prior - 1) > 1e-6:
+            raise out_of_bounds(
+                "truth, posterior and prior should be 1 together", self.truth + self.posterior + self.prior
+            )
+        return self
 
 
 class SpeechToMotionSettings(Settings):
@@ -29,11 +62,12 @@ class SpeechToMotionSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
     prior: str | None
-    speech: CausalSpeechSettings | SpeechSettings
+    speech: CausalSpeechSettings | WaveSpeechSettings | SpeechSettings
+    # What it is told besides its own speech: parts of models/condition/, perhaps none.
+    conditions: tuple[ConditionSettings, ...]
     head: HeadPartSettings
     gaze: GazePartSettings
-    # Share of the clips of a batch whose gaze is conditioned on the reconstructed head (the paper: 1), not the true.
-    reconstructed_head: Annotated[float, Field(ge=0, le=1)]
+    head_mix: HeadMixSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
     # Temperatures to choose from on val, by aliveness; one: taken as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
@@ -46,10 +80,11 @@ class Batch:
     speech: Float[Tensor, "B T C"]
     head: Float[Tensor, "B T 3"]
     gaze: Float[Tensor, "B T 2 3"]
+    given: Given = NOTHING
 
     def to(self, device: torch.device) -> Batch:
         """The same on a device."""
-        return Batch(self.speech.to(device), self.head.to(device), self.gaze.to(device))
+        return Batch(self.speech.to(device), self.head.to(device), self.gaze.to(device), self.given.to(device))
 
 
 @dataclass(frozen=True)
@@ -65,43 +100,109 @@ class SpeechToMotion(nn.Module):
 
     temperature: Tensor
 
-    def __init__(self, settings: SpeechToMotionSettings, channels: Sequence[str], codebook: GazeVQVAE | None) -> None:
+    def __init__(
+        self,
+        settings: SpeechToMotionSettings,
+        channels: Sequence[str],
+        codebook: GazeVQVAE | None,
+        speakers: Sequence[str] = (),
+        architecture: Mapping[str, Any] | None = None,
+    ) -> None:
+        """`speakers` are those of the train split; `architecture` rebuilds a wave encoder without its checkpoint."""
         super().__init__()
-        self.settings = settings
-        self.speech = SpeechInput(settings.speech, channels)
+        self.settings, self.speakers = settings, tuple(speakers)
+        heard, names = settings.speech, tuple(channels)
+        self.wave = WaveEncoder(heard.wave, architecture) if isinstance(heard, WaveSpeechSettings) else None
+        if self.wave is not None:
+            own = names if heard.channels is None else heard.channels
+            heard = heard.model_copy(update={"channels": (*own, *self.wave.channels)})
+            names = (*names, *self.wave.channels)
+        self.speech = SpeechInput(heard, names)
         self.head: HeadGenerator = HEAD_GENERATORS.make(settings.head, settings.speech.width)
         self.gaze: GazeGenerator = GAZE_GENERATORS.make(settings.gaze, settings.speech.width, codebook)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
+        known = Known(tuple(channels), self.speakers)
+        self.conditions = nn.ModuleList(
+            CONDITIONERS.make(each, settings.speech.width, known) for each in settings.conditions
+        )
+
+    @property
+    def conditioners(self) -> list[Conditioner]:
+        """What it is told by."""
+        return list(self.conditions)  # type: ignore[arg-type]
+
+    @property
+    def needs(self) -> frozenset[Need]:
+        """What must be given besides the embedding of the speech."""
+        told = frozenset(need for each in self.conditioners for need in each.needs)
+        return told | {"sound"} if self.wave is not None else told
+
+    def learn_from(self, seen: Seen) -> None:
+        """Take the statistics of the train split; what the wave encoder says has its own scale."""
+        more = len(self.wave.channels) if self.wave is not None else 0
+        self.speech.standardise_by(F.pad(seen.mean, (0, more)), F.pad(seen.std, (0, more), value=1.0))
+        for each in self.conditioners:
+            each.learn_from(seen)
+
+    def hear(self, embedding: Float[Tensor, "B T C"], given: Given) -> Float[Tensor, "B T S"]:
+        """Speech features, with all that is told added. Raises InputError if the waveform is heard and is not there."""
+        if self.wave is not None:
+            if given.sound is None:
+                raise InputError("speech.wave: a model that hears the waveform needs the sound, got none")
+            embedding = torch.cat([embedding, self.wave(given.sound, embedding.shape[1])], dim=-1)
+        features: Tensor = self.speech(embedding)
+        for each in self.conditioners:
+            features = features + each.forward(given, len(features))
+        return features
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
         batch = batch.to(self.temperature.device)
-        speech = self.speech(batch.speech)
+        speech = self.hear(batch.speech, batch.given)
         predicted = self.head.predict(speech, batch.head)
-        replaced = torch.rand(len(batch.head), device=batch.head.device) < self.settings.reconstructed_head
-        seen = torch.where(replaced[:, None, None], predicted.head, batch.head)
+        seen = self._seen(speech, batch.head, predicted.head)
         condition = Condition(speech, batch.head, self.head.normal(seen))
         terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
         total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
         return {"total": total, **terms}  # type: ignore[dict-item]
 
+    def _seen(
+        self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]
+    ) -> Float[Tensor, "B T 3"]:
+        """The heads that gaze is conditioned on in training, mixed from all that there are."""
+        mix, drawn = self.settings.head_mix, torch.rand(len(true), device=true.device)
+        head = torch.where((drawn < mix.posterior)[:, None, None], posterior, true)
+        if mix.prior == 0:
+            return head
+        seeds = share.own(torch.randint(2**31, (len(true) * share.processes(),)).tolist())
+        with torch.no_grad():
+            prior = self.head.sample(speech, seeds)
+        return torch.where((drawn >= 1 - mix.prior)[:, None, None], prior, head)
+
     @torch.no_grad()
     def generate(
-        self, embedding: Float[Tensor, "T C"], seeds: list[int], temperature: float | None = None
+        self,
+        embedding: Float[Tensor, "T C"],
+        seeds: list[int],
+        temperature: float | None = None,
+        given: Given = NOTHING,
     ) -> Generated:
-        """Motions of one speech, a seed each."""
-        speech = self.speech(embedding[None].to(self.temperature.device)).expand(len(seeds), -1, -1)
+        """Motions of one speech, a seed each; `given` is one window, the whole speech."""
+        speech = self._heard(embedding, given).expand(len(seeds), -1, -1)
         head = self.head.sample(speech, seeds)
         return Generated(head, self._gaze(speech, head, seeds, temperature))
 
     @torch.no_grad()
     def look(
-        self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int]
+        self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int], given: Given = NOTHING
     ) -> Float[Tensor, "B T 2 3"]:
         """Gaze for heads that another model moves, a seed each."""
+        speech = self._heard(embedding, given).expand(len(seeds), -1, -1)
+        return self._gaze(speech, head.to(speech.device), seeds, None)
+
+    def _heard(self, embedding: Float[Tensor, "T C"], given: Given) -> Float[Tensor, "1 T S"]:
         device = self.temperature.device
-        speech = self.speech(embedding[None].to(device)).expand(len(seeds), -1, -1)
-        return self._gaze(speech, head.to(device), seeds, None)
+        return self.hear(embedding[None].to(device), given.to(device))
 
     def _gaze(
         self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None

@@ -29,6 +29,10 @@ def frames_ahead(network: SpeechToMotion) -> int:
     """
     stack, gaze = network.speech.stack, network.gaze
     causal = isinstance(stack, CausalConvolutionStack) and isinstance(network.head, CausalHead)
+    if network.conditions or network.wave is not None:
+        raise InputError(
+            "model: a stream is told nothing but its speech, got a model with conditions or a wave encoder"
+        )
     if not causal or not isinstance(gaze, CategoricalGaze) or gaze.settings.condition_ahead:
         raise InputError(
             "model: should be one for streams (speech.ahead, head causal_vae, condition_ahead 0), got none"

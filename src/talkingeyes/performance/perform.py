@@ -13,15 +13,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import SPEAKERS_FILE, Manner, load_speakers
-from talkingeyes.learning.trained import Generator, load_generator
+from talkingeyes.learning.telling import of_samples
+from talkingeyes.learning.trained import Generator, load_generator, needs
+from talkingeyes.models.condition.conditioner import Given
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.course import Course
 from talkingeyes.performance.direct import Asked, blinks_of, directed
@@ -149,7 +153,7 @@ class Performer:
     ) -> list[Performance]:
         style = direction.style
         manner = self.speakers[style] if isinstance(style, str) else style
-        drawn = self.generator.generate(embedding, sample_seeds(seed, samples), self.fps)
+        drawn = self._drawn(embedding, sound, sample_seeds(seed, samples))
         faces = self._faces(embedding, sound, samples, seed, direction)
         performances = []
         for index in range(samples):
@@ -159,6 +163,15 @@ class Performer:
             motion = recast_motion(motion, direction.parts)
             performances.append(Performance(motion, recast_events(one.events, motion, direction.parts)))
         return performances
+
+    def _drawn(self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int]) -> Samples:
+        """Head and gaze; a model that hears the waveform is given it."""
+        if "sound" not in needs(self.generator):
+            return self.generator.generate(embedding, seeds, self.fps)
+        if not len(sound):
+            raise InputError("speech.wave: a model that hears the waveform needs the sound, got embedded speech")
+        heard = of_samples(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
+        return self.generator.generate(embedding, seeds, self.fps, Given(sound=torch.from_numpy(heard)[None]))
 
     def _faces(
         self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], samples: int, seed: int, asked: Direction

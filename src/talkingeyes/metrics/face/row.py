@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,11 +16,12 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_of, ratio_of
+from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate, bootstrap, mean_of, ratio_of
 from talkingeyes.metrics.face.emotion import EmotionClassifier, features, recognised
 from talkingeyes.metrics.face.surface import Surface
 from talkingeyes.metrics.face.talking import Talking, talking
 from talkingeyes.metrics.face.vertices import VertexErrors, halves_diversity, vertex_errors
+from talkingeyes.metrics.seeds import Measured, SeededEstimate, mean_of_known, seeded
 
 OVER_FRAMES = ("mve", "lve", "lve_squared")
 
@@ -75,62 +75,33 @@ def cropped_faces(faces: FaceSamples, frames: int) -> FaceSamples:
 def summarise_face(sounds: Sequence[FaceFigures], settings: BootstrapSettings) -> dict[str, Estimate]:
     """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
     found = _statistics(sounds)
-    return {name: bootstrap(each.statistic, each.count, settings) for name, each in found.items()}
-
-
-@dataclass(frozen=True)
-class SeededEstimate(Estimate):
-    """An estimate with its range over seeds."""
-
-    least: float
-    most: float
+    return {name: bootstrap(each, each.count, settings) for name, each in found.items()}
 
 
 def summarise_seeds(seeds: Sequence[Sequence[FaceFigures]], settings: BootstrapSettings) -> dict[str, SeededEstimate]:
     """The same sounds under several seeds: the mean of all, its interval over sounds, and the range over seeds."""
-    by_seed = [_statistics(each) for each in seeds]
-    found = {}
-    for name, first in by_seed[0].items():
-        alike = [each[name].statistic for each in by_seed if name in each and each[name].count == first.count]
-        values = [statistic(np.arange(first.count)) for statistic in alike]
-        estimate = bootstrap(partial(_mean_of_seeds, alike), first.count, settings)
-        found[name] = SeededEstimate(estimate.value, estimate.low, estimate.high, min(values), max(values))
-    return found
+    found = seeded([_statistics(each) for each in seeds])
+    return {name: each.estimate(settings) for name, each in found.items()}
 
 
-@dataclass(frozen=True)
-class _Measured:
-    statistic: Statistic
-    count: int
-
-
-def _mean_of_seeds(statistics: Sequence[Statistic], drawn: ndarray) -> float:
-    return float(np.mean([statistic(drawn) for statistic in statistics]))
-
-
-def _statistics(sounds: Sequence[FaceFigures]) -> dict[str, _Measured]:
+def _statistics(sounds: Sequence[FaceFigures]) -> dict[str, Measured]:
     """Every figure that some sound allows."""
     errors = [each.errors for each in sounds if each.errors is not None]
     frames = np.array([each.frames for each in errors], float)
-    found: dict[str, _Measured] = {}
+    found: dict[str, Measured] = {}
     for name in (field.name for field in fields(VertexErrors) if field.name != "frames"):
         values = np.array([getattr(each, name) for each in errors])
-        found[name] = _Measured(
+        found[name] = Measured(
             ratio_of(values * frames, frames) if name in OVER_FRAMES else mean_of(values), len(values)
         )
     for name in (field.name for field in fields(Talking)):
-        found[name] = _mean(np.array([getattr(each.talking, name) for each in sounds]))
+        found[name] = mean_of_known(np.array([getattr(each.talking, name) for each in sounds]))
     own, truth = (np.array([getattr(each, name) for each in sounds]) for name in ("diversity", "diversity_truth"))
     several = ~np.isnan(own + truth)
-    found["diversity"] = _mean(own)
+    found["diversity"] = mean_of_known(own)
     if truth[several].all():
-        found["diversity_ratio"] = _Measured(ratio_of(own[several], truth[several]), int(several.sum()))
+        found["diversity_ratio"] = Measured(ratio_of(own[several], truth[several]), int(several.sum()))
     known = [each for each in sounds if not np.isnan(each.hits)]
     hits, emotions = np.array([each.hits for each in known]), np.array([each.emotion for each in known])
-    found["emotion_recognised"] = _Measured(lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known))
+    found["emotion_recognised"] = Measured(lambda drawn: recognised(hits[drawn], emotions[drawn]), len(known))
     return {name: each for name, each in found.items() if each.count}
-
-
-def _mean(values: Float[ndarray, " N"]) -> _Measured:
-    known = values[~np.isnan(values)]
-    return _Measured(mean_of(known), len(known))

@@ -17,7 +17,7 @@ from pydantic import model_validator
 from torch import Tensor, nn
 
 from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coder, reconstruction
-from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
+from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
 from talkingeyes.settings import out_of_bounds
 
@@ -29,7 +29,7 @@ class FaceVQVAESettings(AutoencoderSettings):
 
     kind: Literal["vq"]
     layout: Layout
-    quantiser: QuantiserSettings
+    quantiser: AnyQuantiserSettings
 
     @model_validator(mode="after")
     def _whole_codes(self) -> FaceVQVAESettings:
@@ -63,7 +63,7 @@ class FaceVQVAE(nn.Module):
         super().__init__()
         self.settings, self.predicted = settings, settings.latent
         self.coder = Coder(settings, numbers, settings.latent)
-        self.quantiser = Quantiser(settings.quantiser)
+        self.quantiser = make_quantiser(settings.quantiser)
         self.register_buffer("spread", torch.ones(()))
         self.register_buffer("latent_scale", torch.ones(()))
         self.frozen = False

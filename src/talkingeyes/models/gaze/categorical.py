@@ -18,9 +18,12 @@ from torch import Tensor, nn
 
 from talkingeyes.errors import InputError
 from talkingeyes.models.gaze.generator import Condition, uniforms
+from talkingeyes.models.gaze.history import DrawnHistorySettings, NoisyHistory, ScheduledHistory, replaced
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.draw import draw
+from talkingeyes.models.layers.nucleus import nucleus
+from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
 from talkingeyes.settings import PartSettings
 
@@ -35,6 +38,10 @@ class CategoricalGazeSettings(PartSettings):
     condition_ahead: Annotated[int, Field(ge=0)]
     # Share of past codes hidden in training, against the mismatch between teacher forcing and free running.
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
+    # What is seen of the past in training.
+    history: DrawnHistorySettings
+    # Codes are drawn among the most probable that have this share of the probability together; 1: among all.
+    top_p: Annotated[float, Field(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -66,7 +73,7 @@ class CategoricalGaze(nn.Module):
         super().__init__()
         if codebook is None:
             raise InputError("model.prior: should name a codebook for categorical gaze, got null")
-        self.settings, self.codebook = settings, codebook
+        self.settings, self.codebook, self.trained_steps = settings, codebook, 0
         self.patch = codebook.settings.frames_per_code
         width = settings.transformer.width
         self.stay = codebook.settings.quantiser.codes
@@ -82,12 +89,14 @@ class CategoricalGaze(nn.Module):
         """The codebook has statistics of its own."""
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """Cross-entropy of the codes of true gaze, with true codes as history."""
+        """Cross-entropy of the codes of true gaze, with true codes as history, or what training shows of them."""
         codes, history = self._encode(condition.head, gaze)
         memory = self.memory(condition)
-        logits = self.out(self.transformer(self._query(history) + memory, memory))
-        logits = self._bar_first_stay(logits)
-        return {"gaze_codes": F.cross_entropy(logits.flatten(0, 1), codes.flatten())}
+        if self.training and isinstance(self.settings.history, NoisyHistory):
+            history = self._near(self.settings.history, codes)
+        if self.training and isinstance(self.settings.history, ScheduledHistory):
+            history = self._mixed(self.settings.history, codes, self._logits(history, memory).detach())
+        return {"gaze_codes": F.cross_entropy(self._logits(history, memory).flatten(0, 1), codes.flatten())}
 
     @torch.no_grad()
     def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
@@ -115,7 +124,7 @@ class CategoricalGaze(nn.Module):
         first = run.cache.position == 0
         logits = self.out(self.transformer.step(x + memory, run.cache))
         logits = self._bar_first_stay(logits) if first else logits
-        run.before = draw(logits[:, 0], uniform, temperature)
+        run.before = draw(nucleus(logits[:, 0], self.settings.top_p, temperature), uniform, temperature)
         stay = run.before == self.stay
         values = self.codebook.values_of(run.before)
         patch = self.codebook.step(values, stay, None if first else run.held, run.decoding)
@@ -132,16 +141,40 @@ class CategoricalGaze(nn.Module):
         stay = stay_mask(self.codebook, signal)
         with torch.autocast(signal.device.type, enabled=False):  # targets and history as generation makes them
             quantised = self.codebook.quantiser(self.codebook.encode(signal))
-            rendered = self.codebook.render(quantised.values, stay)
-        codes = torch.where(stay, self.stay, quantised.indices)
+            codes = torch.where(stay, self.stay, quantised.indices)
+            return codes, self._history(codes, quantised.values)
+
+    @torch.no_grad()
+    def _history(self, codes: Int[Tensor, "B N"], values: Float[Tensor, "B N C"]) -> _History:
+        """What is known before each of these codes, whose values are given."""
+        stay = codes == self.stay
+        with torch.autocast(values.device.type, enabled=False):
+            rendered = self.codebook.render(values, stay)
         last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch - 1 :: self.patch]
         order = torch.arange(stay.shape[1], device=stay.device).expand_as(stay)
         dwell = order - torch.where(stay, 0, order).cummax(dim=1).values
-        return codes, _History(
+        return _History(
             torch.cat([torch.full_like(codes[:, :1], self.stay + 1), codes[:, :-1]], dim=1),
             torch.cat([torch.zeros_like(last[:, :1]), last[:, :-1]], dim=1),
             torch.cat([torch.zeros_like(dwell[:, :1]), dwell[:, :-1]], dim=1),
         )
+
+    def _near(self, settings: NoisyHistory, codes: Int[Tensor, "B N"]) -> _History:
+        """The history of codes near the true ones; stays stay."""
+        table, values = self.codebook.quantiser.codebook, self.codebook.values_of(codes)
+        moved = values + settings.sigma * table.std() * torch.randn_like(values)
+        near = torch.where(codes == self.stay, self.stay, squared_distances(moved, table).argmin(-1))
+        return self._history(near, self.codebook.values_of(near))
+
+    def _mixed(self, settings: ScheduledHistory, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]) -> _History:
+        """The history of true codes, a share of them replaced by draws of a first pass, as the Gumbel trick draws."""
+        drawn = (logits - (-torch.rand_like(logits).clamp(1e-9, 1 - 1e-7).log()).log()).argmax(-1)
+        mixed = torch.where(replaced(settings, self.trained_steps, logits[..., 0]), drawn, codes)
+        return self._history(mixed, self.codebook.values_of(mixed))
+
+    def _logits(self, history: _History, memory: Float[Tensor, "B N W"]) -> Float[Tensor, "B N K"]:
+        """Of all codes at once."""
+        return self._bar_first_stay(self.out(self.transformer(self._query(history) + memory, memory)))
 
     def memory(self, condition: Condition) -> Float[Tensor, "B N W"]:
         """Speech and head a code; the last patch is filled up by its last frame."""

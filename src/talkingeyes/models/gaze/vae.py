@@ -49,7 +49,7 @@ class VAEGaze(nn.Module):
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
             "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_kl": posterior.divergence(),
+            "gaze_kl": self.vae.penalty(posterior),
         }
 
     @torch.no_grad()

@@ -18,7 +18,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.gaze.signal import FEATURES, SignalName
-from talkingeyes.models.layers.quantiser import Quantised, Quantiser, QuantiserSettings
+from talkingeyes.models.layers.quantiser import Quantised
+from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
 from talkingeyes.settings import Settings
 
@@ -32,7 +33,7 @@ class GazeVQVAESettings(Settings):
     frames_per_code: Annotated[int, Field(gt=0)]
     # A patch that moves less than this (degrees) from the frame before it is a stay; null: every patch has a code.
     stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
-    quantiser: QuantiserSettings
+    quantiser: AnyQuantiserSettings
     encoder: TransformerSettings
     decoder: TransformerSettings
 
@@ -60,7 +61,7 @@ class GazeVQVAE(nn.Module):
         self.enter = nn.Linear(numbers, settings.encoder.width)
         self.encoder = CausalTransformer(settings.encoder)
         self.to_latent = nn.Linear(settings.encoder.width, settings.quantiser.width)
-        self.quantiser = Quantiser(settings.quantiser)
+        self.quantiser = make_quantiser(settings.quantiser)
         self.from_code = nn.Linear(settings.quantiser.width, settings.decoder.width)
         self.stay = nn.Parameter(torch.zeros(settings.quantiser.width))
         self.decoder = CausalTransformer(settings.decoder)

@@ -1,6 +1,7 @@
 """What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
 
-A generator is one file here: `vae` (the paper's), `causal_vae` (for streams) or `events`; docs/extend.md adds one.
+A generator is one file here: `vae` (the paper's), `causal_vae` (for streams), `vqvae` (Table V) or `events`;
+docs/extend.md adds one.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ HEAD_GENERATORS = Role(
         "vae": "talkingeyes.models.head.vae:VAEHead",
         "causal_vae": "talkingeyes.models.head.causal:CausalHead",
         "events": "talkingeyes.models.head.events:EventHead",
+        "vqvae": "talkingeyes.models.head.vqvae:VQVAEHead",
     },
     ("normalise_by", "normal", "predict", "sample"),
 )

@@ -57,7 +57,7 @@ class Memory:
 class PosePrediction:
     """Poses as the generator makes them of true ones and their speech, and the terms of its loss."""
 
-    pose: Float[Tensor, "B T 6"]
+    pose: Float[Tensor, "B T P"]
     terms: dict[str, Tensor]
 
 

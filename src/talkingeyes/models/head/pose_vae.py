@@ -36,7 +36,7 @@ class VAEPose(nn.Module):
         terms = {
             "pose": losses.reconstruction(made, pose),
             "motion": losses.velocity(made, pose),
-            "kl": posterior.divergence(),
+            "kl": self.vae.penalty(posterior),
         }
         return PosePrediction(made, terms)
 

@@ -18,7 +18,7 @@ from torch.nn import functional
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
+from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shifted
 from talkingeyes.settings import PartSettings
 
@@ -30,25 +30,25 @@ class VQVAEPoseSettings(PartSettings):
     layers: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
     frames_per_code: Annotated[int, Field(gt=0)]
-    quantiser: QuantiserSettings
+    quantiser: AnyQuantiserSettings
     transformer: TransformerSettings
 
 
 class VQVAEPose(nn.Module):
-    """Encoder, codebook, decoder, and a causal transformer over codes and speech."""
+    """Encoder, codebook, decoder, and a causal transformer over codes and speech; `numbers` a frame (vqvae.py: 3)."""
 
     configured_by = VQVAEPoseSettings
     window = None
 
-    def __init__(self, settings: VQVAEPoseSettings, speech: int, embedding: int) -> None:
+    def __init__(self, settings: VQVAEPoseSettings, speech: int, embedding: int, numbers: int = 6) -> None:
         super().__init__()
         self.settings = settings
         width, code, hidden = settings.width, settings.quantiser.width, settings.transformer.width
-        self.encoder = ConvolutionStack(6, width, settings.layers, settings.dropout)
+        self.encoder = ConvolutionStack(numbers, width, settings.layers, settings.dropout)
         self.to_latent = nn.Linear(width, code)
-        self.quantiser = Quantiser(settings.quantiser)
+        self.quantiser = make_quantiser(settings.quantiser)
         self.decoder = ConvolutionStack(code, width, settings.layers, settings.dropout)
-        self.out = nn.Linear(width, 6)
+        self.out = nn.Linear(width, numbers)
         self.first = nn.Parameter(torch.zeros(1, 1, hidden))
         self.from_code = nn.Embedding(settings.quantiser.codes, hidden)
         self.from_speech = nn.Linear(speech, hidden)
@@ -58,7 +58,7 @@ class VQVAEPose(nn.Module):
     def remember(self, memory: Memory) -> None:
         """It needs nothing."""
 
-    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+    def predict(self, heard: Heard, pose: Float[Tensor, "B T P"]) -> PosePrediction:
         """Through the codebook; codes predicted from those before them."""
         quantised = self.quantiser(self.to_latent(self._pooled(self.encoder(pose))))
         made = self._decoded(quantised.values, pose.shape[1])
@@ -72,7 +72,7 @@ class VQVAEPose(nn.Module):
         }
         return PosePrediction(made, terms)
 
-    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+    def sample(self, heard: Heard, start: Float[Tensor, "B P"], noise: list[torch.Generator]) -> Float[Tensor, "B T P"]:
         """Codes drawn one after the other."""
         speech = self.from_speech(self._pooled(heard.features))
         cache, before = self.transformer.start(), self.first.expand(len(noise), 1, -1)
@@ -90,7 +90,7 @@ class VQVAEPose(nn.Module):
         span = self.settings.frames_per_code
         return torch.stack([part.mean(1) for part in frames.split(span, dim=1)], dim=1)
 
-    def _decoded(self, values: Float[Tensor, "B N C"], frames: int) -> Float[Tensor, "B T 6"]:
+    def _decoded(self, values: Float[Tensor, "B N C"], frames: int) -> Float[Tensor, "B T P"]:
         spread = values.repeat_interleave(self.settings.frames_per_code, dim=1)[:, :frames]
         made: Tensor = self.out(self.decoder(spread))
         return made

@@ -51,7 +51,7 @@ class VAEHead(nn.Module):
         terms = {
             "head_reconstruction": losses.reconstruction(predicted, true),
             "head_velocity": losses.velocity(predicted, true),
-            "head_kl": posterior.divergence(),
+            "head_kl": self.vae.penalty(posterior),
         }
         return HeadPrediction(predicted * self.scale + self.mean, terms)
 

@@ -30,6 +30,10 @@ class KeysValues:
         high = max(stop - self.first, 0)
         return KeysValues(self.keys[:, :, low:high], self.values[:, :, low:high], self.first + low)
 
+    def detached(self) -> KeysValues:
+        """The same without a gradient."""
+        return KeysValues(self.keys.detach(), self.values.detach(), self.first)
+
     def append(self, other: KeysValues) -> KeysValues:
         """This memory followed by the next frames."""
         return KeysValues(

@@ -17,6 +17,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.layers.kl import KLSettings, annealed, beyond_free_bits
 from talkingeyes.settings import Settings
 
 CLIP_LATENT_FRAMES = 500
@@ -32,6 +33,8 @@ class VAESettings(Settings):
     latent: Annotated[int, Field(gt=0)]
     # Frames a code stands for; null: one a clip.
     latent_frames: Annotated[int, Field(gt=0)] | None
+    # How the codes are drawn to their prior.
+    kl: KLSettings
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,11 @@ class Gaussian:
 
     def divergence(self) -> Float[Tensor, ""]:
         """KL to N(0, I) (eq. 13), mean over codes and their dimensions."""
-        return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square()).mean()
+        return self.divergences().mean()
+
+    def divergences(self) -> Float[Tensor, "B N Z"]:
+        """The same of each number."""
+        return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
 
 
 class ConditionalVAE(nn.Module):
@@ -55,7 +62,7 @@ class ConditionalVAE(nn.Module):
 
     def __init__(self, settings: VAESettings, features: int, condition: int) -> None:
         super().__init__()
-        self.settings = settings
+        self.settings, self.trained_steps = settings, 0
         self.encoder = ConvolutionStack(features + condition, settings.width, settings.layers, settings.dropout)
         self.moments = nn.Linear(settings.width, 2 * settings.latent)
         self.decoder: nn.Module = ConvolutionStack(
@@ -74,6 +81,11 @@ class ConditionalVAE(nn.Module):
         pooled = torch.stack([part.mean(1) for part in moments.split(span, dim=1)], dim=1)
         mean, log_variance = pooled.chunk(2, dim=-1)
         return Gaussian(mean, log_variance.clamp(-10, 10))
+
+    def penalty(self, posterior: Gaussian) -> Float[Tensor, ""]:
+        """Eq. 13 as it counts at this point of training: annealed, beyond the free bits."""
+        kl = self.settings.kl
+        return annealed(kl.annealing, self.trained_steps) * beyond_free_bits(posterior.divergences(), kl.free_bits)
 
     def decode(self, codes: Float[Tensor, "B N Z"], condition: Float[Tensor, "B T C"]) -> Float[Tensor, "B T F"]:
         """The motion of codes under a condition."""

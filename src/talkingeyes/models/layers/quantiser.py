@@ -8,7 +8,7 @@ that are hardly used are restarted at latents of the batch (Dhariwal et al. 2020
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -22,6 +22,7 @@ from talkingeyes.settings import Settings
 class QuantiserSettings(Settings):
     """A codebook."""
 
+    kind: Literal["codebook"]
     # Number of codes N (the paper: 1,024).
     codes: Annotated[int, Field(gt=1)]
     # Width C of a code.
@@ -61,8 +62,11 @@ class Quantiser(nn.Module):
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
         """Squared distances to every code."""
-        squares = latents.square().sum(-1, keepdim=True) + self.codebook.square().sum(-1)
-        return squares - 2 * latents @ self.codebook.T
+        return squared_distances(latents, self.codebook)
+
+    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+        """Latents and codes are of one space."""
+        return latents
 
     def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
         """Nearest codes (eq. 5). Only latents where `used` count for the losses and the codebook."""
@@ -70,17 +74,12 @@ class Quantiser(nn.Module):
         with torch.autocast(latents.device.type, enabled=False):
             if self.training:
                 kept = latents if used is None else latents[used]
-                self._update(share.gathered(kept.detach().reshape(-1, latents.shape[-1])))
-            indices = self.distances(latents.detach()).argmin(-1)
-        values = self.codebook[indices]
-        error = (latents - values).square().mean(-1)
-        commitment = (
-            error.mean() if used is None else (error * used).sum() / share.mean(used.sum().float()).clamp(min=1)
-        )
-        return Quantised(latents + (values - latents).detach(), indices, commitment)
+                self.update(share.gathered(kept.detach().reshape(-1, latents.shape[-1])))
+        return committed(self, latents, used)
 
     @torch.no_grad()
-    def _update(self, latents: Float[Tensor, "M C"]) -> None:
+    def update(self, latents: Float[Tensor, "M C"]) -> None:
+        """Move the averages of codes on by the latents of a batch."""
         if not len(latents):
             return
         if not self.started:
@@ -105,6 +104,33 @@ class Quantiser(nn.Module):
         self.codebook[dead] = chosen
         self.sums[dead] = chosen
         self.counts[dead] = 1.0
+
+
+@runtime_checkable
+class Codes(Protocol):
+    """What latents are compared with."""
+
+    @property
+    def codebook(self) -> Float[Tensor, "K C"]: ...
+
+    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]: ...
+
+
+def committed(codes: Codes, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None) -> Quantised:
+    """Nearest codes (eq. 5), straight through, and how far from them the latents that are `used` lie (eq. 7)."""
+    latents = latents.float()
+    with torch.autocast(latents.device.type, enabled=False):
+        indices = codes.distances(latents.detach()).argmin(-1)
+    values = codes.codebook[indices]
+    error = (latents - values).square().mean(-1)
+    commitment = error.mean() if used is None else (error * used).sum() / share.mean(used.sum().float()).clamp(min=1)
+    return Quantised(latents + (values - latents).detach(), indices, commitment)
+
+
+def squared_distances(latents: Float[Tensor, "*N C"], codebook: Float[Tensor, "K C"]) -> Float[Tensor, "*N K"]:
+    """Squared distances to every code."""
+    squares = latents.square().sum(-1, keepdim=True) + codebook.square().sum(-1)
+    return squares - 2 * latents @ codebook.T
 
 
 def perplexity(counts: Float[Tensor, " K"]) -> float:

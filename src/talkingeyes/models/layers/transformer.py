@@ -44,6 +44,10 @@ class Cache:
     past: list[KeysValues | None]
     memory: list[KeysValues | None]
 
+    def forget_gradient(self) -> None:
+        """No gradient goes back through what is remembered of the past."""
+        self.past = [each.detached() if each else None for each in self.past]
+
 
 class Layer(nn.Module):
     """Pre-norm: self-attention (to `ahead` positions after its own, too), cross-attention to a memory, feed-forward."""

@@ -1,0 +1,167 @@
+"""The paper's tables on three seeds: TalkingEyes Tables III, V (with II as ranges), VI and VII.
+
+Run     python -m pipelines.tables [tables=table3,table7] [seeds=0,1,2] [--out DIR] [overrides]
+Reads   conf/experiment/table3, table5, table6, table7; corpus, fit and embedding of `make repro` are taken over if they
+        are the same
+Writes  DIR (by default docs/): tables.md, tables.json; works in the folder that `workspace` names (build/tables)
+
+A row is computed once, in however many tables it stands. "Seeds" are those of training and sampling; corpus, fit,
+codebooks and critic are the same for all. Killed, it goes on (pipelines/rows.py). Outside the default chain.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from pipelines.evaluate import SPLITS, Item, Sources, items, look
+from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
+from talkingeyes.corpus.windows import Recordings
+from talkingeyes.errors import InputError
+from talkingeyes.learning.trained import load_generator
+from talkingeyes.metrics.evaluation import EvaluateSettings
+from talkingeyes.metrics.judges import Judges
+from talkingeyes.metrics.seeds import Seeded
+from talkingeyes.metrics.tables.declared import REFERENCES, TABLES
+from talkingeyes.metrics.tables.page import Found, as_json, found, markdown
+from talkingeyes.metrics.tables.row import Numbers, fast, figures_of, numbers
+from talkingeyes.recipe import Call
+from talkingeyes.run import Report, Workspace, progress, shell
+
+# Motions for Table VI: this long, this many of each split, under its sounds one after the other.
+LONG_S, LONG_MOTIONS = 60.0, 4
+# What a row follows from beside what it reads.
+ROW_CODE = ("pipelines/evaluate.py", "pipelines/tables.py", "src/talkingeyes/learning", "src/talkingeyes/metrics")
+READS = ("data/critic",)
+INTRODUCTION = """# The paper's tables
+
+Written by `python -m pipelines.tables{words}` (`make tables`), which goes on where it was killed. What each table asks,
+and the paper's numbers: conf/experiment/table3, table5, table6, table7. All rows are of one code revision: the store
+keeps what was made from other code under other names.
+
+Seeds of training and sampling: {seeds}. Each figure (bold) is their mean; small, its {level:.0%} interval over clips
+(seeds averaged) and, of several seeds, their range. Under it the paper's, of another corpus, encoder and critic, and of
+some 480,000 steps of training: compare the order of rows, not the values. Diversity, Corr. and L2 compare with fitted
+motion in radians, speeds and ranges with the true motion; `Mean` wins every L2, so read all of a row. Table II is in
+words in the paper (a VAE's eyes "nearly stationary", a VQ-VAE's head "exaggerated"); here it is the middle 95 % of each
+rotation against the truth's. What is above 5 Hz is measured on {count} motions of {long_s:.0f} s a split, for real
+motion clip by clip; its intervals are over motions.
+
+Order: of every two rows that the paper has with different numbers, whether ours differ in the same direction; Kendall's
+tau is agreeing less reversed pairs over all. A pair is told apart if the interval of our difference, both rows on the
+same clips, does not hold 0.
+
+"""
+
+
+def main() -> None:
+    """All seeds of all rows of the chosen tables, then the page."""
+    wanted = options(sys.argv[1:])
+    names, made = wanted.words["tables"], of_seeds(wanted.overrides, wanted.seeds)
+    settings = EvaluateSettings.model_validate(made[0]["evaluate"])
+    models = tuple(dict.fromkeys(row for name in names for row in TABLES[name].rows))
+    kind = Kind("table_row", ROW_CODE, READS, ("evaluate",), _measure, models, REFERENCES)
+    figures = _figures(rows(made, kind, critic=True, title="tables").by_name)
+    tables = {name: _tables(name, figures, settings) for name in names}
+    words = "".join(f" {text}" for text in sys.argv[1:])
+    introduction = INTRODUCTION.format(
+        words=words,
+        seeds=", ".join(map(str, wanted.seeds)),
+        level=settings.bootstrap.level,
+        count=LONG_MOTIONS,
+        long_s=LONG_S,
+    )
+    page = introduction + "\n".join(markdown(TABLES[name], by_split) for name, by_split in tables.items())
+    plain = {"seeds": wanted.seeds, "tables": {name: as_json(TABLES[name], each) for name, each in tables.items()}}
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    (wanted.out / "tables.json").write_text(json.dumps(plain, indent=1))
+    (wanted.out / "tables.md").write_text(page)
+    print(page)
+
+
+def options(arguments: Sequence[str]) -> Asked:
+    """What is asked for: tables=..., and what rows.py knows. An experiment is composed on top of the tables'."""
+    wanted = asked(arguments, ["tables"])
+    names = wanted.words["tables"] or list(TABLES)
+    unknown = [name for name in names if name not in TABLES]
+    if unknown:
+        raise InputError(f"tables: should be among {', '.join(TABLES)}; got {unknown[0]!r}")
+    more = [text.partition("=")[2] for text in wanted.overrides if text.startswith("experiment=")]
+    rest = [text for text in wanted.overrides if not text.startswith("experiment=")]
+    experiment = f"experiment=[{','.join([*names, *more])}]"
+    return replace(wanted, overrides=[experiment, *rest], words={"tables": names})
+
+
+def _figures(by_name: Mapping[str, Sequence[Made]]) -> dict[str, dict[str, dict[str, Seeded]]]:
+    """{split: {row: {figure}}}."""
+    plain = {name: [json.loads(one.figures.read_text()) for one in seeds] for name, seeds in by_name.items()}
+    return {split: {name: figures_of(seeds, split) for name, seeds in plain.items()} for split in SPLITS}
+
+
+def _tables(
+    name: str, figures: Mapping[str, Mapping[str, Mapping[str, Seeded]]], settings: EvaluateSettings
+) -> dict[str, Found]:
+    """A table in every split that has sounds."""
+    return {
+        split: found(TABLES[name], of_split, settings.bootstrap)
+        for split, of_split in figures.items()
+        if any(of_split.values())
+    }
+
+
+def _measure(call: Call, workspace: Workspace) -> Report:
+    """The numbers of a row: {"sounds": {split: [numbers]}, "long": {split: [numbers]}}."""
+    settings = workspace.settings("evaluate", EvaluateSettings)
+    (row,), data = call.names, workspace.data
+    places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
+    sources = Sources(row, *places, settings.benchmarked)
+    work = items(sources, settings)
+    judges = Judges.load(sources.critic) if work else None
+    sounds: dict[str, list[Numbers]] = {split: [] for split in SPLITS}
+    long: dict[str, list[Numbers]] = {split: [] for split in SPLITS}
+    for item in progress(work, f"{call.stage} {row}"):
+        assert judges is not None
+        seen = look(sources, judges, item)
+        if seen is None:
+            continue
+        split = item.takes[0].split
+        sounds[split].append(numbers(seen.case, seen.figures))
+        if row in REFERENCES:
+            long[split].append(fast(seen.case.samples.head[0], seen.case.samples.gaze[0], item.takes[0].fps))
+    if row not in REFERENCES:
+        long = {split: _long(data("train", row), sources, _of_split(work, split)) for split in SPLITS}
+    with workspace.output(call.stage, row) as folder:
+        (folder / FIGURES).write_text(json.dumps({"sounds": sounds, "long": long}))
+    return Report()
+
+
+def _of_split(work: Sequence[Item], split: str) -> list[Item]:
+    return [item for item in work if item.takes[0].split == split]
+
+
+def _long(model: Path, sources: Sources, work: Sequence[Item]) -> list[Numbers]:
+    """Long motions of a model under the sounds of a split, end to end."""
+    if not work:
+        return []
+    fps = work[0].takes[0].fps
+    recordings = Recordings([item.takes[0] for item in work], sources.fit, sources.embed)
+    heard: list[Float[ndarray, "_ C"]] = []
+    for recording in recordings:
+        heard.append(np.asarray(recording.speech))
+        if sum(map(len, heard)) >= LONG_S * fps:
+            break
+    speech = np.concatenate(heard)[: int(LONG_S * fps)]
+    made = load_generator(model).generate(speech, list(range(LONG_MOTIONS)), fps)
+    return [fast(head, gaze, fps) for head, gaze in zip(made.head, made.gaze, strict=True)]
+
+
+if __name__ == "__main__":
+    shell(importlib.import_module("pipelines.tables").main)  # by its name, so that worker processes find `_measure`

@@ -1,0 +1,94 @@
+"""What a model may be told besides its own speech: who moves, how somebody moves, what the partner says.
+
+Each kind is one file here and one section of the list `conditions` in conf/model/; `[]`: nothing (the paper). A
+conditioner gives a vector a frame that is added to the speech features, so every generator of head and gaze obeys it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Float, Int
+from pydantic import BeforeValidator, SerializeAsAny
+from torch import Tensor
+
+from talkingeyes.settings import PartSettings, Role
+
+CONDITIONERS = Role(
+    "condition",
+    {
+        "speaker": "talkingeyes.models.condition.speaker:SpeakerTable",
+        "reference": "talkingeyes.models.condition.reference:ReferenceStyle",
+        "partner": "talkingeyes.models.condition.partner:PartnerSpeech",
+    },
+    ("needs", "learn_from", "forward"),
+)
+ConditionSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(CONDITIONERS.read)]
+
+Need = Literal["speaker", "reference", "partner", "sound"]
+
+
+@dataclass(frozen=True)
+class Given:
+    """What B windows of T frames come with. None: nothing; a row of NaN (speaker -1): nothing for this window.
+
+    `speaker` is a number in the list of the training speakers, `reference` head and eye-in-head (radians) of another
+    clip, `partner` the embedding of the partner's channel, `sound` the speech itself, N / T samples a frame.
+    """
+
+    speaker: Int[Tensor, " B"] | None = None
+    reference: Float[Tensor, "B R 9"] | None = None
+    partner: Float[Tensor, "B T C"] | None = None
+    sound: Float[Tensor, "B N"] | None = None
+
+    def to(self, device: torch.device) -> Given:
+        """The same on a device."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Given(**{name: None if each is None else each.to(device) for name, each in found.items()})
+
+
+NOTHING = Given()
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a conditioner is made for: the channels of the embedding, and the training speakers by number."""
+
+    channels: tuple[str, ...]
+    speakers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The train split: statistics of the speech embedding, and motions (head and eye-in-head, radians)."""
+
+    mean: Float[Tensor, " C"]
+    std: Float[Tensor, " C"]
+    motions: Sequence[Float[Tensor, "R 9"]]
+
+
+@runtime_checkable
+class Conditioner(Protocol):
+    """The role: a torch module made as `Class(settings, width, known)`, `width` that of the speech features."""
+
+    configured_by: Any
+    # What must be given; a model that needs nothing pays for nothing.
+    needs: tuple[Need, ...]
+
+    def learn_from(self, seen: Seen) -> None:
+        """Take the statistics of the train split."""
+        ...
+
+    def forward(self, given: Given, rows: int) -> Float[Tensor, "B _ S"]:
+        """What is added to the speech features of so many windows, a row a frame or one for all frames."""
+        ...
+
+
+def told_nothing(rows: int, share: float, training: bool, device: torch.device) -> Tensor:
+    """Which windows of a training batch are told nothing, so that a model can also do without (a bool a row)."""
+    if not training or not share:
+        return torch.zeros(rows, dtype=torch.bool, device=device)
+    return torch.rand(rows, device=device) < share

@@ -1,0 +1,202 @@
+"""Gaze from head motion and speech by canonical correlation: the early method that TalkingEyes is shown beside.
+
+Le, Ma and Deng, "Live Speech Driven Head-and-Eye Motion Generators" (TVCG 2012) relate gaze to head motion and speech
+features by non-linear dynamical canonical correlation analysis. TalkingEyes shows it by film alone; its program is not
+public, and this is not it but the same idea in closed form:
+
+- non-linear: what is heard and how the head moves is lifted by random Fourier features of a Gaussian kernel (Rahimi and
+  Recht 2007), which keeps the analysis linear in memory, where kernel matrices are square in frames;
+- dynamical: both sides are windows, speech and head at several lags against a stretch of gaze; stretches that overlap
+  are averaged.
+
+The strongest canonical components give gaze by the rank-reduced regression that they are the solution of. A head and a
+sound have one gaze: what differs between samples is the head, which another model moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.settings import Settings
+
+
+class CanonicalSettings(Settings):
+    """How gaze is related to speech and head."""
+
+    # Principal components of the speech features.
+    speech_components: Annotated[int, Field(gt=0)]
+    # Frames before (negative) and after a frame at which speech and head are looked at.
+    lags_frames: tuple[int, ...] = Field(min_length=1)
+    # Frames of a stretch of gaze: so many before and after a frame.
+    stretch_frames: Annotated[int, Field(ge=0)]
+    # Random Fourier features, and the width of their kernel in units of the spread of what they see.
+    fourier: Annotated[int, Field(gt=0)]
+    kernel_width: Annotated[float, Field(gt=0)]
+    # Canonical components that are kept.
+    components: Annotated[int, Field(gt=0)]
+    # Added to both covariances, as a share of the mean variance.
+    ridge: Annotated[float, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class Example:
+    """A training motion; speech is standardised."""
+
+    speech: Float[ndarray, "T C"]
+    head: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"]
+
+
+@dataclass(frozen=True)
+class Lift:
+    """From speech and head to the features that gaze is related to."""
+
+    speech_basis: Float[ndarray, "C P"]
+    mean: Float[ndarray, " D"]
+    scale: Float[ndarray, " D"]
+    frequencies: Float[ndarray, "D F"]
+    phases: Float[ndarray, " F"]
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """The relation that was found: gaze stretches are `offset + (features - centre) @ weights`."""
+
+    lift: Lift
+    centre: Float[ndarray, " X"]
+    weights: Float[ndarray, "X Y"]
+    offset: Float[ndarray, " Y"]
+    correlations: Float[ndarray, " K"]  # canonical, of the components that are kept
+
+
+def relate(settings: CanonicalSettings, examples: Sequence[Example], seed: int) -> Canonical:
+    """Find the relation in training motions, read one after the other."""
+    lift = _lift(settings, examples, seed)
+    moments = _Moments()
+    for each in examples:
+        moments.add(features(settings, lift, each.speech, each.head), _stretches(each.gaze, settings.stretch_frames))
+    found = moments.covariances()
+    whiten_x = _power(_ridged(found.xx, settings.ridge), -0.5)
+    of_y = _ridged(found.yy, settings.ridge)
+    left, correlations, right = np.linalg.svd(whiten_x @ found.xy @ _power(of_y, -0.5), full_matrices=False)
+    kept = slice(min(settings.components, len(correlations)))
+    weights = whiten_x @ (left[:, kept] * correlations[kept]) @ right[kept] @ _power(of_y, 0.5)
+    return Canonical(lift, moments.mean_x, weights, moments.mean_y, correlations[kept])
+
+
+def look(
+    settings: CanonicalSettings, found: Canonical, speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
+) -> Float[ndarray, "T 2 3"]:
+    """Eye-in-head rotation vectors for a standardised speech and a head."""
+    lifted = features(settings, found.lift, speech, head)
+    stretches = (found.offset + (lifted - found.centre) @ found.weights).reshape(len(head), -1, 6)
+    reach, frames = settings.stretch_frames, len(head)
+    total, count = np.zeros((frames, 6)), np.zeros((frames, 1))
+    for at, ahead in enumerate(range(-reach, reach + 1)):
+        said, meant = slice(max(0, -ahead), frames - max(0, ahead)), slice(max(0, ahead), frames - max(0, -ahead))
+        total[meant] += stretches[said, at]
+        count[meant] += 1
+    return (total / count).reshape(frames, 2, 3)
+
+
+def features(
+    settings: CanonicalSettings, lift: Lift, speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
+) -> Float[ndarray, "T X"]:
+    """Lagged speech and head with their random Fourier features."""
+    seen = (_lagged(_seen(lift.speech_basis, speech, head), settings.lags_frames) - lift.mean) / lift.scale
+    waves = np.sqrt(2.0) * np.cos(seen @ lift.frequencies + lift.phases)
+    return np.concatenate([seen, waves], axis=1)
+
+
+def _lift(settings: CanonicalSettings, examples: Sequence[Example], seed: int) -> Lift:
+    """Principal components of speech, spread of what is seen, and drawn frequencies."""
+    moments = _Moments()
+    for each in examples:
+        moments.add(each.speech, each.speech[:, :1])
+    variances, axes = np.linalg.eigh(moments.covariances().xx)
+    basis = axes[:, np.argsort(-variances)[: settings.speech_components]]
+    spread = _Moments()
+    for each in examples:
+        lagged = _lagged(_seen(basis, each.speech, each.head), settings.lags_frames)
+        spread.add(lagged, lagged[:, :1])
+    scale = np.sqrt(np.maximum(np.diag(spread.covariances().xx), 1e-12))
+    random = np.random.default_rng(seed)
+    frequencies = random.normal(size=(len(scale), settings.fourier)) / (settings.kernel_width * np.sqrt(len(scale)))
+    return Lift(basis, spread.mean_x, scale, frequencies, random.uniform(0, 2 * np.pi, settings.fourier))
+
+
+def _seen(
+    basis: Float[ndarray, "C P"], speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
+) -> Float[ndarray, "T S"]:
+    """What is known of a frame: components of speech, the head and how it turns."""
+    turning = np.diff(head, axis=0, prepend=head[:1])
+    return np.concatenate([speech @ basis, head, turning], axis=1).astype(float)
+
+
+def _lagged(values: Float[ndarray, "T S"], lags: Sequence[int]) -> Float[ndarray, "T D"]:
+    """Values at several lags; the ends hold."""
+    place = np.arange(len(values))
+    return np.concatenate([values[np.clip(place + lag, 0, len(values) - 1)] for lag in lags], axis=1)
+
+
+def _stretches(gaze: Float[ndarray, "T 2 3"], reach: int) -> Float[ndarray, "T Y"]:
+    """Each frame's gaze with those around it."""
+    return _lagged(gaze.reshape(len(gaze), 6).astype(float), range(-reach, reach + 1))
+
+
+def _ridged(covariance: Float[ndarray, "D D"], ridge: float) -> Float[ndarray, "D D"]:
+    return np.asarray(covariance + ridge * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
+
+
+def _power(matrix: Float[ndarray, "D D"], exponent: float) -> Float[ndarray, "D D"]:
+    """A power of a symmetric matrix of positive eigenvalues."""
+    values, axes = np.linalg.eigh(matrix)
+    return np.asarray((axes * np.maximum(values, 1e-12) ** exponent) @ axes.T)
+
+
+@dataclass(frozen=True)
+class _Covariances:
+    xx: Float[ndarray, "X X"]
+    xy: Float[ndarray, "X Y"]
+    yy: Float[ndarray, "Y Y"]
+
+
+class _Moments:
+    """Sums of products of two sides, motion by motion, so that memory does not grow with the corpus."""
+
+    def __init__(self) -> None:
+        self.products: ndarray = np.zeros((0, 0))
+        self.sums: ndarray = np.zeros(0)
+        self.count, self.width = 0, 0
+
+    def add(self, x: Float[ndarray, "T X"], y: Float[ndarray, "T Y"]) -> None:
+        """Count a motion."""
+        both = np.concatenate([x, y], axis=1).astype(float)
+        if self.count == 0:
+            self.products, self.sums, self.width = np.zeros((both.shape[1],) * 2), np.zeros(both.shape[1]), x.shape[1]
+        self.products += both.T @ both
+        self.sums += both.sum(0)
+        self.count += len(both)
+
+    @property
+    def mean_x(self) -> Float[ndarray, " X"]:
+        """Of the first side."""
+        return self.sums[: self.width] / self.count
+
+    @property
+    def mean_y(self) -> Float[ndarray, " Y"]:
+        """Of the second."""
+        return self.sums[self.width :] / self.count
+
+    def covariances(self) -> _Covariances:
+        """Of both sides and between them."""
+        mean, at = self.sums / self.count, self.width
+        whole = self.products / self.count - np.outer(mean, mean)
+        return _Covariances(whole[:at, :at], whole[:at, at:], whole[at:, at:])

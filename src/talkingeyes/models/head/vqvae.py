@@ -1,0 +1,73 @@
+"""Head motion by a VQ-VAE, trained together with a gaze decoder: the other choice of TalkingEyes' Tables II and V.
+
+The network is the one of head poses (pose_vqvae.py) for three numbers a frame in place of six. The paper does not say
+how its head codes are predicted; here they are categories, drawn one after the other under the speech.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.head.pose import Heard
+from talkingeyes.models.head.pose_vqvae import VQVAEPose, VQVAEPoseSettings
+
+# What the network of poses calls the terms of its loss, and what they are called beside those of gaze.
+TERMS = {
+    "pose": "head_reconstruction",
+    "motion": "head_velocity",
+    "commitment": "head_commitment",
+    "codes": "head_codes",
+}
+ROTATION = 3
+
+
+class VQVAEHeadSettings(VQVAEPoseSettings):
+    """Size of the VQ-VAE of the head."""
+
+    kind: Literal["vqvae"]
+
+
+class VQVAEHead(nn.Module):
+    """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
+
+    mean: Tensor
+    scale: Tensor
+
+    configured_by = VQVAEHeadSettings
+
+    def __init__(self, settings: VQVAEHeadSettings, speech: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(ROTATION))
+        self.register_buffer("scale", torch.ones(()))
+        self.codes = VQVAEPose(settings, speech, embedding=0, numbers=ROTATION)
+
+    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
+        """Set what a motion is centred on and divided by."""
+        self.mean.copy_(mean)
+        self.scale.fill_(scale)
+
+    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
+        """In units of the standard deviation."""
+        return (head - self.mean) / self.scale
+
+    def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
+        """Through the codebook; codes predicted from those before them (training)."""
+        found = self.codes.predict(_heard(speech), self.normal(head))
+        terms = {TERMS[name]: value for name, value in found.terms.items()}
+        return HeadPrediction(found.pose * self.scale + self.mean, terms)
+
+    def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        """Motions of drawn codes, a seed a row."""
+        noise = [torch.Generator().manual_seed(seed) for seed in seeds]
+        start = torch.zeros(len(seeds), ROTATION, device=speech.device)
+        return self.codes.sample(_heard(speech), start, noise) * self.scale + self.mean
+
+
+def _heard(speech: Float[Tensor, "B T S"]) -> Heard:
+    """Speech as a generator of poses hears it; this one looks at the features alone."""
+    return Heard(speech, speech.mean(1), speech)

@@ -1,0 +1,81 @@
+"""Finite scalar quantisation: each number of a latent is rounded to one of a few levels (Mentzer et al. 2023).
+
+The codes are all combinations of levels, so that there is no codebook to learn and none that collapses, and neither
+commitment nor restarts. A latent is bounded by a tanh first, then rounded, straight through.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import torch
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.models.layers.quantiser import Quantised
+from talkingeyes.settings import Settings
+
+EDGE = 1e-3  # the outermost levels are reached by finite latents
+
+
+class FiniteScalarSettings(Settings):
+    """Levels of each number of a code; with 8, 5, 5 and 5 there are 1,000 codes."""
+
+    kind: Literal["finite_scalar"]
+    levels: Annotated[tuple[Annotated[int, Field(gt=1)], ...], Field(min_length=1)]
+
+    @property
+    def codes(self) -> int:
+        """Number of codes."""
+        return math.prod(self.levels)
+
+    @property
+    def width(self) -> int:
+        """Numbers of a code."""
+        return len(self.levels)
+
+    @property
+    def commitment(self) -> float:
+        """Latents cannot run away from codes."""
+        return 0.0
+
+
+class FiniteScalarQuantiser(nn.Module):
+    """Rounding to levels; nothing in it is learnt."""
+
+    codebook: Tensor
+    reach: Tensor
+    offset: Tensor
+    steps: Tensor
+
+    def __init__(self, settings: FiniteScalarSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        levels = torch.tensor(settings.levels)
+        self.register_buffer("reach", (levels // 2).float(), persistent=False)
+        # With an even number of levels there is one more below 0 than above.
+        self.register_buffer("offset", torch.where(levels % 2 == 0, 0.5, 0.0), persistent=False)
+        steps = [math.prod(settings.levels[place + 1 :]) for place in range(len(levels))]
+        self.register_buffer("steps", torch.tensor(steps), persistent=False)
+        digits = torch.arange(settings.codes)[:, None] // self.steps % levels
+        self.register_buffer("codebook", (digits - levels // 2) / (levels // 2), persistent=False)
+
+    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+        """Latents bounded: in the units of codes, whose levels reach from -1 to 1."""
+        bound = (self.reach - self.offset) * (1 + EDGE)
+        shift = torch.atanh(self.offset / bound)
+        return ((latents + shift).tanh() * bound - self.offset) / self.reach
+
+    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
+        """Squared distances to every code."""
+        return (self.among_codes(latents)[..., None, :] - self.codebook).square().sum(-1)
+
+    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
+        """The nearest levels. Latents that are not `used` are told apart from others by nothing here."""
+        bounded = self.among_codes(latents.float())
+        rounded = (bounded.detach() * self.reach).round()
+        indices: Int[Tensor, "B N"] = ((rounded + self.reach).long() * self.steps).sum(-1)
+        values = self.codebook[indices]
+        return Quantised(bounded + (values - bounded).detach(), indices, latents.new_zeros(()))

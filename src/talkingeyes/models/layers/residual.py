@@ -1,0 +1,92 @@
+"""Residual codes: a code is a sum of one of each level, each level coding what those before it leave (RVQ).
+
+Zeghidour et al. 2021 (SoundStream). With D levels of K codes each there are K^D sums: few vectors are learnt, each from
+much data, and nearly the same gaze has nearly the same code. An index names a whole combination, so that decoders that
+predict one code need not know of levels; of all sums the nearest is taken, which a search level by level can miss.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from jaxtyping import Bool, Float
+from pydantic import Field, model_validator
+from torch import Tensor, nn
+
+from talkingeyes.models.layers import share
+from talkingeyes.models.layers.quantiser import Quantised, Quantiser, QuantiserSettings, committed, squared_distances
+from talkingeyes.settings import Settings, out_of_bounds
+
+MOST_CODES = 4096
+
+
+class ResidualSettings(Settings):
+    """Levels of codes."""
+
+    kind: Literal["residual"]
+    # How many levels.
+    depth: Annotated[int, Field(gt=1)]
+    # Codes of a level.
+    level_codes: Annotated[int, Field(gt=1)]
+    width: Annotated[int, Field(gt=0)]
+    # Weight beta of the commitment term in eq. 7.
+    commitment: Annotated[float, Field(ge=0)]
+    decay: Annotated[float, Field(gt=0, lt=1)]
+    restart_below: Annotated[float, Field(ge=0)]
+
+    @model_validator(mode="after")
+    def _can_be_listed(self) -> ResidualSettings:
+        if self.codes > MOST_CODES:
+            raise out_of_bounds(f"level_codes to the power of depth should be at most {MOST_CODES}", self.codes)
+        return self
+
+    @property
+    def codes(self) -> int:
+        """Number of sums."""
+        number: int = self.level_codes**self.depth
+        return number
+
+    @property
+    def level(self) -> QuantiserSettings:
+        """What one level is."""
+        shared = {name: getattr(self, name) for name in ("width", "commitment", "decay", "restart_below")}
+        return QuantiserSettings(kind="codebook", codes=self.level_codes, **shared)
+
+
+class ResidualQuantiser(nn.Module):
+    """Codebooks one after the other; updated in training mode only."""
+
+    def __init__(self, settings: ResidualSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        self.levels = nn.ModuleList(Quantiser(settings.level) for _ in range(settings.depth))
+
+    @property
+    def _level_list(self) -> list[Quantiser]:
+        return [level for level in self.levels if isinstance(level, Quantiser)]
+
+    @property
+    def codebook(self) -> Float[Tensor, "K C"]:
+        """All sums; the last level changes fastest."""
+        table, *others = (level.codebook for level in self._level_list)
+        for each in others:
+            table = (table[:, None] + each).flatten(0, 1)
+        return table
+
+    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+        """Latents and codes are of one space."""
+        return latents
+
+    def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
+        """Squared distances to every sum."""
+        return squared_distances(latents, self.codebook)
+
+    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
+        """Nearest sums. Only latents where `used` count for the losses and the codebooks."""
+        if self.training:
+            kept = latents.float() if used is None else latents.float()[used]
+            rest = share.gathered(kept.detach().reshape(-1, latents.shape[-1]))
+            for level in self._level_list:
+                level.update(rest)
+                rest = rest - level.codebook[level.distances(rest).argmin(-1)]
+        return committed(self, latents, used)
