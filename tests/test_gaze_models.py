@@ -36,6 +36,19 @@ GAZE: dict[str, dict[str, Any]] = {
         "history": CLEAN,
         "top_p": 1.0,
     },
+    "events": {
+        "fps": 25.0,
+        "process": {
+            "width": 16,
+            "bin_frames": 2,
+            "fixed": 8,
+            "relative": 2,
+            "layers": 1,
+            "dropout": 0.0,
+            "history_dropout": 0.0,
+            "history_noise": 0.0,
+        }
+    },
     "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history": CLEAN},
     "vae": VAE,
 }
@@ -64,7 +77,7 @@ def codebook(patch: int, tolerance: float | None) -> GazeVQVAE:
 
 def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
     """A small joint model, untrained."""
-    book = {"categorical": codebook(4, 1.0), "regressed": codebook(1, None), "vae": None}[kind]
+    book = {"categorical": codebook(4, 1.0), "regressed": codebook(1, None)}.get(kind)
     torch.manual_seed(1)
     return SpeechToMotion(
         SpeechToMotionSettings(
@@ -209,7 +222,7 @@ class TestContract:
 
     def test_gradient_steps_lower_the_loss_on_one_batch(self, kind: str) -> None:
         network, data = model(kind).train(), batch(2, 40)
-        name = "gaze_codes" if kind == "categorical" else "gaze_reconstruction"
+        name = {"categorical": "gaze_codes", "events": "gaze_where"}.get(kind, "gaze_reconstruction")
         optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
         values = []
         for _ in range(40):
@@ -220,7 +233,7 @@ class TestContract:
             loss.backward()
             optimiser.step()
             values.append(float(loss.detach()))
-        assert values[-1] < 0.8 * values[0]
+        assert values[-1] < values[0] - 0.2 * abs(values[0])
 
 
 def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from numpy import ndarray
+from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.gaze.generator import Condition, uniforms
@@ -30,13 +31,13 @@ EDGE_RAD = np.radians(0.2)
 LEAST_RAD = np.radians(0.7)
 # Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.
 SPREAD = (1.0, 0.7, 0.15)
-FPS = 25.0
 
 
 class EventGazeSettings(PartSettings):
-    """The process."""
+    """The process, and the rate of the frames that it is learnt from and shown in."""
 
     kind: Literal["events"]
+    fps: Annotated[float, Field(gt=0)]
     process: EventProcessSettings
 
 
@@ -57,7 +58,7 @@ class EventGaze(nn.Module):
     def __init__(self, settings: EventGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
         self.register_buffer("scale", torch.ones(()))
-        self.bin_frames = settings.process.bin_frames
+        self.fps, self.bin_frames = settings.fps, settings.process.bin_frames
         self.process = EventProcess(settings.process, speech + 3, SPREAD)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
@@ -81,7 +82,11 @@ class EventGaze(nn.Module):
         frames = condition.speech.shape[1]
         start = (torch.arange(count, device=within.device) + drawn.phase) * self.bin_frames
         made = [
-            shown(start[row][event].cpu().numpy(), (places[event] * self.scale).cpu().numpy().astype(float), frames)
+            shown(
+                start[row][event].cpu().numpy() / self.fps,
+                (places[event] * self.scale).cpu().numpy().astype(float),
+                np.arange(frames) / self.fps,
+            )
             for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
         ]
         signal = torch.from_numpy(np.stack(made).astype(np.float32)).to(within)
@@ -118,16 +123,20 @@ def fixations(gaze: Float[Tensor, "B T 3"]) -> Fixations:
     return Fixations(starts & far, landing)
 
 
-def shown(onset_frames: Float[ndarray, " K"], places_rad: Float[ndarray, "K 3"], frames: int) -> Float[ndarray, "T 4"]:
-    """Yaw and pitch of both eyes in frames: saccades by the law, each from where the last one ended, none before it."""
+def shown(
+    onsets_s: Float[ndarray, " K"], places_rad: Float[ndarray, "K 3"], times_s: Float[ndarray, " T"]
+) -> Float[ndarray, "T 4"]:
+    """Yaw and pitch of both eyes at any times: saccades by the law, each from where the last one ended.
+
+    The first place is where gaze begins; a saccade that would start before the last one has ended waits for it.
+    """
     chain: list[Saccade] = []
     free_s = 0.0
-    for onset_frame, start, end in zip(onset_frames[1:], places_rad[:-1], places_rad[1:], strict=True):
+    for onset_s, start, end in zip(onsets_s[1:], places_rad[:-1], places_rad[1:], strict=True):
         amplitude = float(np.hypot(*(end - start)[:2]))
-        onset_s, duration_s = max(float(onset_frame) / FPS, free_s), float(saccades.duration_s(amplitude))
-        chain.append(Saccade(onset_s, duration_s, tuple(start[:2]), tuple(end[:2]), float(saccades.skew(amplitude))))
-        free_s = onset_s + duration_s
-    times_s = np.arange(frames) / FPS
+        begins_s, duration_s = max(float(onset_s), free_s), float(saccades.duration_s(amplitude))
+        chain.append(Saccade(begins_s, duration_s, tuple(start[:2]), tuple(end[:2]), float(saccades.skew(amplitude))))
+        free_s = begins_s + duration_s
     together = saccades.path(chain, places_rad[0, :2], times_s)
     knots_s = [time for each in chain for time in (each.onset_s, each.onset_s + each.duration_s)]
     apart = np.interp(times_s, [0.0, *knots_s], np.repeat(places_rad[:, 2], 2)[:-1])[:, None] * [1.0, 0.0]

@@ -27,7 +27,7 @@ BEYOND = 12
 
 
 class EventHeadSettings(PartSettings):
-    """The process, and how far it may stray from the most likely poses."""
+    """The process."""
 
     kind: Literal["events"]
     process: EventProcessSettings
@@ -57,7 +57,7 @@ class EventHead(nn.Module):
         return (head - self.mean) / self.scale
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """The likelihood of the strokes of true motion; nothing is reconstructed, so gaze is trained on the true head."""
+        """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
         events = EventSequence.of_frames(dips(head), self.normal(head), self.bin_frames)
         terms = self.process.terms(events, self._condition(speech, 0))
         return HeadPrediction(head, {f"head_{name}": value for name, value in terms.items()})

@@ -1,0 +1,73 @@
+"""Gaze as fixations and heads as strokes: what is shown is found again, and moves as eyes and heads do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from talkingeyes.models.gaze.events import both_eyes, fixations, shown
+from talkingeyes.models.head.events import dips, splined
+from talkingeyes.physiology import saccades
+
+FPS = 25.0
+
+
+@given(seed=st.integers(0, 10_000))
+def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    onsets = np.concatenate([[0.0], np.cumsum(random.integers(8, 20, size=8))])
+    places = np.concatenate([random.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
+    signal = shown(onsets / FPS, places, np.arange(200) / FPS)
+    found = fixations(both_eyes(torch.from_numpy(signal[None])))
+    at = np.flatnonzero(found.onset[0].numpy())
+    amplitudes = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
+    for onset, place, amplitude in zip(onsets[1:], places[1:], amplitudes, strict=True):
+        near = at[np.abs(at - onset) <= 1]
+        if amplitude > np.radians(1.5):
+            assert len(near) == 1
+            np.testing.assert_allclose(found.landing[0, near[0]].numpy(), place, atol=np.radians(0.2))
+
+
+@pytest.mark.parametrize("fps", [25.0, 120.0])
+def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
+    """At 120 frames a second the peak is the law's; at 25 it is what is left of it between two frames."""
+    for degrees in (2.0, 5.0, 10.0, 20.0):
+        amplitude = np.radians(degrees)
+        places = np.array([[0.0, 0.0, 0.0], [amplitude, 0.0, 0.0]])
+        times = np.arange(0, 1, 1 / fps)
+        eye = shown(np.array([0.0, 0.5]), places, times)[:, 0]
+        peak = np.abs(np.diff(eye)).max() * fps
+        law = float(saccades.peak_speed(amplitude))
+        assert eye[-1] == pytest.approx(amplitude)
+        assert peak <= law * 1.001
+        if fps == 120.0:
+            assert peak > 0.85 * law
+
+
+def test_a_saccade_waits_for_the_one_before() -> None:
+    places = np.array([[0.0, 0.0, 0.02], [0.3, 0.0, 0.02], [-0.3, 0.0, 0.03]])
+    signal = shown(np.array([0.0, 0.5, 0.51]), places, np.arange(0, 1, 0.002))
+    assert signal[:, 0].max() > 0.3  # it arrives before it leaves again
+    np.testing.assert_allclose(signal[-1], [-0.27, 0.0, -0.33, 0.0], atol=1e-9)
+    assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and never jumps
+
+
+def test_strokes_give_a_smooth_head_back() -> None:
+    """Poses at the dips of speed and a spline, within half a degree of a motion of several waves."""
+    times = np.arange(500) / FPS
+    random = np.random.default_rng(0)
+    waves = [(random.uniform(0.02, 0.06, 3), random.uniform(0.2, 0.9, 3), random.uniform(0, 6, 3)) for _ in range(3)]
+    head = sum(size * np.sin(2 * np.pi * rate * times[:, None] + phase) for size, rate, phase in waves)
+    knots = dips(torch.from_numpy(head[None]))[0].numpy()
+    knots[[0, -1]] = True
+    at = np.flatnonzero(knots)
+    assert 1 < len(at) * FPS / len(head) < 8
+    assert np.degrees(np.abs(splined(at.astype(float), head[at], len(head)) - head)).mean() < 0.5
+
+
+def test_a_head_with_one_stroke_rests() -> None:
+    made = splined(np.array([0.4]), np.array([[0.1, 0.0, 0.0]]), 5)
+    np.testing.assert_allclose(made, np.tile([0.1, 0.0, 0.0], (5, 1)))
