@@ -1,7 +1,8 @@
 """The tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head before one gaze.
 
-Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze]
-Reads conf/ (experiment=posegan). Trains what the result store does not hold; a run that was cut off goes on.
+Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze] [overrides]
+Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny).
+Trains what the result store does not hold; a run that was cut off goes on.
 Writes in the workspace: seed-N/data/..., measured/seed-N.json (made again when a model has changed), tables.md.
 """
 
@@ -34,30 +35,35 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="of training and sampling, as 0,1,2")
     parser.add_argument("--workspace", type=Path, default=Path("build/posegan"), help="where it works")
     parser.add_argument("--without-gaze", action="store_true", help="leave out the gaze benchmark, half of the time")
+    parser.add_argument("overrides", nargs="*", help="values of conf/, such as experiment=posegan_tiny")
     given = parser.parse_args()
     seeds = [int(each) for each in given.seeds.split(",")]
-    strangers = _strangers(given.workspace)
+    conf = _conf(given.overrides)
+    strangers = _strangers(given.workspace, conf)
     found = {}
     for seed in seeds:
-        view = _trained(given.workspace, seed, given.without_gaze)
+        view = _trained(given.workspace, conf, seed, given.without_gaze)
         found[seed] = _measured(given.workspace, view, strangers, seed)
     benchmark = {} if given.without_gaze else _benchmark(given.workspace, seeds)
     _write(given.workspace, found, benchmark)
 
 
-def _params(workspace: Path, seed: int, models: Sequence[str]) -> dict[str, Any]:
-    overrides = ("experiment=posegan", f"train.seed={seed}", f"sample.seed={seed}", f"workspace={workspace}")
-    params = compose(overrides)
+def _conf(overrides: Sequence[str]) -> list[str]:
+    return [*([] if any("experiment=" in each for each in overrides) else ["experiment=posegan"]), *overrides]
+
+
+def _params(workspace: Path, conf: Sequence[str], seed: int, models: Sequence[str]) -> dict[str, Any]:
+    params = compose((*conf, f"train.seed={seed}", f"sample.seed={seed}", f"workspace={workspace}"))
     params["model"] = {name: params["model"][name] for name in models}
     return params
 
 
-def _trained(workspace: Path, seed: int, without_gaze: bool) -> Path:
+def _trained(workspace: Path, conf: Sequence[str], seed: int, without_gaze: bool) -> Path:
     """The models of one seed, and what the gaze benchmark needs; CPU seconds of what was made are kept."""
     view, cost = workspace / f"seed-{seed}", workspace / f"seed-{seed}" / "cpu_seconds.json"
     taken = json.loads(cost.read_text()) if cost.is_file() else {}
     models = (*HEADS, *ABLATIONS, "pgface")
-    params = _params(workspace, seed, models)
+    params = _params(workspace, conf, seed, models)
     run_chain({**params, "until": "train@head_mean"}, view)
     for name in models:
         before, marked = time.process_time(), _digest(view, name)
@@ -66,14 +72,15 @@ def _trained(workspace: Path, seed: int, without_gaze: bool) -> Path:
             taken[name] = time.process_time() - before
             cost.write_text(json.dumps(taken, indent=1))
     if not without_gaze:
-        run_chain({**_params(workspace, seed, (*HEADS, "talkingeyes", *GAZE)), "until": "evaluate"}, view)
+        compared = _params(workspace, conf, seed, (*HEADS, "talkingeyes", *GAZE))
+        run_chain({**compared, "until": "evaluate"}, view)
     return view
 
 
-def _strangers(workspace: Path) -> Path:
+def _strangers(workspace: Path, conf: Sequence[str]) -> Path:
     """The corpus of new people, and its embedding."""
     view = workspace / "strangers"
-    params = compose(("experiment=posegan", *STRANGERS, f"workspace={workspace}"))
+    params = compose((*conf, *STRANGERS, f"workspace={workspace}"))
     run_chain({**params, "model": {}, "until": "embed"}, view)
     return view
 

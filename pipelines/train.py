@@ -1,7 +1,8 @@
 """Train one model, of head and gaze or of the face, on the fitted motion of the train split.
 
 Run: python -m pipelines.train talkingeyes
-Reads: the corpus index, data/fit, data/embed, data/pretrain/<prior>.
+Reads: the corpus index, data/fit, data/embed, data/pretrain/<prior>, data/train/<model> where it starts from another
+or is made of others; the corpus's sound, for a model that hears the waveform.
 Writes: data/train/<model>: all that generation needs.
 Killed, it goes on from data/.train-<model>.progress; torchrun --nproc-per-node N shares the batches.
 """
@@ -188,6 +189,8 @@ def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings
 def _progress(workspace: Workspace, name: str, settings: NetworkSettings, seed: int, place: Place) -> Progress:
     """The file of this training, and all that its result follows from."""
     folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.prior))]
+    if isinstance(settings, TranslationSettings) and settings.start_from:
+        folders.append(workspace.data("train", settings.start_from))
     reads = (workspace.corpus / "clips.parquet", *(folder / SUMS for folder in folders), Path(__file__))
     made_of = (settings.model_dump(mode="json"), seed, place.describe())
     return Progress.of(workspace.data(f".train-{name}.progress"), made_of, reads)

@@ -1,6 +1,6 @@
-"""The pages of the docs: every command in them is one that exists, with options that exist; the tutorial runs.
+"""The pages of the docs: every command in them is one that exists, with options that exist; links; the site.
 
-Commands that need other people's programs, machines or data are only read here; ELSEWHERE says which.
+That the commands run: test_docs_run.py.
 """
 
 from __future__ import annotations
@@ -8,34 +8,36 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
+from itertools import groupby
 from pathlib import Path
 
 import pytest
 import typer
 import yaml
+from docs_pages import PAGES, REPOSITORY, lines, name_of
 
 from talkingeyes import cli
 from talkingeyes.config import compose
 from talkingeyes.errors import InputError
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")])
-BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are looked at, not called
 SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
 
 
 def commands(page: Path) -> list[str]:
-    """The commands of a page: continued lines joined, comments dropped, parts of && and ; alone."""
-    text = "".join(BLOCK.findall(page.read_text())).replace("\\\n", " ")
-    lines = [re.sub(r"(^|\s)#.*", "", line).strip() for line in text.splitlines()]
-    parts = [part.strip() for line in lines for part in re.split(r"&&|;|\|", _without_substitutions(line))]
-    return [part for part in parts if part]
+    """The commands of a page, those around && and ; and | alone."""
+    return [part for line in lines(page) for part in _parts(_without_substitutions(line))]
+
+
+def _parts(line: str) -> list[str]:
+    lexer = shlex.shlex(line, posix=False, punctuation_chars="|&;")
+    lexer.whitespace_split = True
+    groups = groupby(lexer, key=lambda word: set(word) <= set("|&;"))
+    return [" ".join(words) for between, words in groups if not between]
 
 
 def _without_substitutions(line: str) -> str:
@@ -103,7 +105,7 @@ def _composes(words: list[str]) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_command_of_the_docs_exists(page: Path) -> None:
     wrong = {command: fault for command in commands(page) if (fault := checked(command))}
     assert not wrong
@@ -129,7 +131,7 @@ def test_a_command_that_does_not_exist_is_found() -> None:
     assert len(commands(REPOSITORY / "docs/tutorial.md")) >= 10
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_lead_somewhere(page: Path) -> None:
     links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
@@ -172,33 +174,3 @@ def test_the_site_is_built(tmp_path: Path) -> None:
         assert not re.search(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//(?!example)', page.read_text()), (
             page
         )
-
-
-@pytest.mark.slow
-def test_the_tutorial_runs(tmp_path: Path) -> None:
-    """In a copy of what git has; `make` without its set-up, which is this environment; the viewer until it is up."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, check=True, capture_output=True).stdout
-    for name in listed.decode().split("\0"):
-        if name and (REPOSITORY / name).is_file():
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(REPOSITORY / name, tmp_path / name)
-    programs, python = Path(sys.executable).parent, shlex.quote(sys.executable)
-    (tmp_path / ".venv" / "bin").mkdir(parents=True)
-    (tmp_path / ".venv" / "bin" / "activate").write_text("")
-    text = "".join(BLOCK.findall((tmp_path / "docs/tutorial.md").read_text()))
-    around = f"""set -euo pipefail
-make() {{ command make -o setup BIN={shlex.quote(str(programs))} "$@"; }}
-talkingeyes() {{
-    if [ "$1" != view ]; then {python} -m talkingeyes.cli "$@"; return; fi
-    timeout -s INT 40 {python} -m talkingeyes.cli "$@" --port 0 > viewed || true
-    grep -q http://127.0.0.1 viewed
-}}
-"""
-    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": f"{tmp_path}/src:{tmp_path}"}
-    ran = subprocess.run(
-        ["bash", "-c", around + text], cwd=tmp_path, env=environment, check=False, capture_output=True, text=True
-    )
-    assert ran.returncode == 0, ran.stdout[-2000:] + ran.stderr[-4000:]
-    build = tmp_path / "build"
-    for made in ("first/sample_01.mp4", "first.glb", "first.csv", "figures/benchmark.json"):
-        assert (build / made).stat().st_size > 0, made

@@ -19,6 +19,7 @@ from talkingeyes.settings import PartSettings
 
 MOTION = 9
 DESCRIBED = 3 * MOTION
+FARTHEST = 3.0  # deviations: nobody's style is read as stranger than that
 SMALLEST = 1e-4  # radians: what moves less is still
 
 
@@ -63,6 +64,7 @@ class ReferenceStyle(nn.Module):
             return self.nobody.expand(rows, 1, -1)
         missing = given.reference.isnan().flatten(1).any(1)
         described = (described_motion(given.reference.nan_to_num()) - self.mean) / self.std
+        described = described.clamp(-FARTHEST, FARTHEST)
         found = self.vector(self.style(described).tanh())
         hidden = missing | told_nothing(len(missing), self.settings.hidden, self.training, missing.device)
         return torch.where(hidden[:, None], self.nobody, found)[:, None]

@@ -31,7 +31,6 @@ class SpeakerTable(nn.Module):
         super().__init__()
         self.hidden, self.nobody = settings.hidden, len(known.speakers)
         self.vectors = nn.Embedding(self.nobody + 1, width)
-        nn.init.normal_(self.vectors.weight, std=0.1)
 
     def learn_from(self, seen: Seen) -> None:
         """There is nothing to measure."""

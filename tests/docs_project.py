@@ -1,0 +1,91 @@
+"""A copy of the project for the commands of the docs: what git has, a finished tiny chain, files with the docs' names.
+
+Its .venv holds the programs of this environment, each called through as_in_docs.py. What the docs name and nobody has
+(SPEECH.wav, VIDEOS, a FLAME file) is made by STAND_INS, with the project's own commands where there are some.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from docs_pages import REPOSITORY
+
+WRAPPED = ("python", "talkingeyes", "mlflow")
+PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/as_in_docs.py {bin} {name} "$@"\n'
+# Names that no file can have, and what is written in their place.
+INSTEAD = [
+    (r"(?<=\s|=)/shared/", "shared/"),
+    (r"data/sample/talkingeyes/0/CLIP\.npz", "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)"),
+]
+DATA = """
+make params
+dvc commit --quiet --force synthesize fit embed pretrain train critic
+git init --quiet && git add --all && git -c user.name=docs -c user.email=docs@localhost commit --quiet -m docs
+"""
+STAND_INS = """
+SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
+python tests/stand_ins.py "$SOUND"
+cp SPEECH.wav speech.wav
+talkingeyes animate SPEECH.wav -o take --samples 2 --no-pictures --model data/train/talkingeyes
+cp take/sample_00.npz MOTION.npz; cp take/sample_01.npz OTHER.npz; cp take/sample_01.npz other.npz
+mkdir MOTION_DIR && cp MOTION.npz "MOTION_DIR/$(basename "$SOUND" .flac)-t0.npz"
+talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
+talkingeyes export OTHER.npz -f livelink -o OTHER.csv
+mkdir -p build/experiment shared
+cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos
+"""
+
+
+def copy_of(root: Path, tiny: Path) -> Path:
+    """The project under `root`, ready for any page."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, check=True, capture_output=True).stdout
+    for name in listed.decode().split("\0"):
+        if name and (REPOSITORY / name).is_file():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(REPOSITORY / name, root / name)
+    _programs(root / ".venv" / "bin", root)
+    (root / ".venv" / ".stamp").touch()  # set up
+    for folder in tiny.joinpath("data").iterdir():
+        shutil.copytree(folder, root / "data" / folder.name, dirs_exist_ok=True)
+    shutil.copy(tiny / "mlflow.db", root)
+    for workspace in ("tiny", "experiment", "least", "posegan", "sweep"):  # what was made once is found by all
+        (root / "build" / workspace).mkdir(parents=True)
+        (root / "build" / workspace / "store").symlink_to(tiny / "store")
+    said = typed(DATA + STAND_INS, root)
+    assert said.returncode == 0, said.stdout[-2000:] + said.stderr[-4000:]
+    return root
+
+
+def _programs(folder: Path, root: Path) -> None:
+    folder.mkdir(parents=True)
+    (folder / "activate").write_text("")
+    for program in Path(sys.executable).parent.iterdir():
+        if program.name not in (*WRAPPED, "activate"):
+            (folder / program.name).symlink_to(program)
+    for name in WRAPPED:
+        words = {"python": sys.executable, "root": root, "bin": Path(sys.executable).parent}
+        text = PROGRAM.format(name=name, **{key: shlex.quote(str(value)) for key, value in words.items()})
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+
+
+def typed(text: str, root: Path) -> subprocess.CompletedProcess[str]:
+    """What bash says to these lines in the copy; it stops at the first that fails, and names it."""
+    for pattern, instead in INSTEAD:
+        text = re.sub(pattern, instead, text)
+    environment = {**os.environ, "PATH": f"{root}/.venv/bin:{os.environ['PATH']}", "PYTHONPATH": f"{root}/src:{root}"}
+    return subprocess.run(
+        ["bash", "-c", "set -euo pipefail\ntrap 'echo \"failed: $BASH_COMMAND\" >&2' ERR\n" + text],
+        cwd=root,
+        env=environment,
+        check=False,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+    )
