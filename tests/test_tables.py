@@ -104,7 +104,7 @@ def test_the_page_has_ours_the_papers_and_the_order():
     }
     came = found(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
     page = markdown(TABLE, {"test": came})
-    assert "**0.450**<br><sub>0.450–0.450; seeds 0.400–0.500</sub><br>paper 0.250" in page
+    assert "**0.450**<br><sub>0.450 to 0.450; seeds 0.400 to 0.500</sub><br>paper 0.250" in page
     assert page.index("| Truth |") < page.index("| VAE")
     assert "| Div. | no | 0 of 1 | -1.00 | TalkingEyes as written > VAE | – |" in page
     plain = as_json(TABLE, {"test": came})
