@@ -252,7 +252,9 @@ class TestContract:
             assert out.gaze[..., 2].abs().max() < 1e-6
 
 
-@pytest.mark.parametrize("kind", [*GAZE, "categorical_scheduled", "regressed_free"])
+@pytest.mark.parametrize(
+    "kind", [*GAZE, "categorical_scheduled", pytest.param("regressed_free", marks=pytest.mark.slow)]
+)
 def test_gradient_steps_lower_the_loss_on_one_batch(kind: str) -> None:
     network, data = model(kind).train(), batch(2, 24)
     name = "gaze_codes" if kind.startswith("categorical") else "gaze_reconstruction"
