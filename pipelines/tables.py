@@ -57,7 +57,7 @@ motion clip by clip; its intervals are over motions.
 
 Order: of every two rows that the paper has with different numbers, whether ours differ in the same direction; Kendall's
 tau is agreeing less reversed pairs over all. A pair is told apart if the interval of our difference, both rows on the
-same clips, does not hold 0.
+same clips, does not hold 0. Pairs are named as the paper orders them.
 
 """
 

@@ -25,8 +25,9 @@ INSTEAD = [
 ]
 DATA = """
 make params
+git init --quiet && git config user.name docs && git config user.email docs@localhost
 dvc commit --quiet --force synthesize fit embed pretrain train critic
-git init --quiet && git add --all && git -c user.name=docs -c user.email=docs@localhost commit --quiet -m docs
+git add --all && git commit --quiet -m docs
 """
 STAND_INS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)

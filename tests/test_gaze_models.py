@@ -1,5 +1,6 @@
 """Signals, stays, the VQ-VAE and the contract of every gaze generator."""
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,12 @@ from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
 from talkingeyes.models.gaze.categorical import stay_mask
+from talkingeyes.models.gaze.generator import Condition
+from talkingeyes.models.gaze.history import NoisyHistory
 from talkingeyes.models.gaze.signal import mirrored, stays, to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers.draw import draw
-from talkingeyes.models.layers.quantiser import QuantiserSettings
-from talkingeyes.models.layers.transformer import TransformerSettings
+from talkingeyes.models.layers.pace import tell_steps
 from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion, SpeechToMotionSettings
 
 TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "back": 20}
@@ -27,6 +29,7 @@ VAE = {
     "kl": {"annealing": None, "free_bits": 0.0},
 }
 CLEAN = {"kind": "clean"}
+HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
         "transformer": TRANSFORMER,
@@ -47,37 +50,78 @@ GAZE: dict[str, dict[str, Any]] = {
             "dropout": 0.0,
             "history_dropout": 0.0,
             "history_noise": 0.0,
-        }
+        },
     },
     "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history": CLEAN},
     "vae": VAE,
 }
 
+FSQ = {"kind": "finite_scalar", "levels": [4, 3, 3]}
+RESIDUAL = {
+    "kind": "residual",
+    "depth": 2,
+    "level_codes": 6,
+    "width": 8,
+    "commitment": 0.25,
+    "decay": 0.9,
+    "restart_below": 0.1,
+}
+CODEBOOK = {"kind": "codebook", "codes": 32, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
 
-def codebook(patch: int, tolerance: float | None) -> GazeVQVAE:
+
+@dataclass(frozen=True)
+class Member:
+    """A gaze generator of the suite: its kind, what differs from its plain settings, its codebook."""
+
+    kind: str
+    changes: dict[str, Any] = field(default_factory=dict)
+    quantiser: dict[str, Any] = field(default_factory=lambda: CODEBOOK)
+
+
+NOISE, SCHEDULED = {"kind": "noise", "sigma": 0.5}, {"kind": "scheduled", "share": 0.5, "growth_steps": 1}
+MEMBERS = {
+    **{kind: Member(kind) for kind in GAZE},
+    "categorical_noise": Member("categorical", {"history": NOISE}),
+    "categorical_scheduled": Member("categorical", {"history": SCHEDULED}),
+    "categorical_top_p": Member("categorical", {"top_p": 0.9}),
+    "categorical_fsq": Member("categorical", quantiser=FSQ),
+    "categorical_residual": Member("categorical", {"history": NOISE}, quantiser=RESIDUAL),
+    "regressed_noise": Member("regressed", {"history": NOISE}),
+    "regressed_scheduled": Member("regressed", {"history": SCHEDULED}),
+    "regressed_free": Member("regressed", {"history": {"kind": "free", "gradient_frames": 8}}),
+    "regressed_fsq": Member("regressed", quantiser=FSQ),
+    "regressed_residual": Member("regressed", quantiser=RESIDUAL),
+    "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
+    "vae_free_bits": Member("vae", {"kl": {"annealing": None, "free_bits": 0.25}}),
+}
+
+
+def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CODEBOOK) -> GazeVQVAE:
     """A small codebook, untrained but started on toy gaze."""
     torch.manual_seed(0)
     network = GazeVQVAE(
-        GazeVQVAESettings(
-            signal="eye_in_head" if patch == 1 else "gaze_in_space",
-            frames_per_code=patch,
-            stay_tolerance_deg=tolerance,
-            quantiser=QuantiserSettings(
-                kind="codebook", codes=32, width=8, commitment=0.25, decay=0.9, restart_below=0.1
-            ),
-            encoder=TransformerSettings(**TRANSFORMER),
-            decoder=TransformerSettings(**TRANSFORMER),
+        GazeVQVAESettings.model_validate(
+            {
+                "signal": "eye_in_head" if patch == 1 else "gaze_in_space",
+                "frames_per_code": patch,
+                "stay_tolerance_deg": tolerance,
+                "quantiser": quantiser,
+                "encoder": TRANSFORMER,
+                "decoder": TRANSFORMER,
+            }
         )
     )
     network.normalise_by(torch.zeros(6 if patch == 1 else 4), 0.1)
     network.quantiser.train()
-    network.quantiser(torch.randn(1, 64, 8))
+    network.quantiser(torch.randn(1, 64, network.settings.quantiser.width))
     return network.freeze()
 
 
-def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
+def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = HALF) -> SpeechToMotion:
     """A small joint model, untrained."""
-    book = {"categorical": codebook(4, 1.0), "regressed": codebook(1, None)}.get(kind)
+    member = MEMBERS[kind]
+    patch, tolerance = (4, 1.0) if member.kind == "categorical" else (1, None)
+    book = None if member.kind in ("vae", "events") else codebook(patch, tolerance, member.quantiser)
     torch.manual_seed(1)
     return SpeechToMotion(
         SpeechToMotionSettings(
@@ -86,9 +130,9 @@ def model(kind: str, head_frames: int | None = 25) -> SpeechToMotion:
             prior=None,
             speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"kind": "vae", "latent_frames": head_frames},
-            gaze={"kind": kind, **GAZE[kind]},
+            gaze={"kind": member.kind, **GAZE[member.kind], **member.changes},
             conditions=(),
-            head_mix={"truth": 0.5, "posterior": 0.5, "prior": 0.0},
+            head_mix=head_mix,
             weights={"head_reconstruction": 1.0, "head_kl": 0.1},
             temperatures=(1.0,),
         ),
@@ -186,7 +230,7 @@ def test_frozen_codebook_does_not_move_in_training() -> None:
     assert all(parameter.grad is None for parameter in network.gaze.codebook.parameters())
 
 
-@pytest.mark.parametrize("kind", GAZE)
+@pytest.mark.parametrize("kind", MEMBERS)
 class TestContract:
     """What every gaze generator with a head generator must do."""
 
@@ -216,24 +260,29 @@ class TestContract:
         assert (out.gaze[0] - out.gaze[1]).abs().max() > 1e-5
 
     def test_eyes_have_no_torsion_beyond_what_was_learned(self, kind: str) -> None:
-        if kind == "categorical":
+        if kind.startswith("categorical"):
             out = model(kind).generate(torch.randn(60, CHANNELS), [3])
             assert out.gaze[..., 2].abs().max() < 1e-6
 
-    def test_gradient_steps_lower_the_loss_on_one_batch(self, kind: str) -> None:
-        network, data = model(kind).train(), batch(2, 40)
-        name = {"categorical": "gaze_codes", "events": "gaze_where"}.get(kind, "gaze_reconstruction")
-        optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
-        values = []
-        for _ in range(40):
-            torch.manual_seed(0)
-            terms = network.terms(data)
-            loss = terms[name] + terms["head_reconstruction"]
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            values.append(float(loss.detach()))
-        assert values[-1] < values[0] - 0.2 * abs(values[0])
+
+@pytest.mark.parametrize(
+    "kind", [*GAZE, "categorical_scheduled", pytest.param("regressed_free", marks=pytest.mark.slow)]
+)
+def test_gradient_steps_lower_the_loss_on_one_batch(kind: str) -> None:
+    network, data = model(kind).train(), batch(2, 24)
+    names = {"categorical": "gaze_codes", "events": "gaze_where"}
+    name = names.get(kind.split("_", maxsplit=1)[0], "gaze_reconstruction")
+    optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
+    values = []
+    for _ in range(40):
+        torch.manual_seed(0)
+        terms = network.terms(data)
+        loss = terms[name] + terms["head_reconstruction"]
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        values.append(float(loss.detach()))
+    assert values[-1] < values[0] - 0.2 * abs(values[0])
 
 
 def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
@@ -246,6 +295,89 @@ def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
     assert (codes == network.gaze.stay).sum() == stay_mask(network.gaze.codebook, signal).sum()
     assert history.before[0, 0] == network.gaze.stay + 1
     assert torch.equal(history.before[:, 1:], codes[:, :-1])
+
+
+def terms_at(network: SpeechToMotion, steps: int) -> dict[str, torch.Tensor]:
+    """The terms of one batch at a point of training, always with the same noise."""
+    torch.manual_seed(3)
+    tell_steps(network, steps)
+    return network.terms(batch(2, 40))
+
+
+@pytest.mark.parametrize("kind", ["categorical", "regressed"])
+def test_a_scheduled_history_begins_as_the_true_one_and_grows(kind: str) -> None:
+    loss = "gaze_codes" if kind == "categorical" else "gaze_reconstruction"
+    clean, scheduled = (terms_at(model(each).train(), 0) for each in (kind, f"{kind}_scheduled"))
+    torch.testing.assert_close(scheduled[loss], clean[loss], rtol=1e-6, atol=0)
+    assert (terms_at(model(f"{kind}_scheduled").train(), 1)[loss] - clean[loss]).abs() > 1e-6
+    assert torch.equal(*(terms_at(model(each).eval(), 9)[loss] for each in (kind, f"{kind}_scheduled")))
+
+
+def test_noise_moves_codes_to_near_ones_and_leaves_stays() -> None:
+    gaze = model("categorical_noise").gaze
+    codes = torch.randint(0, gaze.stay + 1, (4, 30))
+    codes[:, 0] = 3
+    table = torch.cat([gaze.codebook.quantiser.codebook, torch.zeros(1, 8)])
+    moved = {sigma: gaze._near(NoisyHistory(kind="noise", sigma=sigma), codes).before[:, 1:] for sigma in (1e-4, 1.0)}
+    assert torch.equal(moved[1e-4], codes[:, :-1])
+    changed = moved[1.0] != codes[:, :-1]
+    assert changed.float().mean() > 0.1
+    assert torch.equal(moved[1.0] == gaze.stay, codes[:, :-1] == gaze.stay)
+    apart = (table[moved[1.0]] - table[codes[:, :-1]])[changed].norm(dim=-1).mean()
+    assert apart < torch.cdist(table[:-1], table[:-1]).mean()
+
+
+def test_training_in_free_running_sees_what_generation_makes() -> None:
+    network = model("regressed_free")
+    data = batch(2, 40)
+    condition = Condition(network.speech(data.speech), data.head, network.head.normal(data.head))
+    made = network.gaze.sample(condition, [1, 2], 0.0)
+    free = network.gaze.train().terms(condition, made)
+    assert free["gaze_reconstruction"] < 1e-9
+    assert network.gaze.terms(condition, data.gaze)["gaze_reconstruction"] > 1e-3
+
+
+def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
+    """Of the last frame, to the features of the frames before it."""
+    gaze = model("regressed_free").gaze
+    memory, kept = torch.randn(1, 12, 16), []
+
+    def nearest(features: torch.Tensor, step: int) -> torch.Tensor:
+        features.retain_grad()
+        kept.append(features)
+        return gaze._nearest(features)
+
+    for frames, reached in ((4, 4), (12, 12)):
+        kept.clear()
+        gaze._run(memory, nearest, frames).signal[:, -1].sum().backward()
+        assert [bool(each.grad.abs().sum() > 0) for each in kept] == [False] * (12 - reached) + [True] * reached
+
+
+def test_gaze_sees_true_posterior_and_prior_heads_in_their_shares() -> None:
+    seen = []
+    network = model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.3}).train()
+    terms = network.gaze.terms
+    network.gaze.terms = lambda condition, gaze: seen.append(condition) or terms(condition, gaze)
+    data = batch(1, 40)
+    many = Batch(*(each.expand(400, *each.shape[1:]) for each in (data.speech, data.head, data.gaze)))
+    network.terms(many)["total"].backward()
+    true = (seen[0].head_normal == network.head.normal(many.head)).flatten(1).all(1)
+    assert true.float().mean() == pytest.approx(0.5, abs=0.08)
+    assert seen[0].head_normal[~true].std(0).mean() > 1e-3
+    with pytest.raises(ValueError, match="truth, posterior and prior should be 1 together"):
+        model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
+
+
+def test_a_prior_head_is_drawn_for_the_speech_alone() -> None:
+    network = model("vae", head_mix={"truth": 0.0, "posterior": 0.0, "prior": 1.0})
+    data = batch(3, 40)
+    seen = []
+    network.gaze.terms = lambda condition, gaze: seen.append(condition) or {}
+    for head in (data.head, torch.zeros_like(data.head)):
+        torch.manual_seed(5)
+        network.terms(Batch(data.speech, head, data.gaze))
+    assert not torch.equal(seen[0].head_normal, network.head.normal(data.head))
+    torch.testing.assert_close(seen[0].head_normal, seen[1].head_normal)
 
 
 def test_draw_follows_the_probabilities() -> None:

@@ -31,8 +31,8 @@ from talkingeyes.run import Report
 
 BOOTSTRAP = BootstrapSettings(draws=200, level=0.95, seed=0)
 CANONICAL = CanonicalSettings(
-    speech_components=4,
-    lags_frames=(-2, 0, 2),
+    speech_components=5,
+    lags_frames=(-1, 0, 1),
     stretch_frames=1,
     fourier=64,
     kernel_width=1.0,
@@ -80,10 +80,12 @@ def test_equal_rows_of_ours_agree_with_nothing():
 
 
 def test_seeds_are_averaged_on_the_same_clips():
-    figure = seeds_of([1.0, 2.0, 3.0], [3.0, 4.0, 5.0])
-    estimate = figure.estimate(BOOTSTRAP)
-    assert (estimate.value, estimate.least, estimate.most) == (3.0, 2.0, 4.0)
-    assert estimate.low > 2.0, "the spread of clips, not of seeds"
+    alike = seeds_of([1.0] * 5, [3.0] * 5).estimate(BOOTSTRAP)
+    assert (alike.value, alike.least, alike.most) == (2.0, 1.0, 3.0)
+    assert (alike.low, alike.high) == (2.0, 2.0), "the interval is of clips, not of seeds"
+    apart = seeds_of(np.arange(5.0), 4 - np.arange(5.0)).estimate(BOOTSTRAP)
+    assert (apart.low, apart.high) == (2.0, 2.0), "both seeds on the same draw of clips"
+    assert seeds_of(np.arange(5.0)).estimate(BOOTSTRAP).low < 1.5
 
 
 TABLE = PaperTable(
@@ -102,7 +104,7 @@ def test_the_page_has_ours_the_papers_and_the_order():
     }
     came = found(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
     page = markdown(TABLE, {"test": came})
-    assert "**0.450**<br><sub>0.450–0.450; seeds 0.400–0.500</sub><br>paper 0.250" in page
+    assert "**0.450**<br><sub>0.450 to 0.450; seeds 0.400 to 0.500</sub><br>paper 0.250" in page
     assert page.index("| Truth |") < page.index("| VAE")
     assert "| Div. | no | 0 of 1 | -1.00 | TalkingEyes as written > VAE | – |" in page
     plain = as_json(TABLE, {"test": came})
@@ -237,8 +239,7 @@ def related(count, seed, frames=200):
     random = np.random.default_rng(seed)
     made = []
     for _ in range(count):
-        speech = random.normal(size=(frames, 5)).cumsum(0) * 0.1
-        head = random.normal(size=(frames, 3)).cumsum(0) * 0.02
+        speech, head = random.normal(size=(frames, 5)), random.normal(size=(frames, 3)) * 0.2
         gaze = np.zeros((frames, 2, 3))
         gaze[..., 0] = (0.3 * speech[:, 0] - head[:, 0])[:, None]
         gaze[..., 1] = (0.5 * np.tanh(head[:, 1] * 3) - 0.2 * head[:, 1])[:, None]

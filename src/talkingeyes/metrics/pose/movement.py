@@ -31,7 +31,7 @@ def distances(made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarra
     return Distances(_root_mean_square(apart), _root_mean_square(moved))
 
 
-def jitter(poses: Sequence[Float[ndarray, "T 6"]], fps: float) -> float:
+def jitter(poses: Sequence[Float[ndarray, "T P"]], fps: float) -> float:
     """Share of the power of motion (of velocity) above 5 Hz, over numbers and clips; 0 of a still head."""
     above = total = 0.0
     for each in poses:

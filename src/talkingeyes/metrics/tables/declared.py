@@ -52,9 +52,9 @@ RANGES = (
 )
 FAST = (
     Column("head above 5 Hz °/s", "head/fast", 2),
-    Column("share", "head/fast_share"),
+    Column("share of its power", "head/fast_share"),
     Column("eyes above 5 Hz °/s", "gaze/fast", 2),
-    Column("share", "gaze/fast_share"),
+    Column("share of their power", "gaze/fast_share"),
 )
 FULL = (0.05143, 0.26398, 0.51913, 0.60435, 0.22731, 0.26570)
 

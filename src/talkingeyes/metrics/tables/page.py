@@ -87,9 +87,9 @@ def _cell(estimate: SeededEstimate | None, paper: float | None, column: Column) 
     parts = [] if paper is None else [f"paper {paper:.{max(column.digits, 3)}f}"]
     if estimate is not None:
         digits = column.digits
-        small = f"{estimate.low:.{digits}f}–{estimate.high:.{digits}f}"
+        small = f"{estimate.low:.{digits}f} to {estimate.high:.{digits}f}"
         if estimate.least < estimate.most:
-            small += f"; seeds {estimate.least:.{digits}f}–{estimate.most:.{digits}f}"
+            small += f"; seeds {estimate.least:.{digits}f} to {estimate.most:.{digits}f}"
         parts.insert(0, f"**{estimate.value:.{digits}f}**<br><sub>{small}</sub>")
     return "<br>".join(parts)
 

@@ -1,0 +1,91 @@
+"""Does a reference clip lend its speaker's style? On speakers whom no training saw.
+
+Run: python -m benchmarks.style --workspace build/style --model talkingeyes_style
+Reads: data of a workspace with the model. Prints, for pairs of unseen speakers: how often the samples of one speech
+under A's reference differ from those under B's in the direction in which A's other clips differ from B's. Chance: .5.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes import rotation
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import Recording, recordings
+from talkingeyes.learning.telling import motion_numbers
+from talkingeyes.learning.trained import load_generator
+from talkingeyes.models.condition.conditioner import Given
+from talkingeyes.physiology.steps import find_saccades
+
+SAMPLES = 4
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How far head and eyes move (standard deviations, degrees), and how often gaze jumps (a second)."""
+
+    head_range_deg: float
+    eye_range_deg: float
+    saccades_hz: float
+
+
+def habits(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> Habits:
+    """Of one motion."""
+    space = rotation.gaze_in_space(head.astype(np.float64), gaze.astype(np.float64)).mean(1)
+    rate = len(find_saccades(space, fps)) / (len(head) / fps)
+    return Habits(*(float(np.degrees(each.std(0).mean())) for each in (head, gaze[..., :2])), rate)
+
+
+def mean(found: list[Habits]) -> Habits:
+    """Of several."""
+    return Habits(*np.mean([list(asdict(each).values()) for each in found], axis=0).tolist())
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workspace", type=Path, default=Path("build/style"))
+    parser.add_argument("--model", default="talkingeyes_style")
+    parser.add_argument("--speeches", type=int, default=4)
+    asked = parser.parse_args()
+    data = asked.workspace / "data"
+    generator = load_generator(data / "train" / asked.model)
+    clips = recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", "unseen", take=0)
+    speeches = list(recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", "val", take=0))
+    by_speaker: defaultdict[str, list[Recording]] = defaultdict(list)
+    for each in clips:
+        by_speaker[each.clip.speaker].append(each)
+    true, made = {}, {}
+    for who, (first, *others) in by_speaker.items():
+        if not others:
+            continue
+        true[who] = mean([habits(each.head, each.gaze, each.clip.fps) for each in others])
+        given = Given(reference=torch.from_numpy(motion_numbers(first.head, first.gaze))[None])
+        found = []
+        for speech in speeches[: asked.speeches]:
+            drawn = generator.generate(np.asarray(speech.speech), list(range(SAMPLES)), speech.clip.fps, given)
+            found += [habits(drawn.head[index], drawn.gaze[index], drawn.fps) for index in range(SAMPLES)]
+        made[who] = mean(found)
+    pairs = list(combinations(true, 2))
+    print(f"{len(true)} unseen speakers, {len(pairs)} pairs, {SAMPLES * asked.speeches} samples each")
+    print("| habit | told apart in the right direction | r over speakers | spread made / true |")
+    print("|---|---|---|---|")
+    for name in asdict(next(iter(true.values()))):
+        ours, theirs = ({who: getattr(each, name) for who, each in of.items()} for of in (made, true))
+        right = np.mean([(ours[a] - ours[b]) * (theirs[a] - theirs[b]) > 0 for a, b in pairs])
+        values = np.array([list(ours.values()), list(theirs.values())])
+        spread = values.std(1)
+        print(f"| {name} | {right:.2f} | {np.corrcoef(values)[0, 1]:.2f} | {spread[0] / spread[1]:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""Finite scalar and residual codes, top-p, annealing and free bits, as mathematics."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from talkingeyes.models.layers.conditional_vae import Gaussian
+from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarSettings
+from talkingeyes.models.layers.kl import AnnealingSettings, annealed, beyond_free_bits
+from talkingeyes.models.layers.nucleus import nucleus
+from talkingeyes.models.layers.pace import tell_steps
+from talkingeyes.models.layers.quantiser import Quantiser
+from talkingeyes.models.layers.quantisers import make_quantiser
+from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualSettings
+
+LEVELS = st.lists(st.integers(2, 6), min_size=1, max_size=4).map(tuple)
+
+
+def finite(levels: tuple[int, ...]) -> FiniteScalarQuantiser:
+    return FiniteScalarQuantiser(FiniteScalarSettings(kind="finite_scalar", levels=levels))
+
+
+def residual(depth: int, level_codes: int = 8) -> ResidualSettings:
+    shared = {"width": 6, "commitment": 0.25, "decay": 0.9, "restart_below": 0.05}
+    return ResidualSettings(kind="residual", depth=depth, level_codes=level_codes, **shared)  # type: ignore[arg-type]
+
+
+@hypothesis_settings(max_examples=25, deadline=None)
+@given(LEVELS)
+def test_all_levels_are_reached_and_indices_name_their_values(levels: tuple[int, ...]) -> None:
+    quantiser = finite(levels)
+    assert quantiser.codebook.shape == (math.prod(levels), len(levels))
+    assert len(quantiser.codebook.unique(dim=0)) == quantiser.settings.codes
+    torch.manual_seed(0)
+    latents = 4 * torch.randn(1, 4000, len(levels))
+    found = quantiser(latents)
+    torch.testing.assert_close(quantiser.codebook[found.indices], found.values)
+    for place, count in enumerate(levels):
+        assert len(found.values[0, :, place].unique()) == count
+    assert torch.equal(quantiser.distances(latents).argmin(-1), found.indices)
+    assert found.commitment == 0
+
+
+def test_the_gradient_passes_through_finite_scalars_as_through_the_bound() -> None:
+    quantiser = finite((5, 4))
+    latents = torch.randn(1, 7, 2, requires_grad=True)
+    quantiser(latents).values.sum().backward()
+    passed = latents.grad.clone()
+    latents.grad = None
+    quantiser.among_codes(latents).sum().backward()
+    torch.testing.assert_close(passed, latents.grad)
+    assert (passed > 0).all()
+
+
+def test_the_error_of_residual_codes_falls_with_depth() -> None:
+    torch.manual_seed(0)
+    errors = []
+    data = torch.randn(40, 256, 6)
+    for depth in (2, 3):
+        quantiser = ResidualQuantiser(residual(depth)).train()
+        levels = [quantiser.levels[0]]
+        for batch in data:
+            quantiser(batch[None])
+        quantiser.eval()
+        found = quantiser(data)
+        first = levels[0]
+        assert isinstance(first, Quantiser)
+        errors += [(first(data).values - data).square().mean(), (found.values - data).square().mean()]
+        assert found.indices.max() < quantiser.settings.codes
+        torch.testing.assert_close(quantiser.codebook[found.indices], found.values, atol=1e-6, rtol=1e-5)
+    one, two, _, three = errors
+    assert three < 0.85 * two < 0.85 * 0.85 * one
+
+
+def test_a_residual_index_is_the_digits_of_its_levels() -> None:
+    quantiser = ResidualQuantiser(residual(2, 5))
+    first, second = (level.codebook for level in quantiser.levels)
+    torch.testing.assert_close(quantiser.codebook[3 * 5 + 2], first[3] + second[2])
+
+
+def test_latents_that_are_not_used_do_not_move_residual_codes() -> None:
+    quantiser = ResidualQuantiser(residual(2)).train()
+    used = torch.ones(1, 64, dtype=torch.bool)
+    used[:, 32:] = False
+    for _ in range(5):
+        latents = torch.randn(1, 64, 6)
+        latents[:, 32:] = 1e4
+        assert quantiser(latents, used).commitment < 100
+    assert quantiser.codebook.abs().max() < 100
+
+
+def test_too_many_sums_are_refused() -> None:
+    with pytest.raises(ValueError, match="should be at most 4096, got 65536"):
+        residual(2, 256)
+    assert isinstance(make_quantiser(residual(2)), ResidualQuantiser)
+    assert isinstance(make_quantiser(finite((3, 3)).settings), FiniteScalarQuantiser)
+
+
+@hypothesis_settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.floats(0.05, 0.99), st.floats(0.3, 2.0))
+def test_the_nucleus_is_the_smallest_that_keeps_the_mass(seed: int, top_p: float, temperature: float) -> None:
+    logits = 3 * torch.randn(4, 12, generator=torch.Generator().manual_seed(seed))
+    chances = (logits.double() / temperature).softmax(-1)
+    kept = nucleus(logits, top_p, temperature).isfinite()
+    for row, inside in zip(chances, kept, strict=True):
+        assert row[inside].sum() >= top_p - 1e-9
+        assert row[inside].sum() - row[inside].min() < top_p
+        assert inside.all() or row[inside].min() >= row[~inside].max()
+
+
+def test_top_p_of_1_and_temperature_0_change_nothing() -> None:
+    logits = torch.randn(3, 9)
+    assert nucleus(logits, 1.0, 0.7) is logits
+    assert nucleus(logits, 0.5, 0.0) is logits
+
+
+def test_annealing_rises_once_or_again_and_again() -> None:
+    linear = AnnealingSettings(shape="linear", steps=100)
+    assert [annealed(linear, step) for step in (0, 25, 100, 1000)] == [0.0, 0.25, 1.0, 1.0]
+    cyclical = AnnealingSettings(shape="cyclical", steps=100)
+    assert [annealed(cyclical, step) for step in (0, 25, 50, 99, 100, 125)] == [0.0, 0.5, 1.0, 1.0, 0.0, 0.5]
+    assert annealed(None, 0) == 1.0
+
+
+def test_free_bits_cost_nothing_and_what_is_beyond_costs_as_before() -> None:
+    mean = torch.tensor([0.01, 2.0]).expand(3, 4, 2).clone().requires_grad_()
+    posterior = Gaussian(mean, torch.zeros(3, 4, 2))
+    assert torch.equal(beyond_free_bits(posterior.divergences(), 0.0), posterior.divergence())
+    beyond_free_bits(posterior.divergences(), 0.25).backward()
+    assert (mean.grad[..., 0] == 0).all()
+    assert (mean.grad[..., 1] > 0).all()
+    empty = Gaussian(torch.zeros(3, 4, 2), torch.zeros(3, 4, 2))
+    assert float(beyond_free_bits(empty.divergences(), 0.25)) == pytest.approx(0.25 * math.log(2))
+
+
+def test_every_part_that_is_paced_is_told() -> None:
+    class Part(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.trained_steps = 0
+
+    network = torch.nn.Sequential(Part(), torch.nn.Sequential(Part()), torch.nn.ReLU())
+    tell_steps(network, 7)
+    assert [each.trained_steps for each in network.modules() if isinstance(each, Part)] == [7, 7]

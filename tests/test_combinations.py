@@ -1,0 +1,116 @@
+"""Every head generator moves every gaze decoder, by configuration alone: trained together, or one after the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from test_contract import CHANNELS, batch, codebook, content
+from test_posegan import HEADS, normaliser, task
+
+from talkingeyes.config import CONF
+from talkingeyes.learning.checkpoint import load, save
+from talkingeyes.learning.trained import HeadThenGazeSettings, load_generator, network_config, save_head_then_gaze
+from talkingeyes.learning.trained_poses import pose_config
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models.gaze.generator import GAZE_GENERATORS
+from talkingeyes.models.head.generator import HEAD_GENERATORS
+from talkingeyes.models.head.pose import POSE_GENERATORS
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+
+NAMES = [str(index) for index in range(CHANNELS)]
+SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0}
+
+
+def sections(part: str) -> dict[str, dict[str, Any]]:
+    """By kind, the first model of conf/ that has such a part."""
+    found: dict[str, dict[str, Any]] = {}
+    for path in sorted((CONF / "model").glob("*.yaml")):
+        node = content(path)
+        if node["kind"] == "speech_to_motion":
+            found.setdefault(node[part]["kind"], node)
+    return found
+
+
+WITH_HEAD, WITH_GAZE = sections("head"), sections("gaze")
+
+
+def joint(head: str, gaze: str) -> SpeechToMotion:
+    """The head of one model of conf/ and the gaze of another in one, untrained."""
+    weights = {
+        name: weight
+        for part, of in (("head_", WITH_HEAD[head]), ("gaze_", WITH_GAZE[gaze]))
+        for name, weight in of["weights"].items()
+        if name.startswith(part)
+    }
+    node = WITH_GAZE[gaze] | {"speech": SPEECH, "head": WITH_HEAD[head]["head"], "weights": weights}
+    settings = TranslationSettings.model_validate(node)
+    torch.manual_seed(0)
+    made = SpeechToMotion(settings, NAMES, codebook(settings.prior))
+    made.head.normalise_by(torch.zeros(3), 0.1)
+    made.gaze.normalise_by(torch.zeros(6), 0.1)
+    return made
+
+
+def test_every_kind_is_in_conf() -> None:
+    assert set(WITH_HEAD) >= set(HEAD_GENERATORS.kinds)
+    assert set(WITH_GAZE) >= set(GAZE_GENERATORS.kinds)
+    assert {content(CONF / "model" / f"{name}.yaml")["head"]["kind"] for name in HEADS} == set(POSE_GENERATORS.kinds)
+
+
+@pytest.mark.parametrize("gaze", WITH_GAZE)
+@pytest.mark.parametrize("head", WITH_HEAD)
+def test_trained_together(head: str, gaze: str) -> None:
+    made = joint(head, gaze).train()
+    terms = made.terms(batch())
+    assert set(made.settings.weights) <= set(terms)
+    terms["total"].backward()
+    parts: list[Any] = [made.speech, made.head, made.gaze]
+    assert all(any(each.grad is not None and each.grad.abs().sum() > 0 for each in part.parameters()) for part in parts)
+    out = made.eval().generate(torch.randn(41, CHANNELS), [1, 2], 1.0)
+    assert out.head.shape == (2, 41, 3)
+    assert out.gaze.shape == (2, 41, 2, 3)
+    assert torch.isfinite(out.head).all()
+    assert torch.isfinite(out.gaze).all()
+    assert (out.gaze[0] - out.gaze[1]).abs().max() > 1e-5
+
+
+@pytest.fixture(scope="module")
+def gazes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Models with each gaze decoder, in folders as `train` leaves them."""
+    found = {}
+    for gaze in WITH_GAZE:
+        made = joint("vae", gaze)
+        folder = tmp_path_factory.mktemp(gaze.replace(":", "-"))
+        save(folder, made.state_dict(), network_config(made.settings, NAMES, made_codebook(made), made))  # type: ignore[arg-type]
+        found[gaze] = folder
+    return found
+
+
+def made_codebook(made: SpeechToMotion) -> Any:
+    """What the gaze decoder decodes with, if anything."""
+    return getattr(made.gaze, "codebook", None)
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_one_after_the_other(head: str, gazes: dict[str, Path], tmp_path: Path) -> None:
+    one = task(head)
+    (tmp_path / "head").mkdir()
+    save(tmp_path / "head", one.module.state_dict(), pose_config(one.settings, normaliser(), one.module))
+    speech = np.random.default_rng(0).standard_normal((60, CHANNELS)).astype(np.float32)
+    alone = load_generator(tmp_path / "head").generate(speech, [1, 2], 25.0)
+    for gaze, folder in gazes.items():
+        node = yaml.safe_load((CONF / "model" / "head_then_gaze.yaml").read_text()) | {"made_of": [head, gaze]}
+        (tmp_path / "both").mkdir(exist_ok=True)
+        save_head_then_gaze(
+            tmp_path / "both", HeadThenGazeSettings.model_validate(node), load(tmp_path / "head"), load(folder)
+        )
+        both = load_generator(tmp_path / "both").generate(speech, [1, 2], 25.0)
+        np.testing.assert_array_equal(both.head, alone.head)
+        assert both.gaze.shape == (2, 60, 2, 3)
+        assert np.isfinite(both.gaze).all()
+        assert np.abs(both.gaze).max() > 1e-4

@@ -1,0 +1,219 @@
+"""What a model is told besides its speech: who moves, a reference of a style, the partner; and where it starts from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from test_learning import NAMES, NORMALISER, translation
+from toy import CHANNELS, recordings
+
+from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.windows import Recording
+from talkingeyes.errors import InputError
+from talkingeyes.learning import checkpoint
+from talkingeyes.learning.loop import train
+from talkingeyes.learning.telling import Beside, Teller, given, motion_numbers
+from talkingeyes.learning.trained import load_generator, needs, network_config, speakers_of
+from talkingeyes.learning.translation import TranslationSettings, TranslationTask
+from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
+
+KINDS: dict[str, dict[str, Any]] = {
+    "speaker": {"hidden": 0.0},
+    "reference": {"numbers": 4, "hidden": 0.0},
+    "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
+}
+LONG = {"steps": 100, "learning_rate": 1e-2, "validate_every": 100}
+KNOWN = Known(NAMES, ("a", "b"))
+
+
+def conditioner(kind: str) -> Any:
+    """One of each kind, with the statistics of toy motions."""
+    torch.manual_seed(0)
+    made = CONDITIONERS.make(CONDITIONERS.read({"kind": kind, **KINDS[kind]}), 12, KNOWN)
+    motions = [torch.from_numpy(motion_numbers(each.head, each.gaze)) for each in recordings(6, seed=1)]
+    made.learn_from(Seen(torch.zeros(CHANNELS), torch.ones(CHANNELS), motions))
+    return made.eval()
+
+
+def told(rows: int, frames: int = 40) -> Given:
+    """Something of everything; the last window is told nothing."""
+    torch.manual_seed(2)
+    reference, partner = 0.1 * torch.randn(rows, 30, 9), torch.randn(rows, frames, CHANNELS)
+    reference[-1], partner[-1] = torch.nan, torch.nan
+    return Given(torch.tensor([*range(rows - 1), -1]), reference, partner)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+class TestContract:
+    def test_it_gives_a_vector_a_frame_that_depends_on_what_is_told(self, kind: str) -> None:
+        made = conditioner(kind)
+        found = made(told(3), 3)
+        assert found.shape[0] == 3
+        assert found.shape[1] in (1, 40)
+        assert found.shape[2] == 12
+        assert torch.isfinite(found).all()
+        assert (found[0] - found[1]).abs().max() > 1e-3
+        assert set(made.needs) == {kind}
+
+    def test_a_window_that_is_told_nothing_is_as_one_of_a_batch_that_is(self, kind: str) -> None:
+        made = conditioner(kind)
+        nothing = made(NOTHING, 2)
+        torch.testing.assert_close(made(told(3), 3)[2:].mean(1), nothing[:1].mean(1))
+        if kind == "partner":
+            assert nothing.abs().max() == 0
+
+    def test_gradients_reach_it_and_stay_finite_beside_rows_of_nothing(self, kind: str) -> None:
+        made = conditioner(kind).train()
+        made(told(3), 3).square().sum().backward()
+        found = [each.grad for each in made.parameters() if each.grad is not None]
+        assert any(each.abs().sum() > 0 for each in found)
+        assert all(torch.isfinite(each).all() for each in found)
+
+
+def test_a_hidden_speaker_is_nobody() -> None:
+    made = conditioner("speaker").train()
+    made.hidden = 1.0
+    assert torch.equal(made(told(3), 3), made(NOTHING, 3))
+
+
+def people(count: int, seed: int) -> list[Recording]:
+    """Two speakers, of whom `b` holds the head turned aside."""
+    found = []
+    for index, each in enumerate(recordings(count, seed)):
+        aside_rad, who = (0.0, "a") if index % 2 else (0.2, "b")
+        turned = (each.head + np.array([0, aside_rad, 0])).astype(np.float32)
+        found.append(replace(each, clip=replace(each.clip, speaker=who), head=turned))
+    return found
+
+
+def task_of(condition: dict[str, Any], beside: Beside | None = None, **changes: Any) -> TranslationTask:
+    node = translation("vae", **changes).model_dump(mode="json") | {"conditions": [condition]}
+    node["weights"]["head_kl"] = 3.0  # with a weak one the codes say all and the condition nothing
+    settings = TranslationSettings.model_validate(node)
+    return TranslationTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
+
+
+def aside_rad(task: TranslationTask, one: Given) -> float:
+    """Where the heads of some samples rest."""
+    speech = torch.from_numpy(recordings(1, seed=9)[0].speech)
+    return float(task.module.generate(speech, list(range(6)), 1.0, one).head[..., 1].mean())
+
+
+def reference_of(each: Recording) -> Given:
+    return Given(reference=torch.from_numpy(motion_numbers(each.head, each.gaze))[None])
+
+
+def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Path) -> None:
+    task = task_of({"kind": "reference", **KINDS["reference"]}, **LONG)
+    settings = task.settings
+    train(task, settings.loop, "style")
+    turned, straight = (reference_of(each) for each in people(2, seed=33))
+    assert aside_rad(task, turned) > aside_rad(task, straight) + 0.1
+    checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, NAMES, None, task.module))
+    again = load_generator(tmp_path)
+    assert needs(again) == {"reference"}
+    speech = recordings(1, seed=9)[0].speech
+    direct = task.module.generate(torch.from_numpy(speech), [5], None, turned)
+    np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
+
+
+def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
+    task = task_of({"kind": "speaker", "hidden": 0.1}, **LONG | {"steps": 200, "validate_every": 200})
+    train(task, task.settings.loop, "speaker")
+    straight, turned = (Given(speaker=torch.tensor([index])) for index in (0, 1))
+    assert aside_rad(task, turned) > aside_rad(task, straight) + 0.02
+    checkpoint.save(tmp_path, task.module.state_dict(), network_config(task.settings, NAMES, None, task.module))
+    assert speakers_of(load_generator(tmp_path)) == ("a", "b")
+
+
+def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time() -> None:
+    known = people(8, seed=4)
+    teller = Teller({"reference", "speaker"}, ["a", "b"], known, None)
+    own = known[0]
+    first, again = (teller.window(own.clip, slice(10, 60), False) for _ in range(2))
+    np.testing.assert_array_equal(first["reference"], again["reference"])
+    assert int(first["speaker"]) == 1
+    places = [
+        index
+        for index, each in enumerate(known)
+        for start in range(len(each) - 49)
+        if np.array_equal(motion_numbers(each.head, each.gaze)[start : start + 50], first["reference"])
+    ]
+    assert len(places) == 1
+    assert places[0] != 0
+    assert known[places[0]].clip.speaker == own.clip.speaker
+    stranger = teller.whole(replace(own.clip, speaker="nobody"), 50)
+    assert stranger.reference is None
+    assert stranger.speaker is not None
+    assert stranger.speaker.tolist() == [-1]
+
+
+def conversation(root: Path) -> Beside:
+    """The partner's embedding beside every second clip of `people`."""
+    random = np.random.default_rng(5)
+    for seed, count in ((1, 12), (2, 3)):
+        for index, each in enumerate(people(count, seed)):
+            for name in ("speech", "partner")[: 1 + index % 2]:
+                path = sharded_for_writing(root / name, each.clip.sound, ".npy")
+                np.save(path, random.standard_normal(each.speech.shape).astype(np.float32))
+    return Beside(Corpus(root), root)
+
+
+def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path) -> None:
+    beside = conversation(tmp_path)
+    task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20)
+    history = train(task, task.settings.loop, "listener")
+    assert history[-1]["loss/total"] < history[0]["loss/total"] or len(history) == 1
+    silence = torch.zeros(60, CHANNELS)
+    talks = Given(partner=torch.randn(1, 60, CHANNELS))
+    alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NOTHING, talks))
+    nobody = task.module.generate(silence, [1], 1.0, Given(partner=torch.full((1, 60, CHANNELS), torch.nan)))
+    assert (alone.head - heard.head).abs().max() > 1e-4
+    assert (alone.gaze - heard.gaze).abs().max() > 1e-4
+    assert torch.equal(alone.gaze, nobody.gaze)
+
+
+def test_a_partner_who_was_not_embedded_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"^embed.partner: should be true"):
+        task_of({"kind": "partner", **KINDS["partner"]})
+
+
+def test_windows_and_the_partner_stay_in_step(tmp_path: Path) -> None:
+    beside, clip = conversation(tmp_path), people(12, seed=1)[1].clip
+    teller = Teller({"partner"}, [], (), beside)
+    whole = teller.whole(clip, 210).partner
+    assert whole is not None
+    part = given([teller.window(clip, slice(20, 70), True)]).partner
+    assert part is not None
+    torch.testing.assert_close(part, whole[:, 20:70])
+
+
+def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> TranslationTask:
+    node = translation("vae", steps=6, validate_every=6).model_dump(mode="json")
+    node["speech"] |= changes
+    settings = TranslationSettings.model_validate(node)
+    return TranslationTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
+
+
+def test_a_model_with_sound_starts_as_the_prior_without_and_then_hears() -> None:
+    deaf = start({"channels": []})
+    speech, other = (torch.randn(50, CHANNELS) for _ in range(2))
+    train(deaf, deaf.settings.loop, "prior")
+    assert torch.equal(deaf.module.generate(speech, [1]).gaze, deaf.module.generate(other, [1]).gaze)
+    prior = checkpoint.Checkpoint({}, deaf.module.state_dict())
+    tied = start({"channels": None}, prior)
+    tied.module.eval()
+    with torch.no_grad():
+        at_first, before = (each.module.generate(speech, [1], 1.0) for each in (tied, deaf))
+    torch.testing.assert_close(at_first.gaze, before.gaze, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(at_first.head, before.head, atol=1e-5, rtol=1e-4)
+    train(tied, tied.settings.loop, "tied")
+    heard = [tied.module.generate(each, [1], 1.0).gaze for each in (speech, other)]
+    assert (heard[0] - heard[1]).abs().max() > 1e-6
+    with pytest.raises(InputError, match=r"^start_from: should be a model of the same parts"):
+        start({"channels": None, "width": 16}, prior)
