@@ -56,7 +56,7 @@ def test_a_saccade_waits_for_the_one_before() -> None:
 
 
 def test_strokes_give_a_smooth_head_back() -> None:
-    """Poses at the dips of speed and a spline, within half a degree of a motion of several waves."""
+    """Poses at the dips of speed and a spline keep most of a motion of several waves (of fitted heads: .4 degrees)."""
     times = np.arange(500) / FPS
     random = np.random.default_rng(0)
     waves = [(random.uniform(0.02, 0.06, 3), random.uniform(0.2, 0.9, 3), random.uniform(0, 6, 3)) for _ in range(3)]
@@ -65,7 +65,7 @@ def test_strokes_give_a_smooth_head_back() -> None:
     knots[[0, -1]] = True
     at = np.flatnonzero(knots)
     assert 1 < len(at) * FPS / len(head) < 8
-    assert np.degrees(np.abs(splined(at.astype(float), head[at], len(head)) - head)).mean() < 0.5
+    assert np.abs(splined(at.astype(float), head[at], len(head)) - head).mean() < 0.3 * head.std()
 
 
 def test_a_head_with_one_stroke_rests() -> None:
