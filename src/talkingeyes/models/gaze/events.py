@@ -7,7 +7,6 @@ by the main sequence (physiology/saccades.py), so any frame rate can be made of 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -21,7 +20,7 @@ from torch import Tensor, nn
 from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
+from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
 from talkingeyes.motion import Saccade
 from talkingeyes.physiology import saccades
 from talkingeyes.settings import PartSettings
@@ -95,14 +94,7 @@ class EventGaze(nn.Module):
     def _condition(self, condition: Condition) -> Float[Tensor, "B N C"]:
         """Speech and head a bin: their means; the last bin is filled up by its last frame."""
         both = torch.cat([condition.speech, condition.head_normal], dim=-1)
-        return binned(both, math.ceil(both.shape[1] / self.bin_frames), self.bin_frames)
-
-
-def binned(frames: Float[Tensor, "B T C"], count: int, bin_frames: int) -> Float[Tensor, "B N C"]:
-    """Means of `count` bins; beyond the last frame, the last frame."""
-    missing = count * bin_frames - frames.shape[1]
-    filled = torch.cat([frames, frames[:, -1:].expand(-1, missing, -1)], dim=1)
-    return filled.unflatten(1, (count, bin_frames)).mean(2)
+        return binned(both, self.bin_frames)
 
 
 def both_eyes(signal: Float[Tensor, "B T 4"]) -> Float[Tensor, "B T 3"]:

@@ -7,7 +7,6 @@ degree and without its trembling (docs/log.md). An event (layers/event_process.p
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
-from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
+from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
 from talkingeyes.settings import PartSettings
 
 SPREAD = (1.0, 1.0, 0.6)
@@ -59,13 +58,13 @@ class EventHead(nn.Module):
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
         events = EventSequence.of_frames(dips(head), self.normal(head), self.bin_frames)
-        terms = self.process.terms(events, self._condition(speech, 0))
+        terms = self.process.terms(events, binned(speech, self.bin_frames))
         return HeadPrediction(head, {f"head_{name}": value for name, value in terms.items()})
 
     @torch.no_grad()
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Strokes drawn bin after bin, shown as frames."""
-        within = self._condition(speech, BEYOND)
+        within = binned(speech, self.bin_frames, BEYOND)
         count, numbers = within.shape[1], len(SPREAD) + 3
         uniform = torch.stack(
             [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
@@ -77,12 +76,6 @@ class EventHead(nn.Module):
             for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
         ]
         return torch.from_numpy(np.stack(made).astype(np.float32)).to(within) * self.scale + self.mean
-
-    def _condition(self, speech: Float[Tensor, "B T S"], beyond: int) -> Float[Tensor, "B N S"]:
-        count = math.ceil(speech.shape[1] / self.bin_frames)
-        missing = (count + beyond) * self.bin_frames - speech.shape[1]
-        filled = torch.cat([speech, speech[:, -1:].expand(-1, missing, -1)], dim=1)
-        return filled.unflatten(1, (count + beyond, self.bin_frames)).mean(2)
 
 
 def dips(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:

@@ -8,6 +8,7 @@ censoring: a bin without an event is a term of the likelihood like any other.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -157,13 +158,13 @@ class EventProcess(nn.Module):
         ahead = torch.arange(1, LOOK + 1, device=heard.device)
         while len(rows := torch.nonzero(at < count - 1)[:, 0]):
             bins = (at[rows, None] + ahead).clamp(max=count - 1)
-            held = (each[rows, None].expand(-1, LOOK, -1) for each in (run.state, run.place))
-            past = _Past(*held, run.age[rows, None] + ahead)
+            state, held = (each[rows, None].expand(-1, LOOK, -1) for each in (run.state, run.place))
+            past = _Past(state, held, run.age[rows, None] + ahead)
             features = self._features(past, heard[rows[:, None], bins])
             happens = uniform[rows[:, None], bins, 0] < self.hazard(features)[..., 0].sigmoid()
             happens &= at[rows, None] + ahead < count
             first = torch.where(happens.any(1), happens.int().argmax(1), LOOK - 1)
-            place[rows[:, None], bins] = run.place[rows, None].expand(-1, LOOK, -1)
+            place[rows[:, None], bins] = held
             at[rows] += first + 1
             run.age[rows] += first + 1
             moved = happens.any(1)
@@ -268,10 +269,20 @@ class EventProcess(nn.Module):
         chosen = draw(mixture.logits, uniform[:, 0], temperature)
         normal = torch.special.ndtri(uniform[:, 1:].double().clamp(1e-6, 1 - 1e-6)).to(place)
         row = torch.arange(len(place), device=place.device)
-        return mixture.centre[row, chosen] + temperature * normal * mixture.log_sd[row, chosen].exp()
+        out: Tensor = mixture.centre[row, chosen] + temperature * normal * mixture.log_sd[row, chosen].exp()
+        return out
+
+
+def binned(frames: Float[Tensor, "B T C"], bin_frames: int, beyond: int = 0) -> Float[Tensor, "B N C"]:
+    """Means of bins, so many of them beyond the last frame; there, the last frame."""
+    count = math.ceil(frames.shape[1] / bin_frames) + beyond
+    filled = torch.cat([frames, frames[:, -1:].expand(-1, count * bin_frames - frames.shape[1], -1)], dim=1)
+    out: Tensor = filled.unflatten(1, (count, bin_frames)).mean(2)
+    return out
 
 
 def _quantiles(count: int, numbers: int) -> Float[Tensor, "M D"]:
     """Points spread evenly under a standard normal law."""
     points = torch.quasirandom.SobolEngine(numbers, scramble=True, seed=0).draw(count)
-    return torch.special.ndtri(points.double().clamp(0.01, 0.99)).float()
+    out: Tensor = torch.special.ndtri(points.double().clamp(0.01, 0.99)).float()
+    return out
