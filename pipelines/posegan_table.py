@@ -25,6 +25,16 @@ from talkingeyes.run import SUMS, shell
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
 ABLATIONS = ("posegan_without_motion", "posegan_without_start")
 GAZE = tuple(f"gaze_after_{name.removeprefix('head_')}" for name in HEADS)
+INTRODUCTION = """# Personal head motion: the tables
+
+Written by `python -m pipelines.posegan_table` (build/posegan/tables.md), which goes on where it was cut off. What is
+measured, and what the models are: [posegan.md](posegan.md).
+
+Seeds of training and sampling: {seeds}. Each figure is their mean; small, their range. Corpus, the SVM of Table 1 and
+the classifier of Table 3 are the same for all seeds. The paper's people speak in videos of the web, ours are drawn:
+compare the order of rows, not the values.
+
+"""
 # New people who speak other languages: for style transfer, and for how a model takes to sounds that it never heard.
 STRANGERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
 
@@ -119,7 +129,8 @@ def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[st
     from talkingeyes.metrics.pose.page import page
 
     path = workspace / "tables.md"
-    path.write_text(page(list(found.values()), benchmark))
+    introduction = INTRODUCTION.format(seeds=", ".join(map(str, found)))
+    path.write_text(introduction + page(list(found.values()), benchmark))
     print(path, file=sys.stderr)
 
 
