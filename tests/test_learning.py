@@ -151,7 +151,11 @@ def test_a_codebook_learns_uses_its_codes_and_repeats(patch: int) -> None:
 
 
 def translation(kind: str, **changes: Any) -> TranslationSettings:
-    names = {"categorical": ["codes"], "regressed": ["reconstruction", "velocity", "regularity"]}
+    names = {
+        "categorical": ["codes"],
+        "events": ["when", "where"],
+        "regressed": ["reconstruction", "velocity", "regularity"],
+    }
     terms = names.get(kind, ["reconstruction", "velocity", "kl"])
     return TranslationSettings.model_validate(
         {
@@ -175,7 +179,7 @@ def translation(kind: str, **changes: Any) -> TranslationSettings:
 
 
 def codebook(kind: str) -> Any:
-    if kind == "vae":
+    if kind in ("vae", "events"):
         return None
     settings = prior(4 if kind == "categorical" else 1, steps=40)
     task = PriorTask(settings, recordings(12, seed=1), recordings(2, seed=2))
