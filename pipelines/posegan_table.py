@@ -1,6 +1,6 @@
 """The tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head before one gaze.
 
-Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze] [overrides]
+Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze | --gaze-seeds 0] [overrides]
 Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny).
 Trains what the result store does not hold; a run that was cut off goes on.
 Writes in the workspace: seed-N/data/..., measured/seed-N.json (made again when a model has changed), tables.md.
@@ -45,16 +45,18 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="of training and sampling, as 0,1,2")
     parser.add_argument("--workspace", type=Path, default=Path("build/posegan"), help="where it works")
     parser.add_argument("--without-gaze", action="store_true", help="leave out the gaze benchmark, half of the time")
+    parser.add_argument("--gaze-seeds", help="of the gaze benchmark, where they should be fewer, as 0")
     parser.add_argument("overrides", nargs="*", help="values of conf/, such as experiment=posegan_tiny")
     given = parser.parse_args()
     seeds = [int(each) for each in given.seeds.split(",")]
+    of_gaze = [int(each) for each in (given.gaze_seeds or given.seeds).split(",")] if not given.without_gaze else []
     conf = _conf(given.overrides)
     strangers = _strangers(given.workspace, conf)
     found = {}
     for seed in seeds:
-        view = _trained(given.workspace, conf, seed, given.without_gaze)
+        view = _trained(given.workspace, conf, seed, seed in of_gaze)
         found[seed] = _measured(given.workspace, view, strangers, seed)
-    benchmark = {} if given.without_gaze else _benchmark(given.workspace, seeds)
+    benchmark = _benchmark(given.workspace, of_gaze) if of_gaze else {}
     _write(given.workspace, found, benchmark)
 
 
@@ -68,7 +70,7 @@ def _params(workspace: Path, conf: Sequence[str], seed: int, models: Sequence[st
     return params
 
 
-def _trained(workspace: Path, conf: Sequence[str], seed: int, without_gaze: bool) -> Path:
+def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -> Path:
     """The models of one seed, and what the gaze benchmark needs; CPU seconds of what was made are kept."""
     view, cost = workspace / f"seed-{seed}", workspace / f"seed-{seed}" / "cpu_seconds.json"
     taken = json.loads(cost.read_text()) if cost.is_file() else {}
@@ -81,7 +83,7 @@ def _trained(workspace: Path, conf: Sequence[str], seed: int, without_gaze: bool
         if _digest(view, name) != marked or name not in taken:
             taken[name] = time.process_time() - before
             cost.write_text(json.dumps(taken, indent=1))
-    if not without_gaze:
+    if with_gaze:
         compared = _params(workspace, conf, seed, (*HEADS, "talkingeyes", *GAZE))
         run_chain({**compared, "until": "evaluate"}, view)
     return view

@@ -146,4 +146,5 @@ def _gaze(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         values = [[seed["measures"].get(measure, {}).get("value") for seed in benchmark[row]] for row in rows]
         if all(value is not None for each in values for value in each):
             lines.append([measure, *(over([value["value"] for value in each if value], 3) for each in values)])
-    return _lines("The gaze benchmark: every head before the default gaze decoder", ["measure", *rows], lines)
+    title = f"The gaze benchmark: every head before the default gaze decoder (seeds: {len(benchmark[rows[0]])})"
+    return _lines(title, ["measure", *rows], lines)
