@@ -1,6 +1,7 @@
 """The tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head before one gaze.
 
-Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [--without-gaze | --gaze-seeds 0] [overrides]
+Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [overrides]
+The gaze benchmark, half of the time, may be left out (--without-gaze) or made for fewer seeds (--gaze-seeds 0).
 Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny).
 Trains what the result store does not hold; a run that was cut off goes on.
 Writes in the workspace: seed-N/data/..., measured/seed-N.json (made again when a model has changed), tables.md.
