@@ -35,9 +35,10 @@ from talkingeyes.metrics.evaluation import EvaluateSettings
 from talkingeyes.metrics.face.pictures import emotion_sheet, heat_sheet
 from talkingeyes.metrics.face.row import FaceFigures, summarise_seeds
 from talkingeyes.metrics.face.surface import Surface
-from talkingeyes.metrics.face.table import SPLITS, TITLES, face_markdown
+from talkingeyes.metrics.face.table import TITLES, face_markdown
 from talkingeyes.metrics.face.talking import Talking
 from talkingeyes.metrics.face.vertices import VertexErrors
+from talkingeyes.metrics.table import SPLIT_TITLES
 from talkingeyes.models.face.style import NEUTRAL, Style, StyleKey
 from talkingeyes.recipe import Call
 from talkingeyes.run import Report, Workspace, shell
@@ -124,7 +125,7 @@ def _summary(seeds: Sequence[Made], settings: EvaluateSettings) -> dict[str, Any
     """{split: {"face": figures}} of a row under all its seeds."""
     by_seed = [json.loads(one.figures.read_text()) for one in seeds]
     found = {}
-    for split in SPLITS:
+    for split in SPLIT_TITLES:
         here = [[_figures(row) for row in rows if row["split"] == split] for rows in by_seed]
         if here[0]:
             summary = summarise_seeds(here, settings.bootstrap)

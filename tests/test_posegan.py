@@ -426,10 +426,21 @@ class TestTables:
             "strangers": {"transfer": {"nearest, of 4 s": 0.4}, "languages": {"fr": row}},
         }
         other = {**seed, "rows": {name: {**row, "l2_pose": 2.0} for name in HEADS}}
-        measures = {"measures": {"gaze/x": {"value": {"value": 3.0}}, "gaze/y": {"value": None}}}
+        measures = {
+            "measures": {
+                "gaze/x": {"value": {"value": 3.0}, "apart": True},
+                "gaze/y": {"value": None, "apart": None},
+                "corr/head": {"value": {"value": 0.25}, "apart": False},
+            }
+        }
         text = page([seed, other], {"truth": [measures, measures], "gaze_after_cnn": [measures, measures]})
         assert "| CNN | 1.50 <sub>1.00–2.00</sub> | 0.100 <sub>0.100–0.100</sub> | 0.82 | 0.11 |" in text
         assert "| mean | 0.85 (paper 0.85) | 0.35 (paper 0.65) |" in text
         assert "0.50 <sub>0.50–0.50</sub>" in text
         assert "gaze/x" in text
         assert "gaze/y" not in text
+        every = text[text.index("Every head before one gaze decoder") :].split("\n\n")[1].splitlines()
+        assert len(every) == 3  # only the CNN's gaze was measured
+        assert "apart, of 3" in every[0]
+        assert every[2].startswith("| CNN | 1.50 <sub>1.00–2.00</sub> | 0.50")
+        assert "| 1 <sub>1–1</sub> | 0.25 <sub>0.25–0.25</sub> | – |" in every[2]

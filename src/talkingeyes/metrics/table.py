@@ -94,8 +94,8 @@ def markdown(rows: Mapping[str, Table]) -> str:
         for part, columns in COLUMNS.items():
             lines += [f"### {title}: {'eyes' if part == 'gaze' else 'head'}", ""]
             headings = ["", *(column.heading for column in columns), "paper: Div., Corr., L2"]
-            lines += [_line(headings), _line(["---"] * len(headings))]
-            lines += [_line(_cells(name, rows[name], split, part)) for name in ordered(rows)]
+            lines += [line(headings), line(["---"] * len(headings))]
+            lines += [line(_cells(name, rows[name], split, part)) for name in ordered(rows)]
             lines.append("")
     return "\n".join(lines)
 
@@ -134,7 +134,8 @@ def _written(value: Mapping[str, float], digits: int) -> str:
     return f"{value['value']:.{digits}f} <sub>{value['low']:.{digits}f}–{value['high']:.{digits}f}</sub>"
 
 
-def _line(cells: Sequence[str]) -> str:
+def line(cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
 
@@ -198,10 +199,10 @@ def _of_split(rows: Mapping[str, Table], split: str) -> list[Requirement]:
 
 def checklist(found: Sequence[Requirement]) -> str:
     """Requirements as a table: value, bound, whether reached."""
-    lines = [_line(["required", "bound", "found", ""]), _line(["---"] * 4)]
+    lines = [line(["required", "bound", "found", ""]), line(["---"] * 4)]
     for each in found:
         state = "reached" if each.reached else "not measured" if each.value is None else f"**off by {each.off:+.3g}**"
-        lines.append(_line([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
+        lines.append(line([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
     return "\n".join(lines)
 
 
@@ -209,9 +210,9 @@ def verdicts(report: Mapping[str, Any]) -> str:
     """What the critics can tell, from critic/report.json."""
     names = ("auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant")
     headings = ["critic", "on", "AUC, same speaker", "AUC, all", "Corr. of truth", "shuffled truth", "a constant"]
-    lines = [_line(headings), _line(["---"] * len(headings))]
+    lines = [line(headings), line(["---"] * len(headings))]
     for part, groups in report.items():
         for group, verdict in groups.items():
             cells = [_written(verdict[name], 3) if verdict[name] else "" for name in names]
-            lines.append(_line([part, group.replace("_", " "), *cells]))
+            lines.append(line([part, group.replace("_", " "), *cells]))
     return "\n".join(lines)

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from talkingeyes.metrics.table import SPLIT_TITLES, line
+
 # {figure: {value, low, high}} of one row and split, or, over seeds, also {least, most}.
 Figures = Mapping[str, Mapping[str, float]]
 
@@ -44,7 +46,6 @@ PAPER = {
     "probtalk3d_no_emotion": (0.7799, 57.94, 5.79, 53.23, 49.89, 0.3136),
 }
 PAPER_COLUMNS = ("MVE", "LVE²", "FDD", "MEE²", "CE²", "Div.")
-SPLITS = {"test": "Test: speakers that models know, new sentences", "unseen": "Unseen: new speakers"}
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ SPEECH = (
 def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Both tables of each split; `rows` {row: {split: {"face": figures}}}. Rows without a face are left out."""
     lines: list[str] = []
-    for split, title in SPLITS.items():
+    for split, title in SPLIT_TITLES.items():
         here = {name: row[split]["face"] for name, row in rows.items() if "face" in row.get(split, {})}
         if not here:
             continue
@@ -94,10 +95,10 @@ def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
 def _table(rows: Mapping[str, Figures], columns: Sequence[Column], with_paper: bool) -> list[str]:
     headings = ["", *(column.heading for column in columns)]
     headings += [f"paper: {', '.join(PAPER_COLUMNS)}"] * with_paper
-    lines = [_line(headings), _line(["---"] * len(headings))]
+    lines = [line(headings), line(["---"] * len(headings))]
     for name in [*(known for known in TITLES if known in rows), *sorted(set(rows) - set(TITLES))]:
         cells = [_written(rows[name].get(column.figure), column.digits) for column in columns]
-        lines.append(_line([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
+        lines.append(line([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
     return lines
 
 
@@ -113,7 +114,3 @@ def _written(found: Mapping[str, float] | None, digits: int) -> str:
 
 def _of_paper(name: str) -> str:
     return ", ".join("–" if value is None else f"{value:.4g}" for value in PAPER[name]) if name in PAPER else ""
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"

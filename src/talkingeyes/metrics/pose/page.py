@@ -31,6 +31,9 @@ PAPER_TABLE2 = {
 PAPER_ACCURACY = "(told right: 0.92)"
 PAPER_TABLE3 = {"head_mean": 0.20, "head_cnn": 0.22, "posegan": 0.72}
 
+# Of the gaze benchmark, what heads matter to.
+OF_GAZE = ("corr/head", "corr/gaze", "eye/speed", "eye/spectrum_distance", "features/frechet")
+
 Seed = Mapping[str, Any]
 
 
@@ -38,7 +41,7 @@ def page(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, An
     """All tables."""
     parts = [_table1(seeds), _table2(seeds), _table3(seeds), _moving(seeds), _noise(seeds), _strangers(seeds)]
     if benchmark:
-        parts.append(_gaze(benchmark))
+        parts += [_heads(seeds, benchmark), _gaze(benchmark)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -138,11 +141,42 @@ def _strangers(seeds: Sequence[Seed]) -> str:
     return _lines(title, ["style", "root mean square of log ratios"], rows)
 
 
+def _heads(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Every head in both: what is measured of heads, what of the gaze that follows them, and what they cost."""
+    rows = []
+    for name in seeds[0]["rows"]:
+        followed = benchmark.get(f"gaze_after_{name.removeprefix('head_')}")
+        if followed is None:
+            continue
+        cells = [_at(seeds, "rows", name, key) for key in ("l2_pose", "confidence", "range", "speed")]
+        apart = [float(sum(bool(each["apart"]) for each in seed["measures"].values())) for seed in followed]
+        cells.append(over(apart, 0))
+        cells += [over([_value(seed, measure) for seed in followed]) for measure in OF_GAZE]
+        cost = [f"{seeds[0]['rows'][name]['parameters']:,}", _at(seeds, "training_s", name, digits=0)]
+        rows.append([TITLES[name], *cells, *cost, _at(seeds, "rows", name, "generation_s")])
+    head = ["head", "pose", "confidence", "range", "speed", f"apart, of {len(_measures(benchmark))}", *OF_GAZE]
+    head += ["parameters", "training, CPU s", "10 min, CPU s"]
+    title = (
+        "Every head before one gaze decoder; `apart`: measures of the gaze benchmark that are worse than the truth's"
+    )
+    return _lines(title, head, rows)
+
+
+def _measures(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """Names of the measures of the gaze benchmark."""
+    return list(next(iter(benchmark.values()))[0]["measures"])
+
+
+def _value(seed: Mapping[str, Any], measure: str) -> float:
+    found = seed["measures"].get(measure, {}).get("value")
+    return float(found["value"]) if found else float("nan")
+
+
 def _gaze(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Every measure that all rows have, with the truth's own."""
     rows = list(benchmark)
     lines = []
-    for measure in benchmark[rows[0]][0]["measures"]:
+    for measure in _measures(benchmark):
         values = [[seed["measures"].get(measure, {}).get("value") for seed in benchmark[row]] for row in rows]
         if all(value is not None for each in values for value in each):
             lines.append([measure, *(over([value["value"] for value in each if value], 3) for each in values)])

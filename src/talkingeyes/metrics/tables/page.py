@@ -8,10 +8,9 @@ from typing import Any
 
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.seeds import Seeded, SeededEstimate
+from talkingeyes.metrics.table import SPLIT_TITLES, line
 from talkingeyes.metrics.tables.declared import REFERENCES, TITLES, Column, PaperTable
 from talkingeyes.metrics.tables.order import Order, Pair, order
-
-SPLITS = {"test": "Test: speakers that models know, new sentences", "unseen": "Unseen: new speakers"}
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def markdown(table: PaperTable, by_split: Mapping[str, Found]) -> str:
     """One table, for each split."""
     lines = [f"## {table.title}", "", table.question, ""]
     for split, came in by_split.items():
-        lines += [f"### {SPLITS[split]}", "", *_cells(table, came), ""]
+        lines += [f"### {SPLIT_TITLES[split]}", "", *_cells(table, came), ""]
         if came.orders:
             lines += ["The paper's order, pair by pair:", "", *_orders(table, came), ""]
     return "\n".join(lines)
@@ -74,12 +73,12 @@ def _plain(each: Order) -> dict[str, Any]:
 
 def _cells(table: PaperTable, came: Found) -> list[str]:
     columns = (*table.compared, *table.beside)
-    lines = [_line(["", *(each.heading for each in columns)]), _line(["---"] * (len(columns) + 1))]
+    lines = [line(["", *(each.heading for each in columns)]), line(["---"] * (len(columns) + 1))]
     for name, cells in came.cells.items():
         numbers = table.rows.get(name) or (None,) * len(table.compared)
         papers = (*numbers, *(None,) * len(table.beside))
         written = [_cell(cells.get(each.figure), paper, each) for each, paper in zip(columns, papers, strict=True)]
-        lines.append(_line([TITLES[name], *written]))
+        lines.append(line([TITLES[name], *written]))
     return lines
 
 
@@ -96,8 +95,8 @@ def _cell(estimate: SeededEstimate | None, paper: float | None, column: Column) 
 
 def _orders(table: PaperTable, came: Found) -> list[str]:
     lines = [
-        _line(["", "same order", "pairs that agree", "Kendall's tau", "reversed, clearly", "not told apart by clips"]),
-        _line(["---"] * 6),
+        line(["", "same order", "pairs that agree", "Kendall's tau", "reversed, clearly", "not told apart by clips"]),
+        line(["---"] * 6),
     ]
     for column in table.compared:
         if column.figure not in came.orders:
@@ -107,7 +106,7 @@ def _orders(table: PaperTable, came: Found) -> list[str]:
         unclear = [pair for pair in each.pairs if not pair.clear]
         share = f"{each.agreeing} of {len(each.pairs)}"
         same = "yes" if each.same else "no"
-        lines.append(_line([column.heading, same, share, f"{each.tau:+.2f}", _named(clear), _named(unclear)]))
+        lines.append(line([column.heading, same, share, f"{each.tau:+.2f}", _named(clear), _named(unclear)]))
     return lines
 
 
@@ -118,7 +117,3 @@ def _named(pairs: Sequence[Pair]) -> str:
 
 def _short(name: str) -> str:
     return TITLES[name].partition(" (")[0]
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
