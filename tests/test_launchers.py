@@ -38,7 +38,7 @@ def sweep(repository, workspace, *arguments):
 
 def assessed(workspace, job):
     """The figures on val of a job, by number."""
-    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes/metrics.json")
+    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes_live/metrics.json")
     return json.loads(path.read_text())
 
 
@@ -66,7 +66,7 @@ def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository,
 
 def test_joblib_gives_what_basic_gives(repository, workspace):
     """Two workers want the same corpus at the same moment: one makes it, and it is what one process alone makes."""
-    until = "until=train@talkingeyes"
+    until = "until=train@talkingeyes_live"
     sweep(repository, workspace / "basic", f"store={workspace}/store", "hydra/launcher=basic", until)
     said = sweep(repository, workspace / "joblib", until, "hydra/launcher=processes", "train.seed=0,1")
     assert re.findall(r"^== (?:synthesize|fit|embed)$", said, re.MULTILINE) == ["== synthesize", "== fit", "== embed"]
@@ -80,7 +80,7 @@ def test_joblib_gives_what_basic_gives(repository, workspace):
         "fit",
         "embed",
         "pretrain-gaze_patches",
-        "train-talkingeyes",
+        "train-talkingeyes_live",
     }
     assert all(both[0][name] == both[1][name] for name in same)
 

@@ -221,22 +221,22 @@ def test_what_dvc_made_is_taken_when_it_fits(toy):
 
 
 def test_what_a_trial_needs():
-    params = compose(["until=assess@talkingeyes"])
+    params = compose(["until=assess@talkingeyes_live"])
     found = [call.address for call in needed(recipe(params, calls(params)), params["until"])]
     assert found == [
         "synthesize",
         "fit",
         "embed",
         "pretrain@gaze_patches",
-        "train@talkingeyes",
+        "train@talkingeyes_live",
         "critic",
-        "assess@talkingeyes",
+        "assess@talkingeyes_live",
     ]
 
 
 def test_a_model_reads_its_own_prior():
-    params = compose(["model.talkingeyes.prior=gaze_frames"])
-    found = [call.address for call in needed(recipe(params, calls(params)), "train@talkingeyes")]
+    params = compose(["model.talkingeyes_live.prior=gaze_frames"])
+    found = [call.address for call in needed(recipe(params, calls(params)), "train@talkingeyes_live")]
     assert "pretrain@gaze_frames" in found
     assert "pretrain@gaze_patches" not in found
 

@@ -20,6 +20,7 @@ from talkingeyes.errors import InputError
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
 CODES = "pretrain.gaze_patches.network.quantiser.codes"
+PLACES = "model.talkingeyes.gaze.process.fixed"
 
 
 def run(monkeypatch, *arguments):
@@ -77,9 +78,9 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
 def test_a_changed_search_space_is_refused(tmp_path):
     overrides = ["sweep=alive", f"workspace={tmp_path}"]
     assert prepare(overrides).left == 16
-    with pytest.raises(InputError, match=rf"^study alive: began as another search, {CODES} changed; .*study=NAME$"):
-        prepare([*overrides, f"{CODES}=choice(64,128)"])
-    assert prepare([*overrides, f"{CODES}=choice(64,128)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
+    with pytest.raises(InputError, match=rf"^study alive: began as another search, {PLACES} changed; .*study=NAME$"):
+        prepare([*overrides, f"{PLACES}=choice(16,32)"])
+    assert prepare([*overrides, f"{PLACES}=choice(16,32)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
 
 
 def test_a_storage_may_be_a_database(tmp_path):
@@ -96,7 +97,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes_live"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
