@@ -43,7 +43,7 @@ def write_live_model(folder: Path, **changes: Any) -> Path:
     channels = make_encoder(embedding).channels
     network = SpeechToMotion(settings, channels, codebook.freeze())
     network.speech.standardise_by(torch.full((len(channels),), -20.0), torch.full((len(channels),), 10.0))
-    network.head.normalise_by(torch.tensor([0.05, 0.0, 0.0]), 0.1)
+    network.head.normal.set(torch.tensor([0.05, 0.0, 0.0]), 0.1)
     folder.mkdir(parents=True)
     save(folder, network.state_dict(), network_config(settings, channels, codebook))
     (folder / "embedding.json").write_text(

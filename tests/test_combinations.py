@@ -51,7 +51,7 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
     settings = TranslationSettings.model_validate(node)
     torch.manual_seed(0)
     made = SpeechToMotion(settings, NAMES, codebook(settings.prior))
-    made.head.normalise_by(torch.zeros(3), 0.1)
+    made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made
 

@@ -55,7 +55,7 @@ def network(name: str) -> SpeechToMotion:
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
     made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior))
-    made.head.normalise_by(torch.zeros(3), 0.1)
+    made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()
 

@@ -79,7 +79,9 @@ def prior_of(settings: FacePriorSettings) -> FacePriorTask:
 @pytest.fixture(scope="module")
 def priors() -> dict[str, FacePrior]:
     made = {kind: prior_of(prior_settings(kind)) for kind in ("vq", "vae")}
-    return {kind: FacePrior(task.settings.network, task.module.freeze(), BASIS) for kind, task in made.items()}
+    for task in made.values():
+        task.module.freeze()
+    return {kind: FacePrior(task.settings.network, task.module, BASIS) for kind, task in made.items()}
 
 
 def prior_for(name: str, priors: dict[str, FacePrior]) -> FacePrior | None:

@@ -120,7 +120,7 @@ class FacePriorTask:
 
     @property
     def _device(self) -> torch.device:
-        device: torch.device = self.module.coder.mean.device
+        device: torch.device = self.module.coder.normal.mean.device
         return device
 
 
@@ -145,7 +145,9 @@ def prior_config(settings: AutoencoderPartSettings, basis: FaceBasis) -> dict[st
 def untrained(content: Any) -> FacePrior:
     """An autoencoder as its configuration says, frozen; weights follow. Raises KeyError, TypeError or ValueError."""
     settings, basis = FACE_AUTOENCODERS.read(content["network"]), FaceBasis.of(content["basis"])
-    return FacePrior(settings, FACE_AUTOENCODERS.make(settings, basis.numbers).freeze(), basis)  # type: ignore[arg-type]
+    autoencoder = FACE_AUTOENCODERS.make(settings, basis.numbers)  # type: ignore[arg-type]
+    autoencoder.freeze()
+    return FacePrior(settings, autoencoder, basis)  # type: ignore[arg-type]
 
 
 def load_prior(folder: Path) -> FacePrior:

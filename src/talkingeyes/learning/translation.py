@@ -110,6 +110,6 @@ class TranslationTask:
 
     def _normalise(self, train: Sequence[Recording]) -> None:
         head = statistics(np.concatenate([each.head for each in train]))
-        self.module.head.normalise_by(torch.from_numpy(head.mean), head.scale)
+        self.module.head.normal.set(torch.from_numpy(head.mean), head.scale)
         gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
         self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

@@ -150,7 +150,7 @@ class LiveModel:
         space = rotation.gaze_in_space(head, gaze)
         lively = wish.liveliness
         if lively.head != 1:
-            mean = network.head.whole.mean.numpy()
+            mean = network.head.normal.mean.numpy()
             head = mean + lively.head * (head - mean)
         if lively.gaze != 1:
             usual = network.gaze.codebook.mean.numpy().reshape(2, 2)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Protocol, runtime_checkable
 
-import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from pydantic import BeforeValidator, Field, SerializeAsAny
 from torch import Tensor, nn
 
 from talkingeyes.models.face.basis import JAW
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
 from talkingeyes.settings import PartSettings, Role
 
@@ -55,7 +55,7 @@ class FaceAutoencoder(Protocol):
         """Faces in units of the scale."""
         ...
 
-    def freeze(self) -> FaceAutoencoder:
+    def freeze(self) -> None:
         """Keep everything as it is while stage 2 is trained."""
         ...
 
@@ -93,22 +93,14 @@ class FaceAutoencoder(Protocol):
 class Coder(nn.Module):
     """Encoder and decoder around a latent, with the statistics of faces; both kinds hold one."""
 
-    mean: Tensor
-    scale: Tensor
-
     def __init__(self, settings: AutoencoderSettings, numbers: int, encoded: int) -> None:
         """`encoded`: what the encoder gives a frame."""
         super().__init__()
-        self.register_buffer("mean", torch.zeros(numbers))
-        self.register_buffer("scale", torch.ones(numbers))
+        self.normal = Normal(numbers)
         self.encoder = WindowTransformer(settings.encoder, numbers)
         self.to_latent = nn.Linear(settings.encoder.width, encoded)
         self.decoder = WindowTransformer(settings.decoder, settings.latent)
         self.out = nn.Linear(settings.decoder.width, numbers)
-
-    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Centred, in units of the scale."""
-        return (face - self.mean) / self.scale
 
     def encode(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T E"]:
         """What the encoder says of a face."""
@@ -117,8 +109,35 @@ class Coder(nn.Module):
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
         """The face of latents."""
-        out: Tensor = self.out(self.decoder(values))
-        return out * self.scale + self.mean
+        return self.normal.back(self.out(self.decoder(values)))
+
+
+class Coded(nn.Module):
+    """What both kinds of autoencoder have around their latent."""
+
+    def __init__(self, settings: AutoencoderSettings, numbers: int, encoded: int) -> None:
+        super().__init__()
+        self.coder = Coder(settings, numbers, encoded)
+        self.frozen = False
+
+    def freeze(self) -> None:
+        """Keep everything as it is while stage 2 is trained."""
+        self.frozen = True
+        self.requires_grad_(False)
+        self.eval()
+
+    def train(self, mode: bool = True) -> Coded:
+        """What is frozen stays in evaluation mode."""
+        return super().train(mode and not self.frozen)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """Set what faces are centred on and divided by."""
+        self.coder.normal.set(mean, scale)
+
+    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+        """Faces in units of the scale."""
+        out: Tensor = self.coder.normal(face)
+        return out
 
 
 def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> dict[str, Tensor]:

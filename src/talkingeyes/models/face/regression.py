@@ -16,7 +16,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
-from talkingeyes.models.face.normal import Normal
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings, shifted
 from talkingeyes.settings import PartSettings
 

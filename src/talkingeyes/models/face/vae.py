@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Literal
 
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
-from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coder, reconstruction
+from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coded, reconstruction
 from talkingeyes.models.layers.conditional_vae import Gaussian
 from talkingeyes.models.layers.slow_noise import slow_normal
 
@@ -23,36 +23,14 @@ class FaceVAESettings(AutoencoderSettings):
     kind: Literal["vae"]
 
 
-class FaceVAE(nn.Module):
+class FaceVAE(Coded):
     """E, the Gaussian and D."""
 
     configured_by = FaceVAESettings
 
     def __init__(self, settings: FaceVAESettings, numbers: int) -> None:
-        super().__init__()
+        super().__init__(settings, numbers, 2 * settings.latent)
         self.settings, self.predicted = settings, 2 * settings.latent
-        self.coder = Coder(settings, numbers, 2 * settings.latent)
-        self.frozen = False
-
-    def freeze(self) -> FaceVAE:
-        """Keep the weights as they are while stage 2 is trained."""
-        self.frozen = True
-        self.requires_grad_(False)
-        return self.eval()
-
-    def train(self, mode: bool = True) -> FaceVAE:
-        """A frozen autoencoder stays in evaluation mode."""
-        super().train(mode and not self.frozen)
-        return self
-
-    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set what faces are centred on and divided by."""
-        self.coder.mean.copy_(mean)
-        self.coder.scale.copy_(scale)
-
-    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Faces in units of the scale."""
-        return self.coder.normal(face)
 
     def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 4 with the divergence from N(0, I) in place of the quantisation."""

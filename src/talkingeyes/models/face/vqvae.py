@@ -14,9 +14,9 @@ from typing import Literal
 import torch
 from jaxtyping import Float, Int
 from pydantic import model_validator
-from torch import Tensor, nn
+from torch import Tensor
 
-from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coder, reconstruction
+from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coded, reconstruction
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
 from talkingeyes.settings import out_of_bounds
@@ -51,7 +51,7 @@ def joined(pieces: Float[Tensor, "B N C"], layout: Layout, latent: int) -> Float
     return pieces.reshape(len(pieces), latent, -1).transpose(1, 2)
 
 
-class FaceVQVAE(nn.Module):
+class FaceVQVAE(Coded):
     """E, the codebook and D. `spread`: mean squared distance of the training latents from their codes, the unit of
     temperatures; `latent_scale`: their root mean square, the unit of what stage 2 predicts."""
 
@@ -60,33 +60,11 @@ class FaceVQVAE(nn.Module):
     configured_by = FaceVQVAESettings
 
     def __init__(self, settings: FaceVQVAESettings, numbers: int) -> None:
-        super().__init__()
+        super().__init__(settings, numbers, settings.latent)
         self.settings, self.predicted = settings, settings.latent
-        self.coder = Coder(settings, numbers, settings.latent)
         self.quantiser = make_quantiser(settings.quantiser)
         self.register_buffer("spread", torch.ones(()))
         self.register_buffer("latent_scale", torch.ones(()))
-        self.frozen = False
-
-    def freeze(self) -> FaceVQVAE:
-        """Keep weights and codebook as they are while stage 2 is trained."""
-        self.frozen = True
-        self.requires_grad_(False)
-        return self.eval()
-
-    def train(self, mode: bool = True) -> FaceVQVAE:
-        """A frozen codebook stays in evaluation mode."""
-        super().train(mode and not self.frozen)
-        return self
-
-    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set what faces are centred on and divided by."""
-        self.coder.mean.copy_(mean)
-        self.coder.scale.copy_(scale)
-
-    def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Faces in units of the scale."""
-        return self.coder.normal(face)
 
     def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 4: quantisation, expression and jaw."""

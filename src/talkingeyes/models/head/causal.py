@@ -19,6 +19,7 @@ from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
 from talkingeyes.models.layers.conditional_vae import VAESettings
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.settings import PartSettings
 
 
@@ -55,13 +56,10 @@ class CausalHead(nn.Module):
             settings.latent + speech, settings.width, settings.layers, settings.dropout, ahead=0
         )
 
-    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Set what a motion is centred on and divided by."""
-        self.whole.normalise_by(mean, scale)
-
-    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """In units of the standard deviation."""
-        return self.whole.normal(head)
+    @property
+    def normal(self) -> Normal:
+        """The statistics of the head."""
+        return self.whole.normal
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion under its speech (training)."""
@@ -81,8 +79,7 @@ class CausalHead(nn.Module):
         spread = self._spread(stream, speech.shape[1]).to(speech)
         stream.frame += speech.shape[1]
         vae = self.whole.vae
-        normal: Tensor = vae.out(self._decoder.step(torch.cat([spread, speech], dim=-1), stream.past))
-        return normal * self.whole.scale + self.whole.mean
+        return self.normal.back(vae.out(self._decoder.step(torch.cat([spread, speech], dim=-1), stream.past)))
 
     @property
     def _decoder(self) -> CausalConvolutionStack:

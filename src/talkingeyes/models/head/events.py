@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.settings import PartSettings
 
 SPREAD = (1.0, 1.0, 0.6)
@@ -35,25 +36,13 @@ class EventHeadSettings(PartSettings):
 class EventHead(nn.Module):
     """Head rotation vectors of speech features."""
 
-    mean: Tensor
-    scale: Tensor
     configured_by = EventHeadSettings
 
     def __init__(self, settings: EventHeadSettings, speech: int) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(3))
-        self.register_buffer("scale", torch.ones(()))
+        self.normal = Normal(3)
         self.bin_frames = settings.process.bin_frames
         self.process = EventProcess(settings.process, speech, SPREAD)
-
-    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Set what a motion is centred on and divided by."""
-        self.mean.copy_(mean)
-        self.scale.fill_(scale)
-
-    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """In units of the standard deviation."""
-        return (head - self.mean) / self.scale
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
@@ -75,7 +64,7 @@ class EventHead(nn.Module):
             splined(start[row][event].cpu().numpy(), places[event].cpu().numpy(), speech.shape[1])
             for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
         ]
-        return torch.from_numpy(np.stack(made).astype(np.float32)).to(within) * self.scale + self.mean
+        return self.normal.back(torch.from_numpy(np.stack(made).astype(np.float32)).to(within))
 
 
 def dips(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:

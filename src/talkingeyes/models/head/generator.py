@@ -13,6 +13,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.settings import PartSettings, Role
 
 HEAD_GENERATORS = Role(
@@ -23,7 +24,7 @@ HEAD_GENERATORS = Role(
         "events": "talkingeyes.models.head.events:EventHead",
         "vqvae": "talkingeyes.models.head.vqvae:VQVAEHead",
     },
-    ("normalise_by", "normal", "predict", "sample"),
+    ("predict", "sample"),
 )
 HeadPartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(HEAD_GENERATORS.read)]
 
@@ -41,12 +42,10 @@ class HeadGenerator(Protocol):
 
     configured_by: Any
 
-    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Take the statistics of the head in the train split."""
-        ...
-
-    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """Rotation vectors centred on the mean, in units of the scale: what the gaze generator sees of the head."""
+    @property
+    def normal(self) -> Normal:
+        """Rotation vectors centred on the mean, in units of the scale: what the gaze generator sees of the head. It is
+        set to the statistics of the train split, one scale for all three numbers."""
         ...
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from talkingeyes.models import losses
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
+from talkingeyes.models.layers.normal import Normal
 from talkingeyes.settings import PartSettings
 
 
@@ -23,25 +24,12 @@ class VAEHeadSettings(VAESettings, PartSettings):
 class VAEHead(nn.Module):
     """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
 
-    mean: Tensor
-    scale: Tensor
-
     configured_by = VAEHeadSettings
 
     def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(3))
-        self.register_buffer("scale", torch.ones(()))
+        self.normal = Normal(3)
         self.vae = ConditionalVAE(settings, 3, speech)
-
-    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Set what a motion is centred on and divided by."""
-        self.mean.copy_(mean)
-        self.scale.fill_(scale)
-
-    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """In units of the standard deviation."""
-        return (head - self.mean) / self.scale
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion under its speech (training)."""
@@ -53,10 +41,10 @@ class VAEHead(nn.Module):
             "head_velocity": losses.velocity(predicted, true),
             "head_kl": self.vae.penalty(posterior),
         }
-        return HeadPrediction(predicted * self.scale + self.mean, terms)
+        return HeadPrediction(self.normal.back(predicted), terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions from codes drawn from N(0, I), a seed a row."""
         shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
-        return self.vae.decode(codes.to(speech), speech) * self.scale + self.mean
+        return self.normal.back(self.vae.decode(codes.to(speech), speech))

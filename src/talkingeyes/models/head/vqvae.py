@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.pose import Heard
 from talkingeyes.models.head.pose_vqvae import VQVAEPose, VQVAEPoseSettings
+from talkingeyes.models.layers.normal import Normal
 
 # What the network of poses calls the terms of its loss, and what they are called beside those of gaze.
 TERMS = {
@@ -35,37 +36,24 @@ class VQVAEHeadSettings(VQVAEPoseSettings):
 class VQVAEHead(nn.Module):
     """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
 
-    mean: Tensor
-    scale: Tensor
-
     configured_by = VQVAEHeadSettings
 
     def __init__(self, settings: VQVAEHeadSettings, speech: int) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(ROTATION))
-        self.register_buffer("scale", torch.ones(()))
+        self.normal = Normal(ROTATION)
         self.codes = VQVAEPose(settings, speech, embedding=0, numbers=ROTATION)
-
-    def normalise_by(self, mean: Float[Tensor, " 3"], scale: float) -> None:
-        """Set what a motion is centred on and divided by."""
-        self.mean.copy_(mean)
-        self.scale.fill_(scale)
-
-    def normal(self, head: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
-        """In units of the standard deviation."""
-        return (head - self.mean) / self.scale
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Through the codebook; codes predicted from those before them (training)."""
         found = self.codes.predict(_heard(speech), self.normal(head))
         terms = {TERMS[name]: value for name, value in found.terms.items()}
-        return HeadPrediction(found.pose * self.scale + self.mean, terms)
+        return HeadPrediction(self.normal.back(found.pose), terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions of drawn codes, a seed a row."""
         noise = [torch.Generator().manual_seed(seed) for seed in seeds]
         start = torch.zeros(len(seeds), ROTATION, device=speech.device)
-        return self.codes.sample(_heard(speech), start, noise) * self.scale + self.mean
+        return self.normal.back(self.codes.sample(_heard(speech), start, noise))
 
 
 def _heard(speech: Float[Tensor, "B T S"]) -> Heard:

@@ -219,17 +219,13 @@ class EventProcess(nn.Module):
         at = heard.gather(1, events.bins[..., None].expand(-1, -1, heard.shape[-1]))
         tokens = self._tokens(seen, before, since, at)
         if self.training:
-            tokens = (
-                tokens
-                * (torch.rand(tokens.shape[:2], device=tokens.device) >= self.settings.history_dropout)[..., None]
-            )
+            seen_of = torch.rand(tokens.shape[:2], device=tokens.device) >= self.settings.history_dropout
+            tokens = tokens * seen_of[..., None]
         first = self.start.expand(1, len(seen), -1).contiguous()
         states = torch.cat([first[0][:, None], self.remember(tokens, first)[0]], dim=1)
         order = torch.arange(heard.shape[1], device=heard.device)
-        bins = torch.where(events.real, events.bins, heard.shape[1])
-        known = torch.searchsorted(
-            bins.contiguous(), order.expand(len(bins), -1).contiguous()
-        )  # events before each bin
+        bins = torch.where(events.real, events.bins, heard.shape[1]).contiguous()
+        known = torch.searchsorted(bins, order.expand(len(bins), -1).contiguous())  # events before each bin
         last = (known - 1).clamp(min=0)
         place = events.places.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
         age = torch.where(known > 0, order - bins.gather(1, last), 0)
