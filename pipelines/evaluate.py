@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,18 +25,15 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces, shows_face
-from talkingeyes.audio.annotation import Annotation
-from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.sounds import Sound, sounds
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
-from talkingeyes.metrics.benchmark.features import featured, gathered
-from talkingeyes.metrics.benchmark.sound import CRITICS, Heard, hear, with_corr, with_heard
-from talkingeyes.metrics.benchmark.table import as_json
-from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe
-from talkingeyes.metrics.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.metrics.benchmark.behaviour import with_references
+from talkingeyes.metrics.benchmark.paired import Compared, Counted, Paired, compared, counted, of_motions, of_samples
+from talkingeyes.metrics.benchmark.sound import CRITICS, Heard, hear
+from talkingeyes.metrics.bootstrap import Estimate
 from talkingeyes.metrics.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
 from talkingeyes.metrics.face.row import summarise_face
 from talkingeyes.metrics.judges import Judges
@@ -66,23 +62,11 @@ class Sources:
 
 
 @dataclass(frozen=True)
-class Item:
-    """A sound to measure: its fitted takes, the first of them take 0, and other sounds of the speaker."""
-
-    takes: list[Clip]
-    others: list[Clip]
-
-
-@dataclass(frozen=True)
 class Measured:
-    """What is kept of a sound: figures by part; sums and features for the benchmark, of the row and of the truth."""
+    """What is kept of a sound: figures by part, and its part of the benchmark."""
 
     figures: dict[str, Figures]
-    fps: float
-    sums: Float[ndarray, " K"]
-    features: Float[ndarray, "W D"]
-    true_sums: Float[ndarray, " K"]
-    true_features: Float[ndarray, "V D"]
+    benchmark: Counted
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -99,11 +83,11 @@ def run(workspace: Workspace, name: str) -> Report:
     judges = Judges.load(sources.critic) if eyes else None
     jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
     measured = each(partial(evaluate, sources, judges), eyes, jobs, f"evaluate {name}")
-    benchmark = Benchmark()
+    benchmark = Paired()
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
-        benchmark.add(one)
+        benchmark.add(one.benchmark)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
     table = {
@@ -115,13 +99,13 @@ def run(workspace: Workspace, name: str) -> Report:
             table[split]["face"] = figures
     with workspace.output("evaluate", name) as folder:
         (folder / "metrics.json").write_text(json.dumps(_plain(table), indent=1))
-        (folder / "benchmark.json").write_text(benchmark.json(settings.bootstrap))
+        (folder / "benchmark.json").write_text(benchmark.json(benchmark.rows(settings.bootstrap)))
         _write_speeds(folder / "speed.csv", found)
     return Report(metrics=_flat(table), artifacts=[data("evaluate", name, "metrics.json")])
 
 
 def _faces(
-    sources: Sources, work: Sequence[Item], settings: EvaluateSettings, jobs: int
+    sources: Sources, work: Sequence[Sound], settings: EvaluateSettings, jobs: int
 ) -> dict[str, dict[str, Estimate]]:
     """The figures of the face, by split; none where motions have no face."""
     places = FaceSources(sources.row, sources.corpus, sources.fit, sources.sample, settings.seed)
@@ -133,46 +117,12 @@ def _faces(
     return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}
 
 
-class Benchmark:
-    """The tallies of a row and of the truth under the same sounds."""
-
-    def __init__(self) -> None:
-        self._tallies: tuple[Tally, Tally] | None = None
-
-    def add(self, one: Measured) -> None:
-        """Count a sound."""
-        ours, theirs = self._tallies = self._tallies or (Tally(one.fps), Tally(one.fps))
-        ours.add(one.sums, one.features)
-        theirs.add(one.true_sums, one.true_features)
-
-    def json(self, settings: BootstrapSettings) -> str:
-        """The table; of a row without sounds one without measures."""
-        if self._tallies is None:
-            return as_json([], {"sounds": 0})
-        ours, theirs = self._tallies
-        rows = list(Comparison(ours, theirs, settings, paired=True).rows())
-        return as_json(rows, {"sounds": ours.clips, "fps": ours.fps})
-
-
-def items(sources: Sources, settings: EvaluateSettings) -> list[Item]:
+def items(sources: Sources, settings: EvaluateSettings) -> list[Sound]:
     """The sounds of test and unseen whose first take was fitted."""
     corpus = Corpus(sources.corpus)
     if sources.row == "truth" and not corpus.has_truth:
         return []
-    takes, of_speaker = defaultdict(list), defaultdict(list)
-    for clip in Recordings(corpus.clips, sources.fit, sources.embed).clips:
-        takes[clip.sound].append(clip)
-        if clip.take == 0:
-            of_speaker[clip.speaker].append(clip)
-    found = []
-    for same in takes.values():
-        clip = min(same, key=lambda each: each.take)
-        if clip.split not in SPLITS or clip.take != 0:
-            continue
-        rivals = [other for other in of_speaker[clip.speaker] if other.sound != clip.sound]
-        random = np.random.default_rng([settings.seed, *clip.id.encode()])
-        chosen = random.choice(len(rivals), size=min(settings.mismatched, len(rivals)), replace=False)
-        found.append(Item(sorted(same, key=lambda each: each.take), [rivals[index] for index in chosen]))
+    found = sounds(corpus, sources.fit, sources.embed, SPLITS, settings.mismatched, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: no fitted clip in {' or '.join(SPLITS)}; Table III needs one")
     return found
@@ -191,7 +141,7 @@ class Seen:
     figures: dict[str, Figures]
 
 
-def look(sources: Sources, judges: Judges, item: Item) -> Seen | None:
+def look(sources: Sources, judges: Judges, item: Sound) -> Seen | None:
     """Measure one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
     corpus, clip = Corpus(sources.corpus), item.takes[0]
     takes = Recordings(item.takes, sources.fit, sources.embed)[:]
@@ -217,63 +167,40 @@ def look(sources: Sources, judges: Judges, item: Item) -> Seen | None:
     return Seen(case, samples, true, speech, others, heard, measure(case, heard, fitted_heard))
 
 
-def evaluate(sources: Sources, judges: Judges | None, item: Item) -> Measured | None:
+def evaluate(sources: Sources, judges: Judges | None, item: Sound) -> Measured | None:
     """The figures of one sound and its part of the gaze benchmark; None if the row has nothing for it."""
     assert judges is not None
     seen = look(sources, judges, item)
     if seen is None:
         return None
-    compared = _compared(sources, item, seen.samples, seen.true)
-    judged = featured(with_heard(compared.judged, seen.heard), judges.encoder)
-    reference = featured(with_corr(compared.reference, judges.critics, seen.speech, seen.others), judges.encoder)
-    return Measured(
-        seen.figures,
-        item.takes[0].fps,
-        observe(judged),
-        gathered(judged),
-        observe(reference),
-        gathered(reference),
-    )
+    beside = _compared(sources, item, seen.samples, seen.true)
+    counts = counted(beside, seen.heard, judges.critics, judges.encoder, seen.speech, seen.others)
+    return Measured(seen.figures, counts)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """What the benchmark looks at: the motions of the row, the n-th of them the n-th sample, and true ones."""
-
-    judged: list[Behaviour]
-    reference: list[Behaviour]
-
-
-def _compared(sources: Sources, item: Item, samples: Samples, true: list[Motion] | None) -> Compared:
-    annotation = Corpus(sources.corpus).annotation(item.takes[0])
-    if true and sources.row == "truth":
-        both = with_references([_of_motion(motion, annotation) for motion in true])
+def _compared(sources: Sources, item: Sound, samples: Samples, true: list[Motion] | None) -> Compared:
+    annotation = Corpus(sources.corpus).annotation(item.clip)
+    of_truth = of_motions(true or (), annotation)
+    if of_truth and sources.row == "truth":
+        both = with_references(of_truth)
         return Compared(both, both)
     fits = []
-    if sources.row == "fitted" or not true:
-        paths = [sharded(sources.fit / "motion", take.id, ".npz") for take in item.takes]
-        fits = [_of_motion(Motion.load(path), annotation) for path in paths]
-    reference = with_references([_of_motion(motion, annotation) for motion in true] if true else fits)
-    if sources.row == "fitted":
-        judged = fits
-    else:
-        pairs = zip(samples.head[: sources.benchmarked], samples.gaze, strict=False)
-        judged = [behaviour(samples.fps, {"head": head, "gaze": gaze}, None, annotation) for head, gaze in pairs]
-    return Compared([replace(each, reference=reference[0]) for each in judged], reference)
+    if sources.row == "fitted" or not of_truth:
+        fits = of_motions(
+            [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in item.takes], annotation
+        )
+    count = sources.benchmarked
+    drawn = Samples(samples.fps, samples.head[:count], samples.gaze[:count])
+    return compared(fits if sources.row == "fitted" else of_samples(drawn, annotation), of_truth or fits)
 
 
-def _other_sounds(sources: Sources, item: Item) -> list[np.ndarray]:
+def _other_sounds(sources: Sources, item: Sound) -> list[np.ndarray]:
     """Embeddings of a few other sounds of the speaker; none for mismatched motion, to which they may belong."""
     others = [] if sources.row == "mismatched" else item.others[:SHUFFLED]
     return [np.array(each.speech) for each in Recordings(others, sources.fit, sources.embed)]
 
 
-def _of_motion(motion: Motion, annotation: Annotation) -> Behaviour:
-    fields = {name: getattr(motion, name) for name in FIELDS}
-    return behaviour(motion.fps, fields, motion.valid, annotation)
-
-
-def _samples(sources: Sources, item: Item, fitted: Samples, truth: Samples | None) -> Samples | None:
+def _samples(sources: Sources, item: Sound, fitted: Samples, truth: Samples | None) -> Samples | None:
     if sources.row == "truth":
         return truth
     if sources.row == "fitted":

@@ -22,8 +22,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.evaluate import SPLITS, Item, Sources, items, look
+from pipelines.evaluate import SPLITS, Sources, items, look
 from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
+from talkingeyes.corpus.sounds import Sound
 from talkingeyes.corpus.windows import Recordings
 from talkingeyes.errors import InputError
 from talkingeyes.learning.trained import load_generator
@@ -143,11 +144,11 @@ def _measure(call: Call, workspace: Workspace) -> Report:
     return Report()
 
 
-def _of_split(work: Sequence[Item], split: str) -> list[Item]:
+def _of_split(work: Sequence[Sound], split: str) -> list[Sound]:
     return [item for item in work if item.takes[0].split == split]
 
 
-def _long(model: Path, sources: Sources, work: Sequence[Item]) -> list[Numbers]:
+def _long(model: Path, sources: Sources, work: Sequence[Sound]) -> list[Numbers]:
     """Long motions of a model under the sounds of a split, end to end."""
     if not work:
         return []
