@@ -28,6 +28,7 @@ NO_STAGE |= {
     "face_table",
     "facts",
     "facts_link",
+    "facts_model",
     "track",
     "real",
     "rows",

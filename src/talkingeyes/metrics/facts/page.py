@@ -59,14 +59,13 @@ def as_text(found: Figures, recorded: Mapping[str, Figures]) -> str:
 
 
 def _cells(fact: Fact, found: Measured, recorded: Mapping[str, Figures]) -> tuple[str, ...]:
-    measured = "-" if found.value is None else _number(found.value)
+    measured = "-" if found.value is None else number(found.value)
     of = found.reason or f"{found.count} {found.counted}"
-    statistic = f"{fact.statistic}, {fact.unit}" if fact.unit else fact.statistic
     return (
         verdict(fact, found),
-        statistic,
+        named(fact),
         fact.target,
-        _band(fact),
+        band(fact),
         measured,
         of,
         _people(fact, recorded),
@@ -108,13 +107,19 @@ def markdown(found: Figures, recorded: Mapping[str, Figures], what: str, picture
 
 def _row(fact: Fact, found: Measured, recorded: Mapping[str, Figures]) -> str:
     state, *cells = (cell.replace("|", "\\|") for cell in _cells(fact, found, recorded))
-    statistic, target, band, measured, of, people, source = cells
-    band = f"{band} ({fact.was})" if fact.was else band
+    statistic, target, bounds, measured, of, people, source = cells
+    bounds = f"{bounds} ({fact.was})" if fact.was else bounds
     state = "**out**" if state == "OUT" else state
-    return f"| {statistic} | {target} | {band} | {measured} | {state} | {of} | {people} | {source} |"
+    return f"| {statistic} | {target} | {bounds} | {measured} | {state} | {of} | {people} | {source} |"
 
 
-def _band(fact: Fact) -> str:
+def named(fact: Fact) -> str:
+    """The statistic and its unit."""
+    return f"{fact.statistic}, {fact.unit}" if fact.unit else fact.statistic
+
+
+def band(fact: Fact) -> str:
+    """Its bounds in words."""
     if fact.low == -float("inf"):
         return f"<= {fact.high:g}"
     if fact.high == float("inf"):
@@ -124,7 +129,7 @@ def _band(fact: Fact) -> str:
 
 def _people(fact: Fact, recorded: Mapping[str, Figures]) -> str:
     shown = [(name, found.get(fact.name)) for name, found in recorded.items()]
-    return "; ".join(f"{name} {_number(each.value)}" for name, each in shown if each and each.value is not None) or "-"
+    return "; ".join(f"{name} {number(each.value)}" for name, each in shown if each and each.value is not None) or "-"
 
 
 def _people_lines(recorded: Mapping[str, Figures]) -> list[str]:
@@ -142,5 +147,6 @@ def _reasons(recorded: Mapping[str, Figures]) -> list[str]:
     return lines
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """Three digits."""
     return f"{value:.3g}" if abs(value) >= 1e-3 or value == 0 else f"{value:.0e}"

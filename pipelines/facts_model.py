@@ -1,0 +1,166 @@
+"""The acceptance table of a model: does motion that it makes move like people, at 25 and at 120 frames a second?
+
+Run     python -m pipelines.facts_model [MODEL]       (default talkingeyes; after make repro)
+Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was trained on
+Writes  docs/facts_model.md; of another model than the default build/facts/MODEL.md
+
+Each sound is performed SAMPLES times, blinks included, and rendered at both rates, and at 500 for the law of saccades.
+Beside it stands the true motion of the same sounds at 25: what is out there as well is for want of motion. No stage:
+nothing reads it. Rows of people's own styles, of jaws, lids and of the fit are not a model's of head and gaze.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.facts import observe_sound, source_of, squint_rad, whole
+from talkingeyes.audio.prosody import prosody
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.windows import Recordings
+from talkingeyes.errors import InputError
+from talkingeyes.metrics.benchmark.behaviour import behaviour
+from talkingeyes.metrics.facts import blinks, figures, head, page, saccades
+from talkingeyes.metrics.facts.acceptance import FACTS, Fact
+from talkingeyes.metrics.facts.clip import Measured, Pool, Seen, Sounding, joined
+from talkingeyes.metrics.facts.figures import Figures
+from talkingeyes.metrics.facts.source import Source
+from talkingeyes.metrics.table import line
+from talkingeyes.motion import Motion
+from talkingeyes.performance.perform import Performer
+from talkingeyes.run import Workspace, clip_parallel, each, shell
+
+UNHEARD = ("val", "test", "unseen")
+SAMPLES, SEED = 2, 0
+# The model's own rate, that of a screen, and that of the law of saccades.
+RATES_FPS = (25, 120, 500)
+INTRODUCTION = """# Facts of the default model
+
+Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
+{samples} samples each, against the bands of [facts.md](facts.md), at 25 and at 120 frames a second; the law of saccades
+at 500. Beside it the true motion of the same sounds at 25 (its own rows of the law: [facts.md](facts.md)).
+
+**At 25 frames a second {slow}; at 120 {fast}; of the truth {truth}.** Left out: rows of personal style, which a model
+that is told no speaker cannot have, and what is not head, gaze or blinks.
+
+"""
+
+
+@dataclass(frozen=True)
+class Performed:
+    """What is read off the performances of one sound at 25 and at 120 frames a second, and off the truth."""
+
+    slow: Pool
+    fast: Pool
+    true: Pool
+
+
+def main() -> None:
+    """Perform, measure, print, write."""
+    workspace = Workspace.open(Path.cwd())
+    if len(sys.argv) > 2:
+        raise InputError(f"facts_model: should get one model or none, got {' '.join(sys.argv[1:])}")
+    name = sys.argv[1] if sys.argv[1:] else "talkingeyes"
+    source, model = source_of(workspace, workspace.corpus), workspace.data("train", name)
+    if not source.corpus.has_truth:
+        raise InputError(f"{workspace.corpus}: should be a corpus with true motion, got one without")
+    Performer.load(model)
+    clips = [clip for clip in source.corpus.clips if clip.split in UNHEARD and clip.take == 0]
+    with clip_parallel(workspace.params.get("machine", {})):
+        found = list(each(partial(observe, source, model), clips, workspace.jobs, f"facts of {name}"))
+    slow, fast, true = (joined(pools) for pools in zip(*((one.slow, one.fast, one.true) for one in found), strict=True))
+    columns = [of_pool(slow) | figures.of_rates(slow) | figures.of_courses(slow), of_pool(fast), of_pool(true)]
+    text = markdown(columns, len(clips), f" {name}" if sys.argv[1:] else "")
+    out = Path("docs/facts_model.md") if name == "talkingeyes" else Path("build/facts", f"{name}.md")
+    (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
+    whole(workspace.root / out, lambda path: path.write_text(text))
+    print(text)
+
+
+@lru_cache(maxsize=1)
+def _performer(model: Path) -> Performer:
+    """Loaded once a process."""
+    return Performer.load(model)
+
+
+def observe(source: Source, model: Path, clip: Clip) -> Performed:
+    """One sound, performed and as it was."""
+    embedding = np.array(Recordings([clip], source.fit, source.embed)[0].speech)
+    made = {
+        fps: [each.motion for each in _performer(model).perform_embedded(embedding, SAMPLES, SEED, float(fps))]
+        for fps in RATES_FPS
+    }
+    slow, fast = (joined(figures.observe(see(source, clip, motion)) for motion in made[fps]) for fps in (25, 120))
+    law = joined(of_law(*motions) for motions in zip(made[500], made[25], strict=True))
+    return Performed(slow | law, fast, observe_sound(source, [clip]))
+
+
+def see(source: Source, clip: Clip, motion: Motion) -> Seen:
+    """A performance with what is known of its sound; its jaw is not the model's."""
+    heard = prosody(source.corpus.speech(clip), motion.fps, source.prosody)
+    annotation = source.corpus.annotation(clip)
+    fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
+    frames = len(motion)
+    return Seen(
+        speaker=clip.speaker,
+        sound=clip.sound,
+        behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
+        annotation=annotation,
+        sounding=Sounding(heard.energy_dbfs[:frames], heard.f0_hz[:frames]),
+        squint_rad=squint_rad(source, clip),
+    )
+
+
+def of_law(finest: Motion, coarse: Motion) -> Pool:
+    """Saccades at 500 frames a second, the same ones at 25, and the blinks' course."""
+    high, low = (
+        behaviour(each.fps, {"head": each.head, "gaze": each.gaze, "lid": each.lid}) for each in (finest, coarse)
+    )
+    found = saccades.rendered(high)
+    return {
+        **saccades.of_rate("at500", high, found),
+        **saccades.same("same25", found, saccades.rendered(low)),
+        **blinks.observe_fast(high),
+    }
+
+
+def of_pool(pool: Pool) -> Figures:
+    """The rows that head, gaze and blinks of one rate have."""
+    found = figures.of_gaze(pool) | figures.of_head(pool) | figures.of_speech(pool)
+    found |= figures.of_blinks(pool) | figures.of_shifts(pool)
+    found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
+    return {name: each for name, each in found.items() if not name.startswith("icc_")}
+
+
+def markdown(columns: Sequence[Figures], sounds: int, words: str) -> str:
+    """The page: rows of the acceptance table, a column a rate, and the truth."""
+    rows = [line(["", "band", "25 fps", "120 fps", "truth, 25 fps"]), line(["---"] * 5)]
+    for fact in FACTS:
+        if any(fact.name in each for each in columns):
+            cells = [cell(fact, each.get(fact.name)) for each in columns]
+            rows.append(line([page.named(fact), page.band(fact), *cells]))
+    slow, fast, truth = map(counts, columns)
+    introduction = INTRODUCTION.format(words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, truth=truth)
+    return introduction + "\n".join([*rows, ""])
+
+
+def counts(found: Figures) -> str:
+    """How many of the rows that were measured are in their bands, and how many are out."""
+    verdicts = [page.verdict(fact, found[fact.name]) for fact in FACTS if fact.name in found]
+    return f"{verdicts.count('in')} are in, {verdicts.count('OUT')} out"
+
+
+def cell(fact: Fact, found: Measured | None) -> str:
+    """A figure, and whether it is out."""
+    if found is None or found.value is None:
+        return "" if found is None else f"- ({found.reason})"
+    return f"{page.number(found.value)}{'' if fact.met(found.value) else ' **out**'}"
+
+
+if __name__ == "__main__":
+    shell(main)

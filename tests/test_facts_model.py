@@ -1,0 +1,31 @@
+"""The acceptance table of a model: its motion at two rates beside the truth."""
+
+import pytest
+
+from pipelines import facts_model
+from talkingeyes.metrics.facts.acceptance import FACTS
+from talkingeyes.metrics.facts.clip import measured, missing
+
+
+def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, capsys):
+    monkeypatch.chdir(tiny)
+    monkeypatch.setattr("sys.argv", ["facts_model", "vae"])
+    facts_model.main()
+    said = capsys.readouterr().out
+    assert said == (tiny / "build/facts/vae.md").read_text()
+    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[2:] for row in said.splitlines() if " | " in row}
+    slow, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
+    assert slow.split()[0] != truth.split()[0], "an untrained model is not the truth"
+    # The same motion at two rates: the head is as wide.
+    wide = rows["within a clip of speech: yaw SD, deg"]
+    assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
+    assert not any(row.startswith(("style", "jaw")) for row in rows)
+
+
+def test_a_figure_out_of_its_band_is_marked():
+    fact = next(each for each in FACTS if each.name == "rate")
+    assert facts_model.cell(fact, measured(1.5, 40, "saccades")) == "1.5"
+    assert facts_model.cell(fact, measured(3.5, 40, "saccades")) == "3.5 **out**"
+    assert facts_model.cell(fact, missing("too few")) == "- (too few)"
+    found = {"rate": measured(3.5, 40, "saccades"), "below_5": measured(0.5, 40, "saccades")}
+    assert facts_model.counts(found) == "1 are in, 1 out"
