@@ -4,7 +4,9 @@ Run: python -m pipelines.assess talkingeyes
 Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
 Writes: data/assess/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
 beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
-motion's, in a corpus without truth), and their mean, `distance`.
+motion's, in a corpus without truth), and their mean, `distance`; `apart`, by how many measures of the gaze benchmark
+the samples are worse than the truth by more than the interval, of `apart_of`. benchmark.json: the benchmark itself,
+without the measures in features of windows, which cost most of it.
 """
 
 from __future__ import annotations
@@ -16,13 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.sounds import Sound, sounds
+from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.corpus.windows import Recordings, recordings
+from talkingeyes.errors import InputError
 from talkingeyes.learning.telling import Beside, Teller
 from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
-from talkingeyes.metrics.benchmark.sound import CRITICS
+from talkingeyes.metrics.benchmark.paired import Counted, Paired, compared, counted, of_motions, of_samples
+from talkingeyes.metrics.benchmark.sound import CRITICS, OTHER_SOUNDS, hear
 from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
 from talkingeyes.metrics.correlation import Correlation
 from talkingeyes.models.condition.conditioner import NOTHING
@@ -43,12 +47,13 @@ class Sources:
 
 @dataclass(frozen=True)
 class Found:
-    """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true."""
+    """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true; its part of the benchmark."""
 
     corr: dict[str, float]
     corr_fitted: dict[str, float]
     drawn: Dynamics
     truth: Dynamics
+    benchmark: Counted
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -56,35 +61,62 @@ def run(workspace: Workspace, name: str) -> Report:
     settings = workspace.settings("assess", AssessSettings)
     data = workspace.data
     sources = Sources(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
-    clips = recordings(Corpus(sources.corpus), sources.fit, sources.embed, "val", take=0).clips
     with workspace.output("assess", name) as folder:
-        found = list(each(partial(assess, sources, settings), clips, workspace.jobs, f"assess {name}"))
+        work, benchmark = _sounds(sources, settings), Paired()
+        found = list(each(partial(assess, sources, settings), work, workspace.jobs, f"assess {name}"))
+        for one in found:
+            benchmark.add(one.benchmark)
+        table = benchmark.table(settings.bootstrap)
         figures = {
             **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
             **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
             **_named(distances([clip.drawn for clip in found], [clip.truth for clip in found])),
+            "apart": table.apart,
+            "apart_of": table.apart_of,
         }
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
+        (folder / "benchmark.json").write_text(table.json())
     return Report(metrics=figures, artifacts=[data("assess", name, "metrics.json")])
 
 
-def assess(sources: Sources, settings: AssessSettings, clip: Clip) -> Found:
+def _sounds(sources: Sources, settings: AssessSettings) -> list[Sound]:
+    """The sounds of val whose first take was fitted."""
+    corpus = Corpus(sources.corpus)
+    found = sounds(corpus, sources.fit, sources.embed, ("val",), OTHER_SOUNDS, settings.seed)
+    if not found:
+        raise InputError(f"{corpus.root}: no fitted clip in val; a corpus needs clips in every split")
+    return found
+
+
+def assess(sources: Sources, settings: AssessSettings, sound: Sound) -> Found:
     """Draw samples for one sound and measure them."""
-    corpus, fitted = Corpus(sources.corpus), Recordings([clip], sources.fit, sources.embed)[0]
-    speech = np.array(fitted.speech)
+    corpus, clip = Corpus(sources.corpus), sound.clip
+    fitted, *others = Recordings([clip, *sound.others], sources.fit, sources.embed)
+    speech, critics = np.array(fitted.speech), _critics(sources.critic)
     seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
     teller = _teller(sources)
     given = teller.whole(clip, len(speech)) if teller else NOTHING
     drawn = _generator(sources.model).generate(speech, seeds, clip.fps, given)
     own = _one(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
-    truth = _one(corpus.truth(clip)) if corpus.has_truth else own
-    critics = _critics(sources.critic)
+    under = [np.array(other.speech) for other in others]
+    heard = hear(critics, speech, under, drawn.head, drawn.gaze)
+    takes = _takes(corpus, sources, sound)
+    annotation = corpus.annotation(clip)
+    beside = compared(of_samples(drawn, annotation), of_motions(takes, annotation))
     return Found(
-        {part: float(critics[part](speech, drawn.head, drawn.gaze).mean()) for part in CRITICS},
-        {part: float(critics[part](speech, own.head, own.gaze).mean()) for part in CRITICS},
+        {part: float(heard[critic].own.mean()) for part, critic in CRITICS.items()},
+        {part: float(critics[critic](speech, own.head, own.gaze).mean()) for part, critic in CRITICS.items()},
         dynamics(drawn),
-        dynamics(truth),
+        dynamics(_one(takes[0]) if corpus.has_truth else own),
+        counted(beside, heard, critics, None, speech, under),
     )
+
+
+def _takes(corpus: Corpus, sources: Sources, sound: Sound) -> list[Motion]:
+    """True motions of all takes; in a corpus without truth the fitted ones."""
+    if corpus.has_truth:
+        return [corpus.truth(take) for take in sound.takes]
+    return [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in sound.takes]
 
 
 @lru_cache(maxsize=1)
@@ -104,7 +136,7 @@ def _teller(sources: Sources) -> Teller | None:
 
 @lru_cache(maxsize=1)
 def _critics(folder: Path) -> dict[str, Correlation]:
-    return {part: Correlation.load(folder, critic) for part, critic in CRITICS.items()}
+    return {critic: Correlation.load(folder, critic) for critic in CRITICS.values()}
 
 
 def _one(motion: Motion) -> Samples:

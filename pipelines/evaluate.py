@@ -32,7 +32,7 @@ from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.errors import InputError
 from talkingeyes.metrics.benchmark.behaviour import with_references
 from talkingeyes.metrics.benchmark.paired import Compared, Counted, Paired, compared, counted, of_motions, of_samples
-from talkingeyes.metrics.benchmark.sound import CRITICS, Heard, hear
+from talkingeyes.metrics.benchmark.sound import CRITICS, OTHER_SOUNDS, Heard, hear
 from talkingeyes.metrics.bootstrap import Estimate
 from talkingeyes.metrics.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
 from talkingeyes.metrics.face.row import summarise_face
@@ -45,7 +45,6 @@ SPLITS = ("test", "unseen")
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
 # Starting a process takes as long as measuring some twenty sounds.
 SOUNDS_WORTH_A_PROCESS = 40
-SHUFFLED = 2  # other sounds under which Corr. is taken
 
 
 @dataclass(frozen=True)
@@ -90,18 +89,18 @@ def run(workspace: Workspace, name: str) -> Report:
         benchmark.add(one.benchmark)
         for part, of_part in one.figures.items():
             found[item.takes[0].split][part].append(of_part)
-    table = {
+    figures = {
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
         for split, parts in found.items()
     }
     if of_face or name in REAL:
-        for split, figures in _faces(sources, work, settings, jobs).items():
-            table[split]["face"] = figures
+        for split, of_split in _faces(sources, work, settings, jobs).items():
+            figures[split]["face"] = of_split
     with workspace.output("evaluate", name) as folder:
-        (folder / "metrics.json").write_text(json.dumps(_plain(table), indent=1))
-        (folder / "benchmark.json").write_text(benchmark.json(benchmark.rows(settings.bootstrap)))
+        (folder / "metrics.json").write_text(json.dumps(_plain(figures), indent=1))
+        (folder / "benchmark.json").write_text(benchmark.table(settings.bootstrap).json())
         _write_speeds(folder / "speed.csv", found)
-    return Report(metrics=_flat(table), artifacts=[data("evaluate", name, "metrics.json")])
+    return Report(metrics=_flat(figures), artifacts=[data("evaluate", name, "metrics.json")])
 
 
 def _faces(
@@ -196,7 +195,7 @@ def _compared(sources: Sources, item: Sound, samples: Samples, true: list[Motion
 
 def _other_sounds(sources: Sources, item: Sound) -> list[np.ndarray]:
     """Embeddings of a few other sounds of the speaker; none for mismatched motion, to which they may belong."""
-    others = [] if sources.row == "mismatched" else item.others[:SHUFFLED]
+    others = [] if sources.row == "mismatched" else item.others[:OTHER_SOUNDS]
     return [np.array(each.speech) for each in Recordings(others, sources.fit, sources.embed)]
 
 

@@ -18,12 +18,15 @@ from pydantic import Field
 
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.kinematics import eye_speed_deg_s
+from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.detectors.saccades import detect_saccades
 from talkingeyes.rotation import conjugate, gaze_in_space
 from talkingeyes.settings import Settings
 
 # What a sweep may be told to look at.
-Figure = Literal["corr", "corr_space", "corr_head", "distance", "eye_speed_distance", "saccade_amplitude_distance"]
+Figure = Literal[
+    "apart", "corr", "corr_space", "corr_head", "distance", "eye_speed_distance", "saccade_amplitude_distance"
+]
 
 
 class AssessSettings(Settings):
@@ -31,6 +34,7 @@ class AssessSettings(Settings):
 
     seed: int
     samples: Annotated[int, Field(gt=1)]
+    bootstrap: BootstrapSettings  # intervals of the gaze benchmark
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,29 @@ def counted(
     return Counted(beside.reference[0].fps, observe(judged), gathered(judged), observe(reference), gathered(reference))
 
 
+@dataclass(frozen=True)
+class Table:
+    """The benchmark over all sounds: a row a measure, and how many sounds and which frame rate they are of."""
+
+    rows: list[Row]
+    missing: int  # measures of what the truth does often enough and the motions do not: apart, too
+    facts: dict[str, float]
+
+    @property
+    def apart(self) -> int:
+        """Measures by which the motions are worse than the truth by more than the interval."""
+        return sum(bool(row.apart) for row in self.rows) + self.missing
+
+    @property
+    def apart_of(self) -> int:
+        """Measures by which they could have been."""
+        return sum(row.apart is not None for row in self.rows) + self.missing
+
+    def json(self) -> str:
+        """As benchmark.json holds it."""
+        return as_json(self.rows, self.facts)
+
+
 class Paired:
     """The tallies of some motions and of the truth under the same sounds."""
 
@@ -93,15 +116,10 @@ class Paired:
         ours.add(one.sums, one.features)
         theirs.add(one.true_sums, one.true_features)
 
-    def rows(self, settings: BootstrapSettings) -> list[Row]:
-        """A row a measure; none without sounds."""
+    def table(self, settings: BootstrapSettings) -> Table:
+        """Over all sounds; without sounds there is no row."""
         if self._tallies is None:
-            return []
-        return list(Comparison(*self._tallies, settings, paired=True).rows())
-
-    def json(self, rows: Sequence[Row]) -> str:
-        """The table of `rows`, with what it is of."""
-        if self._tallies is None:
-            return as_json(rows, {"sounds": 0})
-        ours, _ = self._tallies
-        return as_json(rows, {"sounds": ours.clips, "fps": ours.fps})
+            return Table([], 0, {"sounds": 0})
+        ours, theirs = self._tallies
+        comparison = Comparison(ours, theirs, settings, paired=True)
+        return Table(list(comparison.rows()), len(comparison.missing()), {"sounds": ours.clips, "fps": ours.fps})

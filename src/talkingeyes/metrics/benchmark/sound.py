@@ -28,6 +28,8 @@ TRAPS = {
     "head": "a conditional mean beats the truth; the level depends on the critic",
 }
 LEAST_SOUNDS = 20
+# Other sounds of the speaker under which Corr. is taken.
+OTHER_SOUNDS = 2
 
 
 @runtime_checkable

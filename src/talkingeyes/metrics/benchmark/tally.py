@@ -177,6 +177,17 @@ class Comparison:
             for measure in measures:
                 yield self._row(measure)
 
+    def missing(self, measures: Sequence[Measure] = MEASURES) -> list[Measure]:
+        """Measures of what the reference does often enough and the motions, which could, do not: none is compared."""
+        ours, theirs = self._all
+        return [
+            measure
+            for measure in measures
+            if all(ours[f"motions with {field}"][0] for field in measure.observer.needs)
+            and ours[measure.of][0] < measure.least
+            and not _lacking(measure, theirs, "the reference")
+        ]
+
     def _row(self, measure: Measure) -> Row:
         ours, theirs = self._all
         count = int(ours[measure.of][0])
