@@ -1,6 +1,6 @@
 """Pretrain a codebook of gaze, or a motion autoencoder of the face, on the fitted motion of the train split.
 
-Run: python -m pipelines.pretrain gaze_patches
+Run: python -m pipelines.pretrain gaze_frames
 Reads: the corpus index, data/fit, data/embed. Writes: data/pretrain/<prior>: weights, history, code use.
 Killed, it goes on from data/.pretrain-<prior>.progress; torchrun --nproc-per-node N shares the batches.
 """

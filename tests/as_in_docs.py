@@ -21,6 +21,10 @@ SMALL = [
     (r"^(python -m pipelines\.experiment -m\b.*)", r"\1 experiment=least"),
     (r"^(python -m pipelines\.experiment .*\bsweep=.*)", r"\1 hydra.sweeper.n_trials=2"),
     (r"^(python -m pipelines\.experiment(?!.*\bexperiment=).*)", r"\1 experiment=tiny workspace=build/experiment"),
+    (
+        r"^(python -m pipelines\.experiment .*\bsweep=codebook\b.*)",
+        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_codes')}",
+    ),
     (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
     (r"^(python -m pipelines\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),
     (
@@ -30,7 +34,7 @@ SMALL = [
     (r"^python -m pytest -n 2$", "python -m pytest -n 0 -q tests/test_layers.py"),
     (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-pictures"),
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
-    (r"^(talkingeyes study make .*)", r"\1 --fewer --size 64"),
+    (r"^(talkingeyes study make .*)", r"\1 --fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes make the same file
 ]

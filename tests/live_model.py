@@ -1,4 +1,7 @@
-"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts."""
+"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
+
+`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_codes.yaml does, but hears nothing ahead.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,22 @@ def content(*place: str) -> Any:
     return yaml.safe_load(CONF.joinpath(*place).read_text())
 
 
+CODES = {
+    "prior": "gaze_patches",
+    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_back": 12, "condition_ahead": 0},
+}
+
+
+def codebook() -> GazeVQVAE:
+    """Codes of four frames of gaze in space, untrained."""
+    settings = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
+    network = GazeVQVAE(settings)
+    network.normalise_by(torch.zeros_like(network.mean), 0.2)
+    network.quantiser.train()
+    network.quantiser(torch.randn(1, 64, settings.quantiser.width))
+    return network.freeze()
+
+
 def embedding_settings() -> EmbedSettings:
     """The default section with the encoder that needs no weights."""
     node = {**content("embed", "default.yaml"), "encoder": content("embed", "encoder", "logmel.yaml")}
@@ -33,19 +52,16 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, **changes: Any) -> Path:
     """Write one with other values at the top of its section."""
     torch.manual_seed(3)
-    prior = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
-    codebook = GazeVQVAE(prior)
-    codebook.normalise_by(torch.zeros_like(codebook.mean), 0.2)
-    codebook.quantiser.train()
-    codebook.quantiser(torch.randn(1, 64, prior.quantiser.width))
     settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
-    network = SpeechToMotion(settings, channels, codebook.freeze())
+    prior = codebook() if settings.prior else None
+    network = SpeechToMotion(settings, channels, prior)
     network.speech.standardise_by(torch.full((len(channels),), -20.0), torch.full((len(channels),), 10.0))
     network.head.normal.set(torch.tensor([0.05, 0.0, 0.0]), 0.1)
+    network.gaze.normalise_by(torch.zeros(6), 0.2)
     folder.mkdir(parents=True)
-    save(folder, network.state_dict(), network_config(settings, channels, codebook))
+    save(folder, network.state_dict(), network_config(settings, channels, prior))
     (folder / "embedding.json").write_text(
         json.dumps({"fps": 25.0, "channels": channels, "settings": embedding.model_dump(mode="json")})
     )

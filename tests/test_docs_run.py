@@ -94,7 +94,7 @@ def test_what_is_made_small_is_what_the_docs_say_otherwise() -> None:
     assert changed("python -m pipelines.experiment train.seed=1").endswith(
         "train.seed=1 experiment=tiny workspace=build/experiment"
     )
-    assert changed("python -m pipelines.experiment -m sweep=codebook").endswith(
+    assert changed("python -m pipelines.experiment -m sweep=alive").endswith(
         "experiment=least hydra.sweeper.n_trials=2"
     )
     for line in (

@@ -7,16 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from live_model import embedding_settings, write_live_model
+from live_model import CODES, content, embedding_settings, write_live_model
 from numpy import ndarray
 
+from talkingeyes import rotation
 from talkingeyes.audio.encoder import make_encoder
 from talkingeyes.audio.live import USUAL_DBFS, LiveProsody, RunningLevel
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
 from talkingeyes.errors import InputError
 from talkingeyes.kinematics import eye_speed_deg_s
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
-from talkingeyes.models.streaming import MotionStream, frames_ahead
+from talkingeyes.models.streaming import MotionStream, Streamed
 from talkingeyes.motion import Motion
 from talkingeyes.performance.direction import Liveliness
 from talkingeyes.performance.streaming import GREATEST_LATENCY_S, Frames, LiveModel, LiveWish
@@ -37,6 +38,12 @@ def speech(seconds: float = SECONDS, seed: int = 0) -> ndarray:
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
     return LiveModel.load(write_live_model(tmp_path_factory.mktemp("live") / "model"))
+
+
+@pytest.fixture(scope="module")
+def codes(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
+    """The same with codes of gaze."""
+    return LiveModel.load(write_live_model(tmp_path_factory.mktemp("codes") / "model", **CODES))
 
 
 def streamed(live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, wish: LiveWish | None = None) -> Frames:
@@ -72,6 +79,14 @@ def test_no_bit_depends_on_the_chunks(live: LiveModel) -> None:
         found = streamed(live, sound, sizes)
         for name in ("head", "gaze", "lid"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) -> None:
+    sound = speech()
+    found = streamed(codes, sound, [640])
+    close(found, codes.whole(sound, 4))
+    np.testing.assert_array_equal(found.gaze, streamed(codes, sound, [1, 7000, 333, 0]).gaze)
+    assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
 def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
@@ -125,6 +140,10 @@ def test_dials(live: LiveModel) -> None:
     np.testing.assert_allclose(still.head, still.head[:1].repeat(len(still), 0), atol=1e-6)
     wish = LiveWish("paper", Liveliness(2.0, 0.5, 1.0))
     close(streamed(live, sound, [3000], 1, wish), live.whole(sound, 1, wish))
+    own, calm = (live.whole(sound, 1, LiveWish("paper", Liveliness(gaze=each))) for each in (1.0, 0.5))
+    both = [rotation.gaze_in_space(each.head, each.gaze) for each in (own, calm)]
+    np.testing.assert_allclose(both[1].mean(1), 0.5 * both[0].mean(1), atol=1e-6)
+    np.testing.assert_allclose(both[1][:, 0] - both[1][:, 1], both[0][:, 0] - both[0][:, 1], atol=1e-6)
     with pytest.raises(InputError, match=r"blinks: should be one of .*, got often"):
         live.stream(0, LiveWish("often"))
 
@@ -188,6 +207,8 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
+        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze not told ahead"),
+        ({**CODES, "gaze": CODES["gaze"] | {"condition_ahead": 1}}, "gaze not told ahead"),
     ],
 )
 def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
@@ -196,7 +217,7 @@ def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str
 
 
 def test_a_model_that_is_too_late_is_refused(live: LiveModel, tmp_path: Path) -> None:
-    late = live.network.settings.speech.model_dump() | {"ahead": 7}
+    late = live.network.settings.speech.model_dump() | {"ahead": 9}
     with pytest.raises(InputError, match=r"at most 0.4 s ahead, got 0.437 s"):
         LiveModel.load(write_live_model(tmp_path / "model", speech=late))
 
@@ -220,7 +241,7 @@ class TestNetwork:
         changed[known:] += 30
         one, other = (live.network.generate(each, [5]) for each in (embedding, changed))
         moved = (one.head - other.head).abs().amax(-1)[0] > 1e-6
-        assert int(moved.nonzero()[0]) >= known - frames_ahead(live.network)
+        assert int(moved.nonzero()[0]) >= known - Streamed.of(live.network).frames_ahead
 
     def test_causal_convolutions_step_by_step(self) -> None:
         torch.manual_seed(0)

@@ -19,7 +19,7 @@ from talkingeyes.errors import InputError
 # Optuna's old words for distributions, which Hydra's sweeper speaks.
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
-CODES = "pretrain.gaze_patches.network.quantiser.codes"
+CODES = "pretrain.gaze_frames.network.quantiser.codes"
 PLACES = "model.talkingeyes.gaze.process.fixed"
 
 
@@ -97,7 +97,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes_live"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes_codes"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)

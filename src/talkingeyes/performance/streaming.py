@@ -1,7 +1,7 @@
 """Live speech becomes head, gaze and blinks while it is spoken: chunks of sound in, frames out, a stated time later.
 
-A frame at t is given as soon as the sound up to t + `latency_s` is there (0.317 s with the model `talkingeyes_live`:
-37 ms for prosody, 160 ms that its speech layers look ahead, 120 ms for the rest of a code of gaze). What comes out does
+A frame at t is given as soon as the sound up to t + `latency_s` is there (0.237 s with the model `talkingeyes_live`:
+37 ms for prosody, 160 ms that its speech layers look ahead, 40 ms for the rest of a bin of gaze). What comes out does
 not depend on how the sound is cut into chunks; it is what `LiveModel.whole` gives for all of it at once (docs/live.md).
 Jaw and expression are neutral: no model of the face can be streamed yet.
 """
@@ -28,10 +28,8 @@ from talkingeyes.audio.live import LiveProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.errors import InputError
 from talkingeyes.learning.trained import NetworkGenerator, load_generator
-from talkingeyes.models.gaze.categorical import CategoricalGaze
-from talkingeyes.models.head.causal import CausalHead
 from talkingeyes.models.speech_to_motion import Generated, SpeechToMotion
-from talkingeyes.models.streaming import MotionStream, frames_ahead, joined
+from talkingeyes.models.streaming import MotionStream, Streamed, joined
 from talkingeyes.motion import Blink, Motion
 from talkingeyes.performance.direction import Liveliness
 from talkingeyes.performance.model_file import opened
@@ -113,7 +111,10 @@ class LiveModel:
     @property
     def latency_s(self) -> float:
         """How much sound after a frame must have come before the frame is given."""
-        return frames_ahead(self.network) / self.fps + LiveProsody(self.embedding, self.fps).ahead / SAMPLE_RATE
+        return (
+            Streamed.of(self.network).frames_ahead / self.fps
+            + LiveProsody(self.embedding, self.fps).ahead / SAMPLE_RATE
+        )
 
     def stream(self, seed: int, wish: LiveWish = AS_IT_IS) -> Stream:
         """A new stream; the same seed and sound give the same frames. Raises InputError for unknown blinks."""
@@ -142,19 +143,15 @@ class LiveModel:
         return self.network.settings.speech.channels or ()
 
     def shaped(self, generated: Generated, wish: LiveWish) -> _Shaped:
-        """As lively as is wished: the head about its mean pose, gaze about where it usually is."""
-        network = self.network
-        assert isinstance(network.head, CausalHead)
-        assert isinstance(network.gaze, CategoricalGaze)
+        """As lively as is wished: the head about its mean pose, gaze of both eyes together about straight ahead."""
         head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
         space = rotation.gaze_in_space(head, gaze)
         lively = wish.liveliness
         if lively.head != 1:
-            mean = network.head.normal.mean.numpy()
+            mean = Streamed.of(self.network).head.normal.mean.numpy()
             head = mean + lively.head * (head - mean)
         if lively.gaze != 1:
-            usual = network.gaze.codebook.mean.numpy().reshape(2, 2)
-            space = usual + lively.gaze * (space - usual)
+            space = space + (lively.gaze - 1) * space.mean(axis=1, keepdims=True)
         return _Shaped(head, space)
 
     def blinks_of(self, seed: int, wish: LiveWish) -> tuple[Blink, ...]:
@@ -170,11 +167,10 @@ class Stream:
     """The state of one stream: sound that no frame needs any more is forgotten, so memory does not grow."""
 
     def __init__(self, model: LiveModel, seed: int, wish: LiveWish) -> None:
-        assert isinstance(model.network.gaze, CategoricalGaze)
         self._model, self._wish = model, wish
         self._blinks = deque(model.blinks_of(seed, wish))
         self._motion = MotionStream(model.network, sample_seeds(seed, 1)[0])
-        self._prosody = LiveProsody(model.embedding, model.fps, together=model.network.gaze.patch)
+        self._prosody = LiveProsody(model.embedding, model.fps, together=Streamed.of(model.network).gaze.step_frames)
         self._samples, self._frames = 0, 0
         self._held: Float[ndarray, "2 2"] | None = None
         self._ended = False

@@ -17,7 +17,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.errors import InputError
-from talkingeyes.models.gaze.generator import Condition, uniforms
+from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.history import DrawnHistorySettings, NoisyHistory, ScheduledHistory, replaced
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -107,6 +107,20 @@ class CategoricalGaze(nn.Module):
         patches = [self.advance(run, memory[:, [step]], drawn, temperature) for step, drawn in enumerate(uniform.T)]
         signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
         return gaze_of(self.codebook.settings.signal, condition.head, signal)
+
+    @property
+    def step_frames(self) -> int:
+        """A code."""
+        return self.patch
+
+    @property
+    def hears_ahead(self) -> bool:
+        """Whether a code depends on speech and head after its own."""
+        return self.settings.condition_ahead > 0
+
+    def stream(self, seed: int, temperature: float) -> CategoricalGazeStream:
+        """Code after code what `sample` gives."""
+        return CategoricalGazeStream(self, seed, temperature)
 
     def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> FreeRun:
         """Before the first code. A stream, whose memory is not there yet, adds it to the cache as it comes."""
@@ -198,6 +212,22 @@ class CategoricalGaze(nn.Module):
         barred = torch.zeros_like(logits)
         barred[:, 0, self.stay] = -torch.inf
         return logits + barred
+
+
+class CategoricalGazeStream:
+    """Gaze of one seed, code after code."""
+
+    def __init__(self, gaze: CategoricalGaze, seed: int, temperature: float) -> None:
+        self._gaze, self._temperature, self._run = gaze, temperature, gaze.start(1)
+        self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
+
+    def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
+        """The frames of the next code, or of its beginning where the stream ends."""
+        gaze, memory = self._gaze, self._gaze.memory(condition)
+        gaze.transformer.remember(memory, self._run.cache)
+        drawn = torch.rand(1, generator=self._uniform)
+        signal = gaze.advance(self._run, memory, drawn, self._temperature)[:, : condition.speech.shape[1]]
+        return gaze_of(gaze.codebook.settings.signal, condition.head, signal)
 
 
 def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tensor, "B N"]:

@@ -2,12 +2,13 @@
 
 Not in the paper, whose decoder works frame by frame. A saccade is an event (layers/event_process.py) that leads to the
 directions of both eyes; between saccades gaze rests in space and the eyes make up for the head. Frames show saccades
-by the main sequence (physiology/saccades.py), so any frame rate can be made of the same events.
+by the main sequence (physiology/saccades.py), so any frame rate can be made of the same events. With a process that
+hears nothing ahead (conf/model/talkingeyes_live.yaml), gaze can be made bin after bin, as streams need it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
@@ -17,10 +18,18 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.gaze.generator import Condition, uniforms
+from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
+from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.event_process import (
+    CausalEventProcessSettings,
+    EventProcess,
+    EventProcessSettings,
+    EventSequence,
+    Run,
+    binned,
+)
 from talkingeyes.motion import Saccade
 from talkingeyes.physiology import saccades
 from talkingeyes.settings import PartSettings
@@ -37,7 +46,7 @@ class EventGazeSettings(PartSettings):
 
     kind: Literal["events"]
     fps: Annotated[float, Field(gt=0)]
-    process: EventProcessSettings
+    process: CausalEventProcessSettings | EventProcessSettings
 
 
 @dataclass(frozen=True)
@@ -68,13 +77,13 @@ class EventGaze(nn.Module):
         """The likelihood of the fixations of true gaze."""
         found = fixations(both_eyes(signal_of("gaze_in_space", condition.head, gaze)))
         events = EventSequence.of_frames(found.onset, found.landing / self.scale, self.bin_frames)
-        terms = self.process.terms(events, self._condition(condition))
+        terms = self.process.terms(events, self.within(condition))
         return {f"gaze_{name}": value for name, value in terms.items()}
 
     @torch.no_grad()
     def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Fixations drawn bin after bin, shown as frames."""
-        within = self._condition(condition)
+        within = self.within(condition)
         count = within.shape[1]
         uniform = uniforms(seeds, count * (len(SPREAD) + 3)).reshape(len(seeds), count, -1).to(within)
         drawn = self.process.sample(within, uniform, temperature)
@@ -83,7 +92,7 @@ class EventGaze(nn.Module):
         made = [
             shown(
                 start[row][event].cpu().numpy() / self.fps,
-                (places[event] * self.scale).cpu().numpy().astype(float),
+                self.radians(places[event]),
                 np.arange(frames) / self.fps,
             )
             for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
@@ -91,7 +100,26 @@ class EventGaze(nn.Module):
         signal = torch.from_numpy(np.stack(made).astype(np.float32)).to(within)
         return gaze_of("gaze_in_space", condition.head, signal)
 
-    def _condition(self, condition: Condition) -> Float[Tensor, "B N C"]:
+    @property
+    def step_frames(self) -> int:
+        """A bin."""
+        return self.bin_frames
+
+    @property
+    def hears_ahead(self) -> bool:
+        """Whether an event depends on speech and head after its bin."""
+        listen = self.process.listen
+        return not isinstance(listen, CausalConvolutionStack) or listen.ahead > 0
+
+    def stream(self, seed: int, temperature: float) -> EventGazeStream:
+        """Bin after bin what `sample` gives."""
+        return EventGazeStream(self, seed, temperature)
+
+    def radians(self, places: Float[Tensor, "*K 3"]) -> Float[ndarray, "*K 3"]:
+        """Places as they are shown."""
+        return np.asarray((places * self.scale).cpu().numpy().astype(float))
+
+    def within(self, condition: Condition) -> Float[Tensor, "B N C"]:
         """Speech and head a bin: their means; the last bin is filled up by its last frame."""
         both = torch.cat([condition.speech, condition.head_normal], dim=-1)
         return binned(both, self.bin_frames)
@@ -115,21 +143,79 @@ def fixations(gaze: Float[Tensor, "B T 3"]) -> Fixations:
     return Fixations(starts & far, landing)
 
 
+@dataclass
+class SaccadeChain:
+    """Yaw and pitch of both eyes over time: saccades by the law, each from where the last one ended.
+
+    A saccade that would start before the last one has ended waits for it. What is over may be forgotten.
+    """
+
+    place_rad: Float[ndarray, " 3"]  # where gaze is in the end
+    saccades: list[Saccade] = field(default_factory=list)
+    apart_rad: list[tuple[float, float]] = field(default_factory=list)  # half the angle between the eyes, around each
+
+    def go(self, onset_s: float, to_rad: Float[ndarray, " 3"]) -> None:
+        """One saccade more; none starts before the last."""
+        start, free_s = self.place_rad, _end_s(self.saccades[-1]) if self.saccades else 0.0
+        amplitude = float(np.hypot(*(to_rad - start)[:2]))
+        duration_s, skew = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
+        self.saccades.append(Saccade(max(onset_s, free_s), duration_s, tuple(start[:2]), tuple(to_rad[:2]), skew))
+        self.apart_rad.append((float(start[2]), float(to_rad[2])))
+        self.place_rad = to_rad
+
+    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
+        """Left yaw and pitch, right yaw and pitch."""
+        together = saccades.path(self.saccades, self.place_rad[:2], times_s)
+        knots_s = [time for each in self.saccades for time in (each.onset_s, _end_s(each))]
+        angles = np.ravel(self.apart_rad) if self.saccades else self.place_rad[2:]
+        apart = np.interp(times_s, knots_s or [0.0], angles)[:, None] * [1.0, 0.0]
+        return np.concatenate([together + apart, together - apart], axis=1)
+
+    def forget(self, time_s: float) -> None:
+        """Nothing before this time will be asked for."""
+        over = max(sum(each.onset_s <= time_s for each in self.saccades) - 1, 0)
+        del self.saccades[:over], self.apart_rad[:over]
+
+
 def shown(
     onsets_s: Float[ndarray, " K"], places_rad: Float[ndarray, "K 3"], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, "T 4"]:
-    """Yaw and pitch of both eyes at any times: saccades by the law, each from where the last one ended.
+    """Yaw and pitch of both eyes at any times; the first place is where gaze begins."""
+    chain = SaccadeChain(places_rad[0])
+    for onset_s, place_rad in zip(onsets_s[1:], places_rad[1:], strict=True):
+        chain.go(float(onset_s), place_rad)
+    return chain.at(times_s)
 
-    The first place is where gaze begins; a saccade that would start before the last one has ended waits for it.
-    """
-    chain: list[Saccade] = []
-    free_s = 0.0
-    for onset_s, start, end in zip(onsets_s[1:], places_rad[:-1], places_rad[1:], strict=True):
-        amplitude = float(np.hypot(*(end - start)[:2]))
-        begins_s, duration_s = max(float(onset_s), free_s), float(saccades.duration_s(amplitude))
-        chain.append(Saccade(begins_s, duration_s, tuple(start[:2]), tuple(end[:2]), float(saccades.skew(amplitude))))
-        free_s = begins_s + duration_s
-    together = saccades.path(chain, places_rad[0, :2], times_s)
-    knots_s = [time for each in chain for time in (each.onset_s, each.onset_s + each.duration_s)]
-    apart = np.interp(times_s, [0.0, *knots_s], np.repeat(places_rad[:, 2], 2)[:-1])[:, None] * [1.0, 0.0]
-    return np.concatenate([together + apart, together - apart], axis=1)
+
+def _end_s(saccade: Saccade) -> float:
+    return saccade.onset_s + saccade.duration_s
+
+
+class EventGazeStream:
+    """Gaze of one seed, bin after bin. What is shown in a bin depends on no event after it."""
+
+    def __init__(self, gaze: EventGaze, seed: int, temperature: float) -> None:
+        assert isinstance(gaze.process.listen, CausalConvolutionStack)
+        self._gaze, self._temperature = gaze, temperature
+        self._listen, self._past = gaze.process.listen, gaze.process.listen.start(1)
+        self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
+        self._bin = 0
+        self._run: Run | None = None
+        self._chain: SaccadeChain | None = None
+
+    def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
+        """The frames of the next bin, or of its beginning where the stream ends."""
+        gaze = self._gaze
+        uniform = torch.rand(1, len(SPREAD) + 3, generator=self._uniform)
+        heard = self._listen.step(gaze.within(condition), self._past)[:, 0]
+        if self._run is None or self._chain is None:
+            self._run = gaze.process.begin(heard, uniform, self._temperature)
+            self._chain = SaccadeChain(gaze.radians(self._run.place[0]))
+        elif gaze.process.advance(self._run, heard, uniform, self._temperature):
+            onset_s = ((self._bin + uniform[0, 1]) * gaze.bin_frames).numpy() / gaze.fps
+            self._chain.go(float(onset_s), gaze.radians(self._run.place[0]))
+        first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
+        times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps
+        signal = torch.from_numpy(self._chain.at(times_s).astype(np.float32))[None]
+        self._chain.forget(times_s[-1])
+        return gaze_of("gaze_in_space", condition.head, signal)

@@ -7,7 +7,7 @@ docs/extend.md adds one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -62,6 +62,34 @@ class GazeGenerator(Protocol):
 
     def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Eye-in-head rotation vectors, a seed a row."""
+        ...
+
+
+@runtime_checkable
+class GazeStream(Protocol):
+    """The state of one stream of gaze."""
+
+    def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
+        """Eye-in-head of the next `step_frames` frames, or of fewer where the stream ends."""
+        ...
+
+
+@runtime_checkable
+class StreamedGaze(Protocol):
+    """What a gaze generator has besides if it can be played part by part (models/streaming.py)."""
+
+    @property
+    def step_frames(self) -> int:
+        """How many frames are made together."""
+        ...
+
+    @property
+    def hears_ahead(self) -> bool:
+        """Whether it depends on what comes after its step, as it is configured; then it has no stream."""
+        ...
+
+    def stream(self, seed: int, temperature: float) -> GazeStream:
+        """A new one, which gives what `sample` gives."""
         ...
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.layers.convolution import ConvolutionStack
+from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.settings import Settings
 
@@ -42,6 +42,12 @@ class EventProcessSettings(Settings):
     # In training: share of past events that are hidden, and noise on past places (in units of the scale).
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     history_noise: Annotated[float, Field(ge=0)]
+
+
+class CausalEventProcessSettings(EventProcessSettings):
+    """A process for streams: its layers hear the past of the condition and no more than `ahead` bins of what comes."""
+
+    ahead: Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,9 @@ class EventProcess(nn.Module):
         super().__init__()
         self.settings = settings
         numbers, width = len(spread), settings.width
-        self.listen = ConvolutionStack(condition, width, settings.layers, settings.dropout)
+        size = (condition, width, settings.layers, settings.dropout)
+        ahead = settings.ahead if isinstance(settings, CausalEventProcessSettings) else None
+        self.listen = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
         self.token = nn.Linear(2 * numbers + 1 + width, width)
         self.remember = nn.GRU(width, width, batch_first=True)
         self.start = nn.Parameter(torch.zeros(width))

@@ -1,0 +1,85 @@
+"""Gaze as fixations, bin after bin: what a stream shows is what is drawn and shown for the whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy import ndarray
+
+from talkingeyes.models.gaze.events import EventGaze, EventGazeSettings, SaccadeChain, shown
+from talkingeyes.models.gaze.generator import Condition, StreamedGaze
+
+PROCESS = {
+    "width": 16,
+    "bin_frames": 2,
+    "fixed": 4,
+    "relative": 2,
+    "layers": 2,
+    "dropout": 0.0,
+    "history_dropout": 0.0,
+    "history_noise": 0.0,
+}
+
+
+def crowded() -> tuple[ndarray, ndarray]:
+    """Onsets every 50 ms and large steps: most saccades have to wait for the one before."""
+    random = np.random.default_rng(0)
+    onsets_s = np.concatenate([[0.0], 0.2 + 0.05 * np.arange(30)])
+    return onsets_s, random.uniform(-0.4, 0.4, (31, 3)) * [1.0, 0.5, 0.1]
+
+
+def test_what_is_over_may_be_forgotten() -> None:
+    onsets_s, places = crowded()
+    times_s = np.arange(0, 4, 0.04)
+    chain, parts, most, at = SaccadeChain(places[0]), [], 0, 1
+    for frames in times_s.reshape(-1, 2):
+        while at < len(onsets_s) and onsets_s[at] < frames[0] + 0.08:
+            chain.go(onsets_s[at], places[at])
+            at += 1
+        parts.append(chain.at(frames))
+        chain.forget(frames[-1])
+        most = max(most, len(chain.saccades))
+    np.testing.assert_array_equal(np.concatenate(parts), shown(onsets_s, places, times_s))
+    assert len(chain.saccades) == 1
+    assert most < 25
+
+
+def gaze(**changes: object) -> EventGaze:
+    torch.manual_seed(0)
+    settings = EventGazeSettings.model_validate({"kind": "events", "fps": 25, "process": PROCESS | changes})
+    made = EventGaze(settings, 8, None).eval()
+    made.normalise_by(torch.zeros(6), 0.2)
+    with torch.no_grad():
+        made.process.hazard.bias.fill_(0.5)  # often, so that saccades go on over bins and wait
+    return made
+
+
+def condition(frames: int) -> Condition:
+    torch.manual_seed(1)
+    head = 0.1 * torch.randn(1, frames, 3)
+    return Condition(torch.randn(1, frames, 8), head, head / 0.1)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 101])
+def test_a_stream_is_what_is_drawn_for_the_whole(frames: int) -> None:
+    made, told = gaze(ahead=0), condition(frames)
+    expected = made.sample(told, [7], 1.0)
+    stream, parts = made.stream(7, 1.0), []
+    with torch.no_grad():
+        for first in range(0, frames, made.step_frames):
+            now = slice(first, first + made.step_frames)
+            parts.append(stream.step(Condition(told.speech[:, now], told.head[:, now], told.head_normal[:, now])))
+    torch.testing.assert_close(torch.cat(parts, dim=1), expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("ahead", [0, 3])
+def test_a_causal_process_hears_so_far_ahead(ahead: int) -> None:
+    made, told = gaze(ahead=ahead), condition(60)
+    assert isinstance(made, StreamedGaze)
+    assert made.hears_ahead == (ahead > 0)
+    before = made.process.listen(made.within(told))
+    told.speech[:, 40:] += 3
+    moved = (made.process.listen(made.within(told)) - before)[0].abs().amax(-1) > 1e-6
+    assert int(moved.nonzero()[0]) == 20 - ahead
+    assert gaze().hears_ahead  # the default hears both sides
