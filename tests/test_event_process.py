@@ -13,6 +13,7 @@ SETTINGS = {
     "bin_frames": 2,
     "fixed": 4,
     "relative": 2,
+    "returns": 2,
     "layers": 1,
     "dropout": 0.0,
     "history_dropout": 0.0,

@@ -1,9 +1,10 @@
 """Events in time bins: when the next one comes, and where it leads (a marked point process, discretised).
 
 In every bin a hazard says whether an event happens; what one leads to is a mixture of Gaussians, some at places of
-their own and some relative to the present place. Both follow from the past events (a recurrent network over them, not
-over frames), from how long the last one is ago, and from a condition around the bin. The end of a sequence is
-censoring: a bin without an event is a term of the likelihood like any other.
+their own, some relative to the present place, some at places that were left (event_returns.py). All follow from the
+past events (a recurrent network over them, not over frames), from how long the last one is ago, from where the longest
+held place is, and from a condition around the bin. The end of a sequence is censoring: a bin without an event is a term
+of the likelihood like any other.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from torch import Tensor, nn
 
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.draw import draw
+from talkingeyes.models.layers.event_returns import Left, Returns
 from talkingeyes.settings import Settings
 
 OLDEST = 63  # bins since the last event are told apart up to this many
@@ -36,6 +38,8 @@ class EventProcessSettings(Settings):
     # Gaussians at places of their own, and relative to the present place, which are moved and sized by what is known.
     fixed: Annotated[int, Field(ge=0)]
     relative: Annotated[int, Field(gt=0)]
+    # Places that were left and can be gone back to.
+    returns: Annotated[int, Field(gt=0)]
     # Convolutions over the condition, of kernel 5 with dilation 1, 2, ...: 3 layers reach 14 bins to each side.
     layers: Annotated[int, Field(ge=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
@@ -81,20 +85,27 @@ class Drawn:
 
 @dataclass
 class Run:
-    """Between two bins of a free run: what is remembered, the present place, bins since the last event."""
+    """Between two bins of a free run: what is remembered, the present place, bins since the last event, places left."""
 
     state: Float[Tensor, "B W"]
     place: Float[Tensor, "B D"]
     age: Int[Tensor, " B"]
+    left: Left
+
+    def now(self) -> _Past:
+        """What is known before the next bin."""
+        home = self.left.home(self.place)
+        return _Past(self.state[:, None], self.place[:, None], self.age[:, None], home[:, None])
 
 
 @dataclass(frozen=True)
 class _Past:
-    """What is known before bins: features of the events so far, the present place and the age of the last event."""
+    """What is known before bins: features of the events so far, the present place, the age of the last event, home."""
 
     state: Float[Tensor, "B N W"]
     place: Float[Tensor, "B N D"]
     age: Int[Tensor, "B N"]
+    home: Float[Tensor, "B N D"]
 
 
 @dataclass(frozen=True)
@@ -121,7 +132,7 @@ class EventProcess(nn.Module):
         self.remember = nn.GRU(width, width, batch_first=True)
         self.start = nn.Parameter(torch.zeros(width))
         self.age = nn.Embedding(OLDEST + 1, width)
-        self.enter = nn.Linear(2 * width + numbers, width)
+        self.enter = nn.Linear(2 * width + 2 * numbers, width)
         self.trunk = nn.Sequential(nn.GELU(), nn.Dropout(settings.dropout), nn.Linear(width, width), nn.GELU())
         self.hazard = nn.Linear(width, 1)
         self.weigh = nn.Linear(width, settings.fixed + settings.relative)
@@ -129,6 +140,7 @@ class EventProcess(nn.Module):
         start = _quantiles(far + near, numbers) * torch.tensor([1.0] * far + [0.3] * near)[:, None]
         self.means = nn.Parameter(start * torch.tensor(spread))
         self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(self.means.shape).clone())
+        self.returns = Returns(settings.returns, numbers, width)
         # Of the relative ones: how they are shifted and widened.
         self.adapt = nn.Linear(width, 2 * settings.relative * numbers)
         nn.init.zeros_(self.adapt.weight)
@@ -146,7 +158,9 @@ class EventProcess(nn.Module):
         index = events.bins[..., None]
         at_events = features.gather(1, index.expand(-1, -1, features.shape[-1]))
         from_place = past.place.gather(1, index.expand(-1, -1, past.place.shape[-1]))
-        likelihood = self._log_density(at_events, from_place, events.places)
+        left = Left.before(events.bins, events.places, self.settings.returns)
+        before = Left(left.places[:, :-1], left.held[:, :-1])
+        likelihood = self._log_density(at_events, from_place, before, events.places)
         return {"when": when, "where": -(likelihood * events.real).sum() / events.real.sum()}
 
     @torch.no_grad()
@@ -166,8 +180,9 @@ class EventProcess(nn.Module):
         ahead = torch.arange(1, LOOK + 1, device=heard.device)
         while len(rows := torch.nonzero(at < count - 1)[:, 0]):
             bins = (at[rows, None] + ahead).clamp(max=count - 1)
-            state, held = (each[rows, None].expand(-1, LOOK, -1) for each in (run.state, run.place))
-            past = _Past(state, held, run.age[rows, None] + ahead)
+            now = run.now()
+            state, held, home = (each[rows].expand(-1, LOOK, -1) for each in (now.state, now.place, now.home))
+            past = _Past(state, held, run.age[rows, None] + ahead, home)
             features = self._features(past, heard[rows[:, None], bins])
             happens = uniform[rows[:, None], bins, 0] < self.hazard(features)[..., 0].sigmoid()
             happens &= at[rows, None] + ahead < count
@@ -189,9 +204,9 @@ class EventProcess(nn.Module):
             self.start.expand(batch, -1).clone(),
             torch.zeros(batch, self.means.shape[1], device=device),
             torch.zeros(batch, dtype=torch.long, device=device),
+            Left.none(batch, self.settings.returns, self.means),
         )
-        past = _Past(run.state[:, None], run.place[:, None], run.age[:, None])
-        features = self._features(past, heard[:, None])[:, 0]
+        features = self._features(run.now(), heard[:, None])[:, 0]
         self._move(run, torch.arange(batch, device=device), features, heard, uniform[:, 2:], temperature)
         return run
 
@@ -200,7 +215,7 @@ class EventProcess(nn.Module):
     ) -> Bool[Tensor, " B"]:
         """One bin more, as a stream has them: whether an event happens in it; the run moves on."""
         run.age += 1
-        features = self._features(_Past(run.state[:, None], run.place[:, None], run.age[:, None]), heard[:, None])[:, 0]
+        features = self._features(run.now(), heard[:, None])[:, 0]
         event: Bool[Tensor, " B"] = uniform[:, 0] < self.hazard(features)[:, 0].sigmoid()
         rows = torch.nonzero(event)[:, 0]
         if len(rows):
@@ -212,9 +227,10 @@ class EventProcess(nn.Module):
     ) -> None:
         """An event happens in some rows: where it leads, and what is remembered of it."""
         old = run.place[rows]
-        new = self._draw(features, old, uniform, temperature)
+        new = self._draw(features, old, run.left.of(rows), uniform, temperature)
         token = self._tokens(new[:, None], old[:, None], run.age[rows, None], heard[:, None])
         run.state[rows] = self.remember(token, run.state[None, rows].contiguous())[0][:, 0]
+        run.left.leave(rows, old, run.age[rows])
         run.place[rows], run.age[rows] = new, 0
 
     def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
@@ -237,7 +253,9 @@ class EventProcess(nn.Module):
         last = (known - 1).clamp(min=0)
         place = events.places.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
         age = torch.where(known > 0, order - bins.gather(1, last), 0)
-        return _Past(states.gather(1, known[..., None].expand(-1, -1, states.shape[-1])), place, age)
+        left = Left.before(events.bins, events.places, self.settings.returns)
+        home = left.home(F.pad(events.places, (0, 0, 1, 0)))
+        return _Past(_at(states, known), place, age, _at(home, known))
 
     def _tokens(
         self, place: Float[Tensor, "B K D"], before: Float[Tensor, "B K D"], since: Int[Tensor, "B K"], heard: Tensor
@@ -246,35 +264,48 @@ class EventProcess(nn.Module):
         return out
 
     def _features(self, past: _Past, heard: Float[Tensor, "B N W"]) -> Float[Tensor, "B N W"]:
-        entered = self.enter(torch.cat([past.state, heard, past.place], dim=-1)) + self.age(past.age.clamp(max=OLDEST))
+        known = torch.cat([past.state, heard, past.place, past.place - past.home], dim=-1)
+        entered = self.enter(known) + self.age(past.age.clamp(max=OLDEST))
         out: Tensor = self.trunk(entered)
         return out
 
-    def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"]) -> _Gaussians:
+    def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
         adapted = self.adapt(features).unflatten(-1, (2, self.settings.relative, place.shape[-1]))
         shift, widen = (F.pad(each, (0, 0, self.settings.fixed, 0)) for each in adapted.unbind(-3))
         relative = torch.arange(len(self.means), device=place.device) >= self.settings.fixed
         centre = self.means + shift + relative[:, None] * place[..., None, :]
-        return _Gaussians(self.weigh(features), centre, (self.log_sds + widen).clamp(LEAST_LOG_SD, MOST_LOG_SD))
+        log_sd = (self.log_sds + widen).clamp(LEAST_LOG_SD, MOST_LOG_SD)
+        back = self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(left.places)
+        logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
+        return _Gaussians(logits, torch.cat([centre, left.places], dim=-2), torch.cat([log_sd, back], dim=-2))
 
     def _log_density(
-        self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], to: Float[Tensor, "B K D"]
+        self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], left: Left, to: Float[Tensor, "B K D"]
     ) -> Float[Tensor, "B K"]:
-        mixture = self._gaussians(features, place)
+        mixture = self._gaussians(features, place, left)
         error = (to[..., None, :] - mixture.centre) * (-mixture.log_sd).exp()
         inside = (-0.5 * error.square() - mixture.log_sd).sum(-1)
         return (mixture.logits.log_softmax(-1) + inside).logsumexp(-1)
 
     def _draw(
-        self, features: Float[Tensor, "B W"], place: Float[Tensor, "B D"], uniform: Tensor, temperature: float
+        self,
+        features: Float[Tensor, "B W"],
+        place: Float[Tensor, "B D"],
+        left: Left,
+        uniform: Tensor,
+        temperature: float,
     ) -> Float[Tensor, "B D"]:
-        mixture = self._gaussians(features, place)
+        mixture = self._gaussians(features, place, left)
         chosen = draw(mixture.logits, uniform[:, 0], temperature)
         normal = torch.special.ndtri(uniform[:, 1:].double().clamp(1e-6, 1 - 1e-6)).to(place)
         row = torch.arange(len(place), device=place.device)
         out: Tensor = mixture.centre[row, chosen] + temperature * normal * mixture.log_sd[row, chosen].exp()
         return out
+
+
+def _at(events: Float[Tensor, "B K C"], known: Int[Tensor, "B N"]) -> Float[Tensor, "B N C"]:
+    return events.gather(1, known[..., None].expand(-1, -1, events.shape[-1]))
 
 
 def binned(frames: Float[Tensor, "B T C"], bin_frames: int, beyond: int = 0) -> Float[Tensor, "B N C"]:

@@ -1,0 +1,78 @@
+"""Places that events left: a process (event_process.py) can go back to one of them exactly.
+
+People look away from somebody and back to where he is. Places of a clip are its own, so neither Gaussians at fixed
+places nor steps from the present one find the way back, and gaze that is drawn freely wanders off (docs/log.md). Which
+place is gone back to is scored by how far it is, how long it held, and how long ago that was. The one that held longest
+is `home`: whether one is there or away from it is what hazards depend on most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+FIRST_LOG_SD = -1.1
+NEVER = -1e9  # the logit of a place that there is not
+
+
+@dataclass(frozen=True)
+class Left:
+    """The last R places that were left, the latest first, and for how many bins each held; 0: there is none yet."""
+
+    places: Float[Tensor, "*N R D"]
+    held: Float[Tensor, "*N R"]
+
+    @classmethod
+    def none(cls, batch: int, count: int, like: Float[Tensor, "M D"]) -> Left:
+        """Before the first event."""
+        return cls(like.new_zeros(batch, count, like.shape[1]), like.new_zeros(batch, count))
+
+    @classmethod
+    def before(cls, bins: Int[Tensor, "B K"], places: Float[Tensor, "B K D"], count: int) -> Left:
+        """What had been left before each event of a sequence, and after the last: (B, K + 1, R, ...)."""
+        held = F.pad(bins.diff(dim=1), (0, 1)).clamp(min=0).to(places)
+        which = (
+            torch.arange(bins.shape[1] + 1, device=bins.device)[:, None] - 2 - torch.arange(count, device=bins.device)
+        )
+        at = which.clamp(min=0, max=bins.shape[1] - 1)
+        return cls(places[:, at], held[:, at] * (which >= 0))
+
+    def of(self, rows: Int[Tensor, " S"]) -> Left:
+        """Of some rows."""
+        return Left(self.places[rows], self.held[rows])
+
+    def leave(self, rows: Int[Tensor, " S"], place: Float[Tensor, "S D"], held: Int[Tensor, " S"]) -> None:
+        """Some rows leave the place where they are; the oldest is forgotten."""
+        self.places[rows] = torch.cat([place[:, None], self.places[rows, :-1]], dim=1)
+        self.held[rows] = torch.cat([held[:, None].to(self.held), self.held[rows, :-1]], dim=1)
+
+    def home(self, present: Float[Tensor, "*N D"]) -> Float[Tensor, "*N D"]:
+        """The place that held longest; the present one where none was left yet."""
+        longest = self.held.argmax(-1)[..., None, None].expand(*present.shape[:-1], 1, present.shape[-1])
+        place = self.places.gather(-2, longest)[..., 0, :]
+        return torch.where(self.held.amax(-1)[..., None] > 0, place, present)
+
+
+class Returns(nn.Module):
+    """How likely it is to go back to each of the places that were left, and how near one lands."""
+
+    def __init__(self, count: int, numbers: int, width: int) -> None:
+        super().__init__()
+        self.candidate = nn.Linear(2 * numbers + 1, width)
+        self.nth = nn.Parameter(torch.zeros(count, width))
+        self.known = nn.Linear(width, width)
+        self.score = nn.Linear(width, 1)
+        self.log_sd = nn.Parameter(torch.full((numbers,), FIRST_LOG_SD))
+
+    def logits(
+        self, features: Float[Tensor, "*N W"], left: Left, place: Float[Tensor, "*N D"]
+    ) -> Float[Tensor, "*N R"]:
+        """Of each place that was left, where so much is known."""
+        away, off = left.places - place[..., None, :], left.places - left.home(place)[..., None, :]
+        candidate = self.candidate(torch.cat([away, off, left.held[..., None].log1p()], dim=-1)) + self.nth
+        scored: Tensor = self.score(F.gelu(candidate + self.known(features)[..., None, :]))[..., 0]
+        return scored.masked_fill(left.held == 0, NEVER)
