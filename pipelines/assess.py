@@ -70,8 +70,8 @@ def run(workspace: Workspace, name: str) -> Report:
             **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
             **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
             **_named(distances([clip.drawn for clip in found], [clip.truth for clip in found])),
-            "apart": table.apart,
-            "apart_of": table.apart_of,
+            "apart": float(table.apart),
+            "apart_of": float(table.apart_of),
         }
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())

@@ -158,7 +158,7 @@ def page(
         batch=loop["batch"],
         length_s=LENGTH_S,
         level=params["assess"]["bootstrap"]["level"],
-        apart_of=f"; of {of[0]}" if len(of) == 1 else f"; of {of[0]} to {of[-1]}",
+        apart_of=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
     )
     head = [*COLUMNS, *FIGURES_OF_VAL.values()]
     lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), _fitted(next(iter(table.values())))]
