@@ -5,8 +5,7 @@ Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train
 Writes: data/assess/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
 beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
 motion's, in a corpus without truth), and their mean, `distance`; `apart`, by how many measures of the gaze benchmark
-the samples are worse than the truth by more than the interval, of `apart_of`. benchmark.json: the benchmark itself,
-without the measures in features of windows, which cost most of it.
+the samples are worse than the truth by more than the interval, of `apart_of`. benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from talkingeyes.learning.trained import Generator, load_generator, needs, speak
 from talkingeyes.metrics.benchmark.paired import Counted, Paired, compared, counted, of_motions, of_samples
 from talkingeyes.metrics.benchmark.sound import CRITICS, OTHER_SOUNDS, hear
 from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
-from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.metrics.judges import Judges
 from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.motion import Motion
 from talkingeyes.run import Report, Workspace, each, main
@@ -71,8 +70,8 @@ def run(workspace: Workspace, name: str) -> Report:
             **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
             **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
             **_named(distances([clip.drawn for clip in found], [clip.truth for clip in found])),
-            "apart": table.apart,
-            "apart_of": table.apart_of,
+            "apart": float(table.apart),
+            "apart_of": float(table.apart_of),
         }
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())
@@ -92,23 +91,23 @@ def assess(sources: Sources, settings: AssessSettings, sound: Sound) -> Found:
     """Draw samples for one sound and measure them."""
     corpus, clip = Corpus(sources.corpus), sound.clip
     fitted, *others = Recordings([clip, *sound.others], sources.fit, sources.embed)
-    speech, critics = np.array(fitted.speech), _critics(sources.critic)
+    speech, judges = np.array(fitted.speech), _judges(sources.critic)
     seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
     teller = _teller(sources)
     given = teller.whole(clip, len(speech)) if teller else NOTHING
     drawn = _generator(sources.model).generate(speech, seeds, clip.fps, given)
     own = _one(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     under = [np.array(other.speech) for other in others]
-    heard = hear(critics, speech, under, drawn.head, drawn.gaze)
+    heard = hear(judges.critics, speech, under, drawn.head, drawn.gaze)
     takes = _takes(corpus, sources, sound)
     annotation = corpus.annotation(clip)
     beside = compared(of_samples(drawn, annotation), of_motions(takes, annotation))
     return Found(
         {part: float(heard[critic].own.mean()) for part, critic in CRITICS.items()},
-        {part: float(critics[critic](speech, own.head, own.gaze).mean()) for part, critic in CRITICS.items()},
+        {part: float(judges.critics[critic](speech, own.head, own.gaze).mean()) for part, critic in CRITICS.items()},
         dynamics(drawn),
         dynamics(_one(takes[0]) if corpus.has_truth else own),
-        counted(beside, heard, critics, None, speech, under),
+        counted(beside, heard, judges.critics, judges.encoder, speech, under),
     )
 
 
@@ -135,8 +134,9 @@ def _teller(sources: Sources) -> Teller | None:
 
 
 @lru_cache(maxsize=1)
-def _critics(folder: Path) -> dict[str, Correlation]:
-    return {critic: Correlation.load(folder, critic) for critic in CRITICS.values()}
+def _judges(folder: Path) -> Judges:
+    """Loaded once a process."""
+    return Judges.load(folder)
 
 
 def _one(motion: Motion) -> Samples:

@@ -1,8 +1,8 @@
 """Rows of a table under several seeds of training and sampling, through the result store: nothing is made twice.
 
-Used by: pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit, embedding, codebooks,
-critic) is made first; then the models run side by side, one a process. Killed, it goes on: every model, its samples and
-its row are kept under `store` (store.py).
+Used by: pipelines.combinations, pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit,
+embedding, codebooks, critic) is made first; then the models run side by side, one a process. Killed, it goes on: every
+model, what follows its training and its row are kept under `store` (store.py).
 """
 
 from __future__ import annotations
@@ -27,19 +27,22 @@ FIGURES = "figures.json"
 
 @dataclass(frozen=True)
 class Made:
-    """A row under one seed: where its figures are, and of a model its samples and the model itself."""
+    """A row under one seed: where its figures are, and of a model its samples (if the row reads them) and the model
+    itself, with the CPU seconds of its training (None if `dvc repro` trained it)."""
 
     name: str
     figures: Path
     samples: Path | None = None
     model: Path | None = None
+    training_cpu_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Kind:
     """What a row is: the name of its entries in the store, the code that it follows from, what it reads, its measure.
 
-    `measure` writes figures.json. `models`: those who are rows; real motion (`references`) is measured alone.
+    `measure` writes figures.json. `models`: those who are rows; real motion (`references`) is measured alone. `after`:
+    the stages that follow the training of a model and that the row reads.
     """
 
     stage: str
@@ -49,6 +52,7 @@ class Kind:
     measure: Callable[[Call, Workspace], Report]
     models: tuple[str, ...]
     references: tuple[str, ...]
+    after: tuple[str, ...] = ("sample",)
 
 
 @dataclass(frozen=True)
@@ -140,17 +144,20 @@ def _obtain(params: Mapping[str, Any], call: Call, upstream: Mapping[Path, Entry
 
 
 def _row(kind: Kind, shared_entries: Mapping[Path, Entry], work: tuple[Mapping[str, Any], str]) -> Made:
-    """Train, sample and measure one model of one seed; real motion is measured alone."""
+    """Train one model of one seed, run what follows the training, and measure it; real motion is measured alone."""
     params, name = work
     entries, of_model = dict(shared_entries), name not in kind.references
     if of_model:
         order = [("train", each) for each in _with_parts(params, [name])]
-        for call in recipe(params, [*order, ("sample", name)]):
+        for call in recipe(params, [*order, *((stage, name) for stage in kind.after)]):
             entries[call.folder] = _obtain(params, call, entries)
-    own = (f"data/sample/{name}", f"data/train/{name}") if of_model else ()
+    own = tuple(f"data/{stage}/{name}" for stage in (*kind.after, "train") if of_model)
     corpus = "data/synthesize" if params["corpus"] == OWN_CORPUS else params["corpus"]
     reads = (corpus, "data/fit", "data/embed", *kind.reads, *own)
     call = Call(kind.stage, name, reads, kind.code, kind.sections)
     figures = obtain(Path(params["store"]), call, params, entries, kind.measure).output / FIGURES
-    made = [entries[Path("data", stage, name)].output for stage in ("sample", "train") if of_model]
-    return Made(name, figures, *made)
+    if not of_model:
+        return Made(name, figures)
+    samples, model = (entries.get(Path("data", stage, name)) for stage in ("sample", "train"))
+    assert model is not None
+    return Made(name, figures, samples.output if samples else None, model.output, model.cpu_s)

@@ -26,7 +26,8 @@ INSTEAD = [
 DATA = """
 make params
 git init --quiet && git config user.name docs && git config user.email docs@localhost
-dvc commit --quiet --force synthesize fit embed pretrain train critic
+rm dvc.lock
+dvc commit --quiet --force synthesize fit embed pretrain train critic sample evaluate report
 git add --all && git commit --quiet -m docs
 """
 STAND_INS = """
@@ -40,6 +41,7 @@ talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
 talkingeyes export OTHER.npz -f livelink -o OTHER.csv
 mkdir -p build/experiment shared
 cp mlflow.db build/experiment/ && cp -r VIDEOS shared/videos
+mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)" ONE_CLIP
 """
 
 

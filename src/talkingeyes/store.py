@@ -18,6 +18,7 @@ import json
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, lru_cache
@@ -42,12 +43,17 @@ Make = Callable[[Call, Workspace], Report]
 
 @dataclass(frozen=True)
 class Entry:
-    """One result in the store. `origin` tells where it came from this time: made, store or dvc."""
+    """One result in the store. `origin` tells where it came from this time: made, store or dvc.
+
+    `cpu_s` is what the making process took (not those that it started); None of what `dvc repro` made. A stage that
+    was killed and went on counts its last part alone.
+    """
 
     folder: Path
     key: str
     report: Report
     origin: str
+    cpu_s: float | None
 
     @property
     def output(self) -> Path:
@@ -78,19 +84,21 @@ def obtain(
         if folder.exists():
             damage = _damage(folder)
             if damage is None:
-                return Entry(folder, key, _report_of(folder), "store")
+                return Entry(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
             print(f"store: {folder.name} is damaged ({damage}); it is made again", file=sys.stderr)
             shutil.rmtree(folder)
         making = store / f".{folder.name}.partial"
         own = _dvc_output(call, params, read, checkout)
         if own is not None:
             _copy(own, making / call.folder)
-            report = Report()
+            report, cpu_s = Report(), None
         else:
+            start = time.process_time()
             report = _make(call, params, read, making, make)
-        _keep(making, call, folder, made_from, report)
+            cpu_s = time.process_time() - start
+        _keep(making, call, folder, {**made_from, "cpu_s": cpu_s}, report)
         shutil.rmtree(making)
-        return Entry(folder, key, _report_of(folder), "made" if own is None else "dvc")
+        return Entry(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
 
 
 def link(entry: Entry, place: Path) -> None:
@@ -189,6 +197,11 @@ def _report_of(folder: Path) -> Report:
 
     rows = [Row(**{**row, "artifacts": paths(row["artifacts"])}) for row in plain["rows"]]
     return Report(plain["metrics"], paths(plain["artifacts"]), rows)
+
+
+def _cpu_s_of(folder: Path) -> float | None:
+    found = json.loads((folder / "made.json").read_text()).get("cpu_s")
+    return None if found is None else float(found)
 
 
 def _stamps(output: Path) -> dict[str, list[int]]:

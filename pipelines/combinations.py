@@ -1,0 +1,191 @@
+"""Every head generator before every gaze decoder, trained alike: what each combination costs and gives, in one table.
+
+Run     python -m pipelines.combinations [seeds=0] [--out DIR] [overrides]; how long they learn:
+        model.head_of_events.loop.steps=200
+Reads   conf/experiment/combinations; corpus, fit and embedding of `make repro` are taken over if they are the same
+Writes  DIR (by default docs/): combinations.md, combinations.json; works in the folder that `workspace` names
+        (build/combinations)
+
+Figures are those of `assess`, on val: which combination to go on with is a choice. Times are CPU seconds of this
+machine. Killed, it goes on (pipelines/rows.py); a training that was cut off counts its last part alone. Outside the
+default chain.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import recordings
+from talkingeyes.learning.checkpoint import load
+from talkingeyes.learning.trained import load_generator
+from talkingeyes.metrics.pose.page import over
+from talkingeyes.recipe import Call
+from talkingeyes.run import Report, Workspace, shell
+
+HEADS = {
+    "vae": "VAE",
+    "causal_vae": "VAE that hears the past",
+    "vqvae": "VQ-VAE",
+    "events": "events (strokes)",
+}
+GAZES = {
+    "events": "events",
+    "categorical": "codes, drawn",
+    "regressed": "codes, regressed (the paper's)",
+    "vae": "VAE",
+}
+CANONICAL = "vae_canonical"
+TITLES = {f"{head}_{gaze}": (HEADS[head], GAZES[gaze]) for head in HEADS for gaze in GAZES} | {
+    CANONICAL: (HEADS["vae"], "canonical correlation")
+}
+LENGTH_S, SAMPLES = 10.0, 10
+ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/learning", "src/talkingeyes/models")
+# Of data/assess/<model>/metrics.json, with what stands over the column; `fitted` is the same of the motion learnt from.
+FIGURES_OF_VAL = {
+    "distance": "distance",
+    "corr": "Corr. eyes",
+    "corr_space": "Corr. space",
+    "corr_head": "Corr. head",
+    "apart": "apart",
+}
+FITTED = {name: name.replace("corr", "corr_fitted") for name in FIGURES_OF_VAL if name.startswith("corr")}
+COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
+INTRODUCTION = """# Every head before every gaze decoder
+
+Written by `python -m pipelines.combinations{words}`, which goes on where it was killed. What is combined, and how:
+conf/experiment/combinations.yaml. A combination is configuration alone; any of them:
+`python -m pipelines.experiment experiment=combinations until=assess@vae_events`.
+
+Seeds of training and sampling: {seeds}. Each learnt for {steps} steps of {batch} windows, both parts together, under
+the same speech encoder: so few that rows can be compared with each other, and not with models that learnt for longer.
+Each figure is the mean of the seeds; small, their range.
+
+`parameters` are all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process on
+the machine that wrote this page: of training (without codebooks, which `categorical` and `regressed` need beforehand;
+with the validation in free running at its end), and of generating {length_s:g} s of head and gaze from the embedded
+speech. The rest is measured on val by the stage `assess`: `distance` is that of eye speed and saccade amplitude from
+the truth's, in its standard deviations; Corr. is to be near that of the fitted motion, not above it; `apart` counts the
+measures of the gaze benchmark by which samples are worse than the truth by more than the interval of {level:.0%}, or
+that the truth has a figure for and they, for want of events, have none{apart_of}.
+
+"""
+LEFT_OUT = """
+Not in the table:
+
+- Canonical correlation behind the other heads: it learns no head, is in closed form, and gives one gaze a head, so that
+  behind another head it would tell of that head alone. Its training is that of the closed form, behind `vae_events`.
+- Heads that are learnt alone, of six numbers at 30 frames a second (PoseGAN, the CNN and others): they come before a
+  gaze decoder that was trained elsewhere; all of them, before one: [posegan_table.md](posegan_table.md).
+- Baselines (mean, random, similar): they take head and gaze from one motion, and combine with nothing.
+- Streams: a decoder hears the future here, whatever its head hears; what streams is `talkingeyes_live` alone
+  ([live.md](live.md)).
+"""
+
+
+def main() -> None:
+    """All combinations of all seeds, then the page."""
+    wanted = options(sys.argv[1:])
+    made = of_seeds(wanted.overrides, wanted.seeds)
+    kind = Kind("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), after=("assess",))
+    table = _table(rows(made, kind, critic=True, title="combinations").by_name)
+    text = page(table, made[0], " ".join(["", *sys.argv[1:]]), wanted.seeds)
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    (wanted.out / "combinations.json").write_text(json.dumps({"seeds": wanted.seeds, "rows": table}, indent=1))
+    (wanted.out / "combinations.md").write_text(text)
+    print(text)
+
+
+def options(arguments: Sequence[str]) -> Asked:
+    """What is asked for, one seed unless more are named. An experiment is composed on top of the combinations'."""
+    wanted = asked(arguments)
+    seeds = wanted.seeds if any(text.startswith("seeds=") for text in arguments) else [0]
+    more = [text.partition("=")[2] for text in wanted.overrides if text.startswith("experiment=")]
+    rest = [text for text in wanted.overrides if not text.startswith("experiment=")]
+    return replace(wanted, seeds=seeds, overrides=[f"experiment=[{','.join(['combinations', *more])}]", *rest])
+
+
+def _measure(call: Call, workspace: Workspace) -> Report:
+    """What one combination costs, and its figures on val."""
+    (row,), data = call.names, workspace.data
+    clip = recordings(Corpus(workspace.corpus), data("fit"), data("embed"), "val", take=0)[0]
+    frames = round(LENGTH_S * clip.clip.fps)
+    speech = np.tile(np.asarray(clip.speech), (-(-frames // len(clip)), 1))[:frames]
+    generator, seeds = load_generator(data("train", row)), list(range(SAMPLES))
+    generator.generate(speech[: frames // 5], seeds[:1], clip.clip.fps)  # what the first call prepares is not counted
+    taken = {}
+    for name, drawn in (("one_cpu_s", seeds[:1]), ("ten_cpu_s", seeds)):
+        start = time.process_time()
+        generator.generate(speech, drawn, clip.clip.fps)
+        taken[name] = time.process_time() - start
+    figures = {
+        "parameters": sum(tensor.numel() for tensor in load(data("train", row)).tensors.values()),
+        **taken,
+        "val": json.loads(data("assess", row, "metrics.json").read_text()),
+    }
+    with workspace.output(call.stage, row) as folder:
+        (folder / FIGURES).write_text(json.dumps(figures))
+    return Report()
+
+
+def _table(by_name: Mapping[str, Sequence[Made]]) -> dict[str, list[dict[str, Any]]]:
+    """Of every combination the figures of every seed, with what its training took."""
+    return {
+        name: [{**json.loads(one.figures.read_text()), "training_cpu_s": one.training_cpu_s} for one in seeds]
+        for name, seeds in by_name.items()
+    }
+
+
+def page(
+    table: Mapping[str, Sequence[Mapping[str, Any]]], params: Mapping[str, Any], words: str, seeds: Sequence[int]
+) -> str:
+    """The table as Markdown, with what it was made with and what is not in it."""
+    loop = params["model"][next(name for name in table if name != CANONICAL)]["loop"]
+    of = sorted({seed["val"]["apart_of"] for found in table.values() for seed in found})
+    introduction = INTRODUCTION.format(
+        words=words,
+        seeds=", ".join(map(str, seeds)),
+        steps=loop["steps"],
+        batch=loop["batch"],
+        length_s=LENGTH_S,
+        level=params["assess"]["bootstrap"]["level"],
+        apart_of=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
+    )
+    head = [*COLUMNS, *FIGURES_OF_VAL.values()]
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), _fitted(next(iter(table.values())))]
+    lines += [_line(name, found) for name, found in table.items()]
+    return introduction + "\n".join(lines) + "\n" + LEFT_OUT
+
+
+def _fitted(seeds: Sequence[Mapping[str, Any]]) -> str:
+    """The motion that models learn from, on val: what Corr. should be near."""
+    cells = [f"{seeds[0]['val'][FITTED[name]]:.3f}" if name in FITTED else "" for name in FIGURES_OF_VAL]
+    return "| " + " | ".join(["*fitted motion*", *[""] * (len(COLUMNS) - 1), *cells]) + " |"
+
+
+def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
+    trained = [seed["training_cpu_s"] for seed in seeds]
+    known = [value for value in trained if value is not None]
+    cells = [
+        *TITLES[name],
+        f"{seeds[0]['parameters']:,}",
+        over(known, 0) if len(known) == len(trained) else "–",
+        *(over([seed[each] for seed in seeds]) for each in ("one_cpu_s", "ten_cpu_s")),
+        *(over([seed["val"][each] for seed in seeds], 0 if each == "apart" else 3) for each in FIGURES_OF_VAL),
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+if __name__ == "__main__":
+    shell(
+        importlib.import_module("pipelines.combinations").main
+    )  # by its name, so that worker processes find `_measure`

@@ -1,0 +1,208 @@
+"""What models are chosen by on val: `assess` with the gaze benchmark, and the table of combinations."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+import toy_workspace
+from toy import recordings
+
+from pipelines import assess, combinations, critic, rows
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.config import compose
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.learning.trained import save_baseline
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.metrics.benchmark.paired import Paired, compared, counted, of_motions, of_samples
+from talkingeyes.metrics.benchmark.sound import CRITICS, hear
+from talkingeyes.metrics.bootstrap import BootstrapSettings
+from talkingeyes.metrics.choosing import Figure
+from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.models.gaze.generator import GAZE_GENERATORS
+from talkingeyes.models.head.generator import HEAD_GENERATORS
+from talkingeyes.motion import Motion
+from talkingeyes.recipe import Call
+from talkingeyes.run import Report, Workspace
+from talkingeyes.store import obtain
+
+BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)
+FPS, FRAMES, SOUNDS = 25.0, 250, 6
+
+
+class Deaf:
+    """A critic that thinks the same of every motion."""
+
+    def under(self, sounds, head, gaze):
+        return np.full((len(sounds), len(head)), 0.5)
+
+
+def moving(random, jump_rad):
+    """A head that sways, and eyes that jump two or three times a second."""
+    head = 0.1 * np.sin(np.arange(FRAMES)[:, None] / FPS * [1.0, 2.0, 0.5] + random.uniform(0, 6, 3))
+    places = random.normal(0, jump_rad, (FRAMES, 3)) * [1, 1, 0]
+    held = np.maximum.accumulate(np.where(random.random(FRAMES) < 2.5 / FPS, np.arange(FRAMES), 0))
+    return Motion.of(FPS, head, np.repeat(places[held][:, None], 2, axis=1))
+
+
+def benchmark(jump_rad):
+    """The table of motions whose eyes jump that far, of sounds whose true eyes jump by some ten degrees."""
+    random, critics = np.random.default_rng(0), dict.fromkeys(CRITICS.values(), Deaf())
+    paired, speech = Paired(), np.zeros((FRAMES, 2))
+    for _ in range(SOUNDS):
+        true = [moving(random, 0.15) for _ in range(2)]
+        drawn = [moving(random, jump_rad) for _ in range(2)]
+        samples = Samples(FPS, np.stack([each.head for each in drawn]), np.stack([each.gaze for each in drawn]))
+        heard = hear(critics, speech, [speech], samples.head, samples.gaze)
+        beside = compared(of_samples(samples, Annotation()), of_motions(true, Annotation()))
+        paired.add(counted(beside, heard, critics, None, speech, [speech]))
+    return paired.table(BOOTSTRAP)
+
+
+def test_motion_without_saccades_is_not_spared_what_it_lacks():
+    alike, frozen = benchmark(0.15), benchmark(0.0)
+    assert alike.missing == 0
+    assert alike.apart < 0.3 * alike.apart_of
+    assert frozen.apart > alike.apart
+    assert frozen.missing > 0
+    assert any(row.measure.name.startswith("saccades/") for row in frozen.rows if row.apart is None)
+    compared_alone = sum(row.apart is not None for row in frozen.rows)
+    assert frozen.apart_of == compared_alone + frozen.missing
+    assert frozen.apart == sum(row.apart is True for row in frozen.rows) + frozen.missing
+    assert json.loads(frozen.json())["sounds"] == SOUNDS
+    assert json.loads(Paired().table(BOOTSTRAP).json()) == {
+        "schema": "talkingeyes.benchmark/1",
+        "sounds": 0,
+        "measures": {},
+    }
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """Toys with sounds in val, critics, and a baseline."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toy_workspace, "SPEAKERS", {**toy_workspace.SPEAKERS, "g": "val", "h": "val"})
+        patch.setattr(toy_workspace, "FRAMES", 300)  # long enough for most measures
+        made = toy_workspace.toy_workspace(tmp_path_factory.mktemp("workspace"))
+    critic.run(made)
+    clips = recordings(4, seed=2, frames=300)
+    names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
+    speech = [each.speech[:, : len(names)] for each in clips]
+    bank = bank_of(speech, [each.head for each in clips], [each.gaze for each in clips])
+    settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
+    with made.output("train", "random") as folder:
+        save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
+    section = {"seed": 0, "samples": 2, "bootstrap": BOOTSTRAP.model_dump()}
+    return Workspace(made.root, {**made.params, "assess": section})
+
+
+def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(workspace):
+    path, found = workspace.data("assess", "random"), []
+    for jobs in (1, 2):
+        assess.run(replace(workspace, params={**workspace.params, "machine": {"jobs": jobs}}), "random")
+        found.append([(path / name).read_bytes() for name in ("metrics.json", "benchmark.json")])
+    assert found[0] == found[1]
+    figures, table = map(json.loads, found[0])
+    assert set(get_args(Figure)) <= set(figures)
+    assert 0 < figures["apart"] <= figures["apart_of"]
+    assert table["sounds"] == 8
+    told = [one["apart"] for one in table["measures"].values()]
+    assert sum(map(bool, told)) <= figures["apart"]
+    assert table["measures"]["eye/speed"]["value"] is not None
+
+
+def test_a_combination_is_measured_with_what_it_costs(workspace):
+    assess.run(workspace, "random")
+    combinations._measure(Call("combination_row", "random", (), (), ()), workspace)
+    figures = json.loads(workspace.data("combination_row", "random", "figures.json").read_text())
+    assert figures["parameters"] > 1000
+    assert figures["one_cpu_s"] > 0
+    assert figures["val"] == json.loads(workspace.data("assess", "random", "metrics.json").read_text())
+
+
+def test_every_kind_is_combined_with_every_other_and_learns_as_long():
+    params = compose(["experiment=combinations", "model.head_of_events.loop.steps=7"])
+    assert set(combinations.HEADS) == set(HEAD_GENERATORS.kinds)
+    assert set(combinations.GAZES) == set(GAZE_GENERATORS.kinds)
+    weights: dict[str, set[frozenset[str]]] = {}
+    for head in combinations.HEADS:
+        for gaze in combinations.GAZES:
+            made = TranslationSettings.model_validate(params["model"][f"{head}_{gaze}"])
+            assert (made.head.kind, made.gaze.kind) == (head, gaze)
+            assert (made.loop.steps, made.loop.validate_every, made.loop.batch) == (7, 7, 8)
+            assert made.speech.model_dump() == params["model"]["talkingeyes"]["speech"] | {
+                key: value
+                for key, value in made.speech.model_dump().items()
+                if key not in params["model"]["talkingeyes"]["speech"]
+            }
+            assert (made.prior in params["pretrain"]) == (gaze in ("categorical", "regressed"))
+            for part, kind in (("head_", head), ("gaze_", gaze)):
+                own = frozenset(name for name in made.weights if name.startswith(part))
+                assert own
+                weights.setdefault(part + kind, set()).add(own)
+    assert all(len(found) == 1 for found in weights.values()), "a part has the same terms in every combination"
+    assert params["model"][combinations.CANONICAL]["made_of"] == ["vae_events"]
+
+
+def seed_of(apart_of=60.0, training=10.0, corr=0.2):
+    """The figures of one seed."""
+    corrs = {name: corr for name in ("corr", "corr_space", "corr_head")}
+    fitted = {name.replace("corr", "corr_fitted"): 0.4 for name in corrs}
+    val = {**corrs, **fitted, "distance": 0.5, "apart": 20.0, "apart_of": apart_of}
+    return {"parameters": 12345, "one_cpu_s": 0.1, "ten_cpu_s": 0.5, "val": val, "training_cpu_s": training}
+
+
+def test_the_page_says_what_was_taken_and_what_is_not_known():
+    params = compose(["experiment=combinations"])
+    table = {"vae_events": [seed_of(), seed_of(corr=0.4, training=20.0)], "vqvae_vae": [seed_of(training=None)] * 2}
+    text = combinations.page(table, params, " seeds=0,1", [0, 1])
+    assert "for 200 steps of 8 windows" in text
+    assert "; of 60." in text
+    lines = {line.split(" | ")[0] + line.split(" | ")[1]: line for line in text.splitlines() if line.startswith("| ")}
+    assert "| 12,345 | 15 <sub>10–20</sub> |" in lines["| VAEevents"]
+    assert "0.300 <sub>0.200–0.400</sub>" in lines["| VAEevents"]
+    assert "| 12,345 | – |" in lines["| VQ-VAEVAE"]
+    assert "0.400 | 0.400 | 0.400" in lines["| *fitted motion*"]
+    assert len({line.count("|") for line in lines.values()}) == 1
+    wide = combinations.page({"vae_vae": [seed_of(50.0), seed_of(55.0)]}, params, "", [0, 1])
+    assert "; of 50 to 55." in wide
+
+
+def test_what_is_asked():
+    wanted = combinations.options(["experiment=tiny", "model.head_of_events.loop.steps=4"])
+    assert wanted.seeds == [0]
+    assert wanted.overrides == ["experiment=[combinations,tiny]", "model.head_of_events.loop.steps=4"]
+    assert combinations.options(["seeds=1,2"]).seeds == [1, 2]
+
+
+def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, tmp_path):
+    params, asked = compose(["experiment=combinations", f"store={tmp_path}"]), []
+
+    def obtained(params, call, upstream):
+        asked.append(call.address)
+
+        def make(call, workspace):
+            with workspace.output(call.stage, *call.names) as folder:
+                (folder / rows.FIGURES).write_text("{}")
+            return Report()
+
+        plain = replace(call, data=(), code=(), sections=())
+        return obtain(tmp_path, plain, {"corpus": "data/synthesize", "machine": {}}, {}, make)
+
+    monkeypatch.setattr(rows, "_obtain", obtained)
+
+    def measure(call, workspace):
+        with workspace.output(call.stage, *call.names) as folder:
+            (folder / rows.FIGURES).write_text("{}")
+        return Report()
+
+    kind = rows.Kind("combination_row", (), (), (), measure, ("vae_canonical",), (), after=("assess",))
+    first, again = (rows._row(kind, {}, (params, "vae_canonical")) for _ in range(2))
+    assert asked[:3] == ["train@vae_events", "train@vae_canonical", "assess@vae_canonical"]
+    assert first.samples is None
+    assert first.training_cpu_s is not None
+    assert first.training_cpu_s > 0
+    assert first == again, "what it took is kept with the result"
