@@ -1,7 +1,7 @@
 """Every head generator before every gaze decoder, trained alike: what each combination costs and gives, in one table.
 
 Run     python -m pipelines.combinations [seeds=0] [--out DIR] [overrides]; how long they learn:
-        model.head_of_events.loop.steps=200
+        model.head_of_vae.loop.steps=200
 Reads   conf/experiment/combinations; corpus, fit and embedding of `make repro` are taken over if they are the same
 Writes  DIR (by default docs/): combinations.md, combinations.json; works in the folder that `workspace` names
         (build/combinations)

@@ -11,6 +11,7 @@ nothing reads it. Rows of people's own styles, of jaws, lids and of the fit are 
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -163,4 +164,4 @@ def cell(fact: Fact, found: Measured | None) -> str:
 
 
 if __name__ == "__main__":
-    shell(main)
+    shell(importlib.import_module("pipelines.facts_model").main)  # by its name, so that worker processes find `observe`

@@ -124,7 +124,7 @@ def test_a_combination_is_measured_with_what_it_costs(workspace):
 
 
 def test_every_kind_is_combined_with_every_other_and_learns_as_long():
-    params = compose(["experiment=combinations", "model.head_of_events.loop.steps=7"])
+    params = compose(["experiment=combinations", "model.head_of_vae.loop.steps=7"])
     assert set(combinations.HEADS) == set(HEAD_GENERATORS.kinds)
     assert set(combinations.GAZES) == set(GAZE_GENERATORS.kinds)
     weights: dict[str, set[frozenset[str]]] = {}
@@ -172,9 +172,9 @@ def test_the_page_says_what_was_taken_and_what_is_not_known():
 
 
 def test_what_is_asked():
-    wanted = combinations.options(["experiment=tiny", "model.head_of_events.loop.steps=4"])
+    wanted = combinations.options(["experiment=tiny", "model.head_of_vae.loop.steps=4"])
     assert wanted.seeds == [0]
-    assert wanted.overrides == ["experiment=[combinations,tiny]", "model.head_of_events.loop.steps=4"]
+    assert wanted.overrides == ["experiment=[combinations,tiny]", "model.head_of_vae.loop.steps=4"]
     assert combinations.options(["seeds=1,2"]).seeds == [1, 2]
 
 

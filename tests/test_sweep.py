@@ -138,7 +138,7 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
     def chain(params, view, overrides, watch):
-        weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+        weight = params["model"]["talkingeyes"]["weights"]["head_where"]
         for step in (1, 2, 3):
             steps.append(step)
             watch(step, {"score": -weight})
@@ -155,8 +155,8 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     assert set(states) == {"COMPLETE", "PRUNED"}
     pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
     assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
-    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_kl"])
-    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_kl"] for trial in study.trials)
+    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_where"])
+    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_where"] for trial in study.trials)
     assert worst.number < 4 or worst.state.name == "PRUNED"
 
 
