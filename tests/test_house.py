@@ -24,6 +24,7 @@ from talkingeyes.run import quiet
 WITHOUT_SETTINGS = {"report"}
 NO_STAGE = {"corpus", "workspace", "machine", "model", "experiment", "params", "posegan_table"}
 NO_STAGE |= {
+    "combinations",
     "evaluate_face",
     "face_table",
     "facts",
