@@ -75,7 +75,7 @@ def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances
     )
 
 
-def distance(drawn: Sequence[Float[ndarray, " N"]], truth: Sequence[Float[ndarray, " M"]]) -> float:
+def distance(drawn: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
     """Wasserstein's distance in standard deviations of the truth."""
     from scipy.stats import wasserstein_distance
 

@@ -87,7 +87,7 @@ class Table:
 
     rows: list[Row]
     missing: int  # measures of what the truth does often enough and the motions do not: apart, too
-    facts: dict[str, float]
+    facts: dict[str, int | float]
 
     @property
     def apart(self) -> int:
