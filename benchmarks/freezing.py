@@ -1,0 +1,149 @@
+"""Why the paper's decoder stands still when it runs free: what it says when it is told the truth, and after.
+
+Of every fitted sound of a split, under its true head: the eyes that a `regressed` decoder predicts for each frame from
+the true ones before it (told); the eyes when it has been told RELEASED_S seconds and then goes on by itself (released);
+the eyes of a free run. A decoder that has learnt to copy the last frame is as fast as the truth as long as it is told,
+a frame late, and stands still soon after it is released; then neither the number of codes nor a term of its loss can
+show in a free run, and the order of such rows in a table is chance.
+
+Run     python benchmarks/freezing.py MODEL...       (folders of the train stage, such as data/train/talkingeyes_paper)
+Reads   the corpus, data/fit, data/embed, data/critic of the folder where it runs; the models
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from torch import Tensor
+
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.corpus.windows import recordings
+from talkingeyes.kinematics import eye_speed_deg_s
+from talkingeyes.learning.trained import NetworkGenerator, load_generator
+from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.models.condition.conditioner import NOTHING
+from talkingeyes.models.gaze.generator import Condition
+from talkingeyes.models.gaze.regressed import RegressedGaze
+from talkingeyes.models.gaze.signal import gaze_of, signal_of
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.run import Workspace, shell
+
+SPLIT = "test"
+RELEASED_S, WATCHED_S, PART_S = 2.0, 2.0, 0.5
+MOVES_DEG = 1.0  # a frame in which the eyes move says whether it is copied
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One sound as a decoder has it."""
+
+    memory: Float[Tensor, "1 T W"]
+    true: Float[Tensor, "1 T F"]  # in units of the codebook's scale
+    head: Float[Tensor, "1 T 3"]
+
+
+def predicted(
+    gaze: RegressedGaze, past: Float[Tensor, "1 T F"], memory: Float[Tensor, "1 T W"]
+) -> Float[Tensor, "1 T F"]:
+    """Each frame from those before it, which are given (eq. 9), in units of the codebook's scale."""
+    features = gaze.out(gaze.transformer(gaze.embed(past), memory))
+    values = gaze.codebook.quantiser(features).values
+    signal = gaze.codebook.decode(values, torch.zeros(past.shape[:2], dtype=torch.bool))
+    return (signal - gaze.codebook.mean) / gaze.codebook.scale
+
+
+def before(frames: Float[Tensor, "1 T F"]) -> Float[Tensor, "1 T F"]:
+    """What was before each frame; before the first, the mean."""
+    return torch.cat([torch.zeros_like(frames[:, :1]), frames[:, :-1]], dim=1)
+
+
+def released(gaze: RegressedGaze, heard: Heard, from_frame: int, frames: int) -> Float[Tensor, "1 N F"]:
+    """Told the truth up to a frame; then so many frames by itself."""
+    known = heard.true[:, :from_frame]
+    for _ in range(min(frames, heard.true.shape[1] - from_frame)):
+        past = torch.cat([torch.zeros_like(known[:, :1]), known], dim=1)
+        known = torch.cat([known, predicted(gaze, past, heard.memory[:, : past.shape[1]])[:, -1:]], dim=1)
+    return known[:, from_frame:]
+
+
+def heard_by(network: SpeechToMotion, gaze: RegressedGaze, recording) -> Heard:
+    """A recording, with its true head as condition."""
+    head, eyes, speech = (torch.from_numpy(np.array(each)).float()[None] for each in recording[:3])
+    condition = Condition(network.hear(speech, NOTHING), head, network.head.normal(head))
+    memory = gaze.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
+    signal = signal_of(gaze.codebook.settings.signal, head, eyes)
+    return Heard(memory, (signal - gaze.codebook.mean) / gaze.codebook.scale, head)
+
+
+def speeds(gaze: RegressedGaze, frames: Float[Tensor, "1 T F"], fps: float) -> Float[ndarray, " _"]:
+    """Degrees a second between frames; where codes are of the eyes in the head no head is needed."""
+    still = torch.zeros(1, frames.shape[1], 3)
+    eyes = gaze_of(gaze.codebook.settings.signal, still, frames * gaze.codebook.scale + gaze.codebook.mean)
+    return eye_speed_deg_s(eyes.numpy(), fps).ravel()
+
+
+def degrees(gaze: RegressedGaze, off: Float[Tensor, "1 T F"]) -> Float[ndarray, " T"]:
+    """How far two courses are apart in each frame, the mean of both eyes."""
+    return np.degrees((off * gaze.codebook.scale)[0].unflatten(-1, (2, -1)).norm(dim=-1).mean(-1).numpy())
+
+
+@torch.no_grad()
+def measure(model: Path, workspace: Workspace) -> dict[str, float]:
+    """The figures of one model over all sounds of the split."""
+    generator = load_generator(model)
+    assert isinstance(generator, NetworkGenerator)
+    network, gaze = generator.network, generator.network.gaze
+    assert isinstance(gaze, RegressedGaze)
+    corpus = Corpus(workspace.corpus)
+    clips = recordings(corpus, workspace.data("fit"), workspace.data("embed"), SPLIT, take=0)
+    critic = Correlation.load(workspace.data("critic"), "gaze")
+    found: dict[str, list[float]] = {}
+
+    def add(name: str, value: float) -> None:
+        found.setdefault(name, []).append(value)
+
+    for recording in clips:
+        fps = recording.clip.fps
+        heard = heard_by(network, gaze, (recording.head, recording.gaze, recording.speech))
+        told = predicted(gaze, before(heard.true), heard.memory)
+        true_speed = speeds(gaze, heard.true, fps)
+        add("told: speed / fitted", speeds(gaze, told, fps).mean() / true_speed.mean())
+        moves = degrees(gaze, heard.true - before(heard.true)) > MOVES_DEG
+        moves[0] = False
+        late, right = (degrees(gaze, told - each)[moves] for each in (before(heard.true), heard.true))
+        add("told: moving frames nearer to the last frame than to their own", float((late < right).mean()))
+        speech, head = np.array(recording.speech), heard.head.numpy()
+        for name, frames in (("told", told), ("fitted", heard.true)):
+            eyes = gaze_of(gaze.codebook.settings.signal, heard.head, frames * gaze.codebook.scale + gaze.codebook.mean)
+            add(f"{name}: Corr. eyes", float(critic(speech, head, eyes.numpy()).mean()))
+        first, part = round(RELEASED_S * fps), round(PART_S * fps)
+        alone = torch.cat([heard.true[:, first - 1 : first], released(gaze, heard, first, round(WATCHED_S * fps))], 1)
+        course = speeds(gaze, alone, fps)
+        for number in range(len(course) // part):
+            add(
+                f"released {number * PART_S:g} to {(number + 1) * PART_S:g} s: deg/s",
+                course[number * part :][:part].mean(),
+            )
+        add("fitted: deg/s", true_speed.mean())
+        free = generator.generate(speech, [0], fps)
+        add("free: speed / fitted", eye_speed_deg_s(free.gaze, fps).mean() / true_speed.mean())
+    return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def main() -> None:
+    """A line a figure, a column a model."""
+    workspace, models = Workspace.open(Path.cwd()), [Path(each) for each in sys.argv[1:]]
+    columns = [measure(model, workspace) for model in models]
+    print("models: " + ", ".join(map(str, models)))
+    for name in columns[0]:
+        print(f"{name:64s}", *(f"{column[name]:8.3f}" for column in columns))
+
+
+if __name__ == "__main__":
+    shell(main)
