@@ -26,6 +26,7 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
 from talkingeyes.kinematics import eye_speed_deg_s
 from talkingeyes.learning.trained import NetworkGenerator, load_generator
+from talkingeyes.metrics.benchmark.sound import CRITICS
 from talkingeyes.metrics.correlation import Correlation
 from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.models.gaze.generator import Condition
@@ -102,7 +103,7 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
     assert isinstance(gaze, RegressedGaze)
     corpus = Corpus(workspace.corpus)
     clips = recordings(corpus, workspace.data("fit"), workspace.data("embed"), SPLIT, take=0)
-    critic = Correlation.load(workspace.data("critic"), "gaze")
+    critic = Correlation.load(workspace.data("critic"), CRITICS["gaze"])
     found: dict[str, list[float]] = {}
 
     def add(name: str, value: float) -> None:
