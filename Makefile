@@ -45,7 +45,7 @@ OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes 
 	train@talkingeyes_live sample@talkingeyes_live
 
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
-	$(BIN)/dvc repro embed
+	$(BIN)/dvc repro fit embed
 	-@$(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one
 	$(BIN)/dvc repro report
 	@cat data/report/table3.md
