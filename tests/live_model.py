@@ -1,6 +1,6 @@
-"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
+"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live_events.yaml.
 
-`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_codes.yaml does, but hears nothing ahead.
+`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_live.yaml does, but hears nothing ahead.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def content(*place: str) -> Any:
 
 CODES = {
     "prior": "gaze_patches",
-    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_back": 12, "condition_ahead": 0},
+    "gaze": content("model", "talkingeyes_live.yaml")["gaze"],
 }
 
 
@@ -52,7 +52,7 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, **changes: Any) -> Path:
     """Write one with other values at the top of its section."""
     torch.manual_seed(3)
-    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
+    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live_events.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     prior = codebook() if settings.prior else None

@@ -50,7 +50,7 @@ def test_home_is_where_gaze_was_longest():
 def test_a_place_that_there_is_not_is_never_gone_to():
     torch.manual_seed(0)
     left = Left(torch.randn(1, 3, 3), torch.tensor([[4.0, 0.0, 2.0]]))
-    logits = Returns(3, 3, 8).logits(torch.randn(1, 8), left, torch.randn(1, 3))
+    logits = Returns(3, 8, (1.0, 1.0, 1.0)).logits(torch.randn(1, 8), left, torch.randn(1, 3))
     assert (logits == NEVER).tolist() == [[False, True, False]]
 
 

@@ -207,7 +207,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
-        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze not told ahead"),
+        ({"gaze": content("model", "talkingeyes_events.yaml")["gaze"]}, "gaze not told ahead"),
         ({**CODES, "gaze": CODES["gaze"] | {"condition_ahead": 1}}, "gaze not told ahead"),
     ],
 )

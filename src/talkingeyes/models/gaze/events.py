@@ -61,22 +61,27 @@ class EventGaze(nn.Module):
     """Fixations of speech and head."""
 
     scale: Tensor
+    centre: Tensor
     configured_by = EventGazeSettings
 
     def __init__(self, settings: EventGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
         self.register_buffer("scale", torch.ones(()))
+        self.register_buffer("centre", torch.zeros(len(SPREAD)))
         self.fps, self.bin_frames = settings.fps, settings.process.bin_frames
         self.process = EventProcess(settings.process, speech + 3, SPREAD)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """One scale for all angles; gaze in space has a mean near zero."""
+        """One scale for all angles. Gaze in space has a mean near zero, but for the angle between the eyes' axes: left
+        out of the centre, it would put all places of the Gaussians where no eyes ever look."""
+        still = torch.zeros(1, 1, 3, device=mean.device)
+        self.centre[2] = both_eyes(signal_of("gaze_in_space", still, mean.reshape(1, 1, 2, 3)))[0, 0, 2]
         self.scale.fill_(scale)
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """The likelihood of the fixations of true gaze."""
         found = fixations(both_eyes(signal_of("gaze_in_space", condition.head, gaze)))
-        events = EventSequence.of_frames(found.onset, found.landing / self.scale, self.bin_frames)
+        events = EventSequence.of_frames(found.onset, (found.landing - self.centre) / self.scale, self.bin_frames)
         terms = self.process.terms(events, self.within(condition))
         return {f"gaze_{name}": value for name, value in terms.items()}
 
@@ -117,7 +122,7 @@ class EventGaze(nn.Module):
 
     def radians(self, places: Float[Tensor, "*K 3"]) -> Float[ndarray, "*K 3"]:
         """Places as they are shown."""
-        return np.asarray((places * self.scale).cpu().numpy().astype(float))
+        return np.asarray((places * self.scale + self.centre).cpu().numpy().astype(float))
 
     def within(self, condition: Condition) -> Float[Tensor, "B N C"]:
         """Speech and head a bin: their means; the last bin is filled up by its last frame."""

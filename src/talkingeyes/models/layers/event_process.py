@@ -35,7 +35,7 @@ class EventProcessSettings(Settings):
     width: Annotated[int, Field(gt=0)]
     # Frames of a bin; at most one event a bin.
     bin_frames: Annotated[int, Field(gt=0)]
-    # Gaussians at places of their own, and relative to the present place, which are moved and sized by what is known.
+    # Gaussians at places of their own, and relative to the present place.
     fixed: Annotated[int, Field(ge=0)]
     relative: Annotated[int, Field(gt=0)]
     # Places that were left and can be gone back to.
@@ -140,11 +140,7 @@ class EventProcess(nn.Module):
         start = _quantiles(far + near, numbers) * torch.tensor([1.0] * far + [0.3] * near)[:, None]
         self.means = nn.Parameter(start * torch.tensor(spread))
         self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(self.means.shape).clone())
-        self.returns = Returns(settings.returns, numbers, width)
-        # Of the relative ones: how they are shifted and widened.
-        self.adapt = nn.Linear(width, 2 * settings.relative * numbers)
-        nn.init.zeros_(self.adapt.weight)
-        nn.init.zeros_(self.adapt.bias)
+        self.returns = Returns(settings.returns, width, spread)
 
     def terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
         """Negative log-likelihoods: `when` a bin, `where` an event."""
@@ -271,11 +267,9 @@ class EventProcess(nn.Module):
 
     def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
-        adapted = self.adapt(features).unflatten(-1, (2, self.settings.relative, place.shape[-1]))
-        shift, widen = (F.pad(each, (0, 0, self.settings.fixed, 0)) for each in adapted.unbind(-3))
         relative = torch.arange(len(self.means), device=place.device) >= self.settings.fixed
-        centre = self.means + shift + relative[:, None] * place[..., None, :]
-        log_sd = (self.log_sds + widen).clamp(LEAST_LOG_SD, MOST_LOG_SD)
+        centre = self.means + relative[:, None] * place[..., None, :]
+        log_sd = self.log_sds.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(centre)
         back = self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(left.places)
         logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
         return _Gaussians(logits, torch.cat([centre, left.places], dim=-2), torch.cat([log_sd, back], dim=-2))

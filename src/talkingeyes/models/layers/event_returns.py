@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-FIRST_LOG_SD = -1.1
+FIRST_SD = 0.33  # in units of the spread: nobody lands exactly where he was
 NEVER = -1e9  # the logit of a place that there is not
 
 
@@ -60,13 +60,15 @@ class Left:
 class Returns(nn.Module):
     """How likely it is to go back to each of the places that were left, and how near one lands."""
 
-    def __init__(self, count: int, numbers: int, width: int) -> None:
+    def __init__(self, count: int, width: int, spread: tuple[float, ...]) -> None:
+        """`spread`: how far places lie from 0, a number each."""
         super().__init__()
+        numbers = len(spread)
         self.candidate = nn.Linear(2 * numbers + 1, width)
         self.nth = nn.Parameter(torch.zeros(count, width))
         self.known = nn.Linear(width, width)
         self.score = nn.Linear(width, 1)
-        self.log_sd = nn.Parameter(torch.full((numbers,), FIRST_LOG_SD))
+        self.log_sd = nn.Parameter((FIRST_SD * torch.tensor(spread)).log())
 
     def logits(
         self, features: Float[Tensor, "*N W"], left: Left, place: Float[Tensor, "*N D"]
