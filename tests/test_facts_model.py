@@ -11,7 +11,7 @@ def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, c
     monkeypatch.chdir(tiny)
     monkeypatch.setattr("sys.argv", ["facts_model", "vae"])
     facts_model.main()
-    said = capsys.readouterr().out
+    said = capsys.readouterr().out.removesuffix("\n")
     assert said == (tiny / "build/facts/vae.md").read_text()
     rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[2:] for row in said.splitlines() if " | " in row}
     slow, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
