@@ -1,6 +1,6 @@
-"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live_events.yaml.
+"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
 
-`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_live.yaml does, but hears nothing ahead.
+`EVENTS` makes one of it that draws gaze as events, as conf/model/talkingeyes_live_events.yaml does.
 """
 
 from __future__ import annotations
@@ -26,10 +26,7 @@ def content(*place: str) -> Any:
     return yaml.safe_load(CONF.joinpath(*place).read_text())
 
 
-CODES = {
-    "prior": "gaze_patches",
-    "gaze": content("model", "talkingeyes_live.yaml")["gaze"],
-}
+EVENTS = {"prior": None, "gaze": content("model", "talkingeyes_live_events.yaml")["gaze"]}
 
 
 def codebook() -> GazeVQVAE:
@@ -52,7 +49,7 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, **changes: Any) -> Path:
     """Write one with other values at the top of its section."""
     torch.manual_seed(3)
-    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live_events.yaml") | changes)
+    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     prior = codebook() if settings.prior else None

@@ -1,9 +1,9 @@
-"""Places that events left: a process (event_process.py) can go back to one of them exactly.
+"""Places that events left: a process (event_process.py) can go back to one of them.
 
 People look away from somebody and back to where he is. Places of a clip are its own, so neither Gaussians at fixed
 places nor steps from the present one find the way back, and gaze that is drawn freely wanders off (docs/log.md). Which
 place is gone back to is scored by how far it is, how long it held, and how long ago that was. The one that held longest
-is `home`: whether one is there or away from it is what hazards depend on most.
+is `home`; hazards are told where it is.
 """
 
 from __future__ import annotations
