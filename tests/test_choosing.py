@@ -9,19 +9,16 @@ from typing import get_args
 import numpy as np
 import pytest
 import toy_workspace
-from toy import recordings
 
 from pipelines import assess, combinations, critic, rows
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.config import compose
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.learning.trained import save_baseline
 from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.metrics.benchmark.paired import Paired, compared, counted, of_motions, of_samples
 from talkingeyes.metrics.benchmark.sound import CRITICS, hear
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.choosing import Figure
-from talkingeyes.models.baselines import BaselineSettings, bank_of
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.motion import Motion
@@ -88,13 +85,7 @@ def workspace(tmp_path_factory):
         patch.setattr(toy_workspace, "FRAMES", 300)  # long enough for most measures
         made = toy_workspace.toy_workspace(tmp_path_factory.mktemp("workspace"))
     critic.run(made)
-    clips = recordings(4, seed=2, frames=300)
-    names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
-    speech = [each.speech[:, : len(names)] for each in clips]
-    bank = bank_of(speech, [each.head for each in clips], [each.gaze for each in clips])
-    settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
-    with made.output("train", "random") as folder:
-        save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
+    toy_workspace.train_random(made)
     section = {"seed": 0, "samples": 2, "bootstrap": BOOTSTRAP.model_dump()}
     return Workspace(made.root, {**made.params, "assess": section})
 

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from toy import CHANNELS, recordings
-from toy_workspace import toy_workspace
+from toy_workspace import toy_workspace, train_random
 
 from pipelines import critic, rows, tables
 from talkingeyes.config import compose
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import load
-from talkingeyes.learning.trained import load_generator, save_baseline
+from talkingeyes.learning.trained import load_generator
 from talkingeyes.learning.trained_canonical import CanonicalModelSettings, find, save_canonical
 from talkingeyes.metrics.bootstrap import BootstrapSettings
 from talkingeyes.metrics.seeds import Measured, Seeded, mean_of_known
@@ -24,7 +24,6 @@ from talkingeyes.metrics.tables.declared import TABLES, TITLES, Column, PaperTab
 from talkingeyes.metrics.tables.order import order
 from talkingeyes.metrics.tables.page import as_json, found, markdown
 from talkingeyes.metrics.tables.row import fast, figures_of, spread_rad
-from talkingeyes.models.baselines import BaselineSettings, bank_of
 from talkingeyes.models.gaze.canonical import CanonicalSettings, Example, look, relate
 from talkingeyes.recipe import Call
 from talkingeyes.run import Report
@@ -167,13 +166,7 @@ def workspace(tmp_path_factory):
     """Samples of toys, critics, and a baseline that was trained."""
     made = toy_workspace(tmp_path_factory.mktemp("workspace"))
     critic.run(made)
-    clips = recordings(4, seed=2, frames=300)
-    names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
-    speech = [each.speech[:, : len(names)] for each in clips]
-    bank = bank_of(speech, [each.head for each in clips], [each.gaze for each in clips])
-    settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
-    with made.output("train", "random") as folder:
-        save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
+    train_random(made)
     return made
 
 

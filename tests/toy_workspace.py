@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from toy import recordings
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.learning.trained import save_baseline
+from talkingeyes.models.baselines import BaselineSettings, bank_of
 from talkingeyes.motion import Motion
 from talkingeyes.run import Workspace
 
@@ -49,6 +52,17 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     statistics = {"fps": FPS, "channels": NAMES, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
     (embed / "embedding.json").write_text(json.dumps(statistics))
     return Workspace.open(root)
+
+
+def train_random(made: Workspace) -> None:
+    """Leave a trained baseline `random`, which hears what the workspace's embedding has."""
+    clips = recordings(4, seed=2, frames=300)
+    names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
+    speech = [each.speech[:, : len(names)] for each in clips]
+    bank = bank_of(speech, [each.head for each in clips], [each.gaze for each in clips])
+    settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
+    with made.output("train", "random") as folder:
+        save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
 
 
 def _section(repository: Path, stage: str) -> object:
