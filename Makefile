@@ -41,7 +41,7 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 # A model learns on one core, and DVC runs one stage after the other: these two rows of stages run side by side (-s: what
 # is before them is there). `dvc repro report` alone gives the same; here it makes what is left, and says what failed.
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic
-OTHER_CORE = pretrain@gaze_patches pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes sample@talkingeyes \
+OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes sample@talkingeyes \
 	train@talkingeyes_live sample@talkingeyes_live
 
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)

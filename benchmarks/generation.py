@@ -3,7 +3,7 @@
 The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedded first, which is not counted; each
 length is generated in a process of its own, blinks and events included. Ten samples at once are set against one. Beside
 them a decoder that computes its prefix again for every code of 4 frames, as eq. 10 of the paper reads: the network of
-conf/model/talkingeyes.yaml, untrained, for weights change nothing of its time.
+conf/model/talkingeyes_codes.yaml, untrained, for weights change nothing of its time.
 
 Run     python benchmarks/generation.py [data/train/MODEL]     (make bench, after make repro)
 Reads   data/train/talkingeyes, or the model that is named; conf/
@@ -27,6 +27,7 @@ from talkingeyes.run import quiet, shell
 MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes")
 LENGTHS_S = (10, 60, 600, 3600)
 RECOMPUTED_S = (10, 60)
+EXPERIMENT = "experiment=events"  # has that model beside the default
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ def recomputed(embedding: np.ndarray) -> Recomputed:
     from talkingeyes.models.speech_to_motion import SpeechToMotion
     from talkingeyes.performance.perform import Performer
 
-    performer, params = Performer.load(MODEL), compose([])
+    performer, params = Performer.load(MODEL), compose([EXPERIMENT])
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
-    settings = TranslationSettings.model_validate(params["model"]["talkingeyes"])
+    settings = TranslationSettings.model_validate(params["model"]["talkingeyes_codes"])
     network = SpeechToMotion(settings, performer.encoder.channels, codebook).eval()
     gaze = network.gaze
     assert isinstance(gaze, CategoricalGaze)

@@ -4,8 +4,9 @@ Run: python -m pipelines.assess talkingeyes
 Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
 Writes: data/assess/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
 beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
-motion's, in a corpus without truth), and their mean, `distance`; `apart`, by how many measures of the gaze benchmark
-the samples are worse than the truth by more than the interval, of `apart_of`. benchmark.json: the benchmark itself.
+motion's, in a corpus without truth), and their mean, `distance`; the same of how far gaze is from straight ahead,
+`place_distance`; `apart`, by how many measures of the gaze benchmark the samples are worse than the truth by more than
+the interval, of `apart_of`. benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
@@ -153,6 +154,7 @@ def _named(found: Distances) -> dict[str, float]:
         "distance": found.mean,
         "eye_speed_distance": found.eye_speed,
         "saccade_amplitude_distance": found.saccade_amplitude,
+        "place_distance": found.place,
     }
 
 

@@ -21,6 +21,10 @@ SMALL = [
     (r"^(python -m pipelines\.experiment -m\b.*)", r"\1 experiment=least"),
     (r"^(python -m pipelines\.experiment .*\bsweep=.*)", r"\1 hydra.sweeper.n_trials=2"),
     (r"^(python -m pipelines\.experiment(?!.*\bexperiment=).*)", r"\1 experiment=tiny workspace=build/experiment"),
+    (
+        r"^(python -m pipelines\.experiment .*\bsweep=codebook\b.*)",
+        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_codes')}",
+    ),
     (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
     (r"^(python -m pipelines\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),
     (

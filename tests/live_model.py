@@ -1,6 +1,6 @@
 """A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
 
-`EVENTS` makes one of it that draws gaze as events, as conf/model/talkingeyes_live_events.yaml does.
+`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_codes.yaml does, but hears nothing ahead.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ def content(*place: str) -> Any:
     return yaml.safe_load(CONF.joinpath(*place).read_text())
 
 
-EVENTS = {"prior": None, "gaze": content("model", "talkingeyes_live_events.yaml")["gaze"]}
+CODES = {
+    "prior": "gaze_patches",
+    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_back": 12, "condition_ahead": 0},
+}
 
 
 def codebook() -> GazeVQVAE:

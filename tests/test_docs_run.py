@@ -97,4 +97,4 @@ def test_what_is_made_small_is_what_the_docs_say_otherwise() -> None:
         "python -m pipelines.experiment experiment=tiny train.seed=1",
     ):
         assert changed(line) == line
-    assert len(SMALL) == 13
+    assert len(SMALL) == 14

@@ -89,3 +89,30 @@ def test_it_learns_when_and_where() -> None:
     assert (happened == asked).float().mean() > 0.95
     right = (drawn.place[:, 1:, 0].sign() == condition[:, 1:, 1])[happened]
     assert right.float().mean() > 0.9
+
+
+def test_it_learns_by_how_much_events_are_drawn_back() -> None:
+    """Each event lies halfway from the last one to the middle; a free run stays as near to it as what was learnt."""
+    torch.manual_seed(2)
+    process = made(fixed=0, relative=3).train()
+    optimiser = torch.optim.Adam(process.parameters(), lr=2e-2)
+
+    def batch() -> EventSequence:
+        places = [torch.randn(32, 2)]
+        for _ in range(12):
+            places.append(0.5 * places[-1] + 0.5 * torch.randn(32, 2))
+        bins = (3 * torch.arange(13)).expand(32, -1).contiguous()
+        return EventSequence(bins, torch.stack(places, 1), torch.ones(32, 13, dtype=torch.bool))
+
+    for _ in range(200):
+        terms = process.terms(batch(), torch.zeros(32, 40, 3))
+        optimiser.zero_grad()
+        (terms["when"] + terms["where"]).backward()
+        optimiser.step()
+    process.eval()
+    drawn = process.sample(torch.zeros(200, 90, 3), torch.rand(200, 90, 5), 1.0)
+    before, after = drawn.place[:, 30:-3].flatten(0, 1), drawn.place[:, 33:].flatten(0, 1)
+    moved = (after != before).all(-1)
+    slope = (after * before)[moved].sum() / before[moved].square().sum()
+    assert 0.3 < float(slope) < 0.7
+    assert 0.45 < float(drawn.place[:, 30:].std()) < 0.75  # sqrt(.25 / .75) = .58

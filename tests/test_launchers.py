@@ -15,7 +15,9 @@ from talkingeyes.run import clip_parallel, each
 
 pytestmark = pytest.mark.slow
 
-CODES = "pretrain.gaze_patches.network.quantiser.codes"
+CODES = "pretrain.gaze_frames.network.quantiser.codes"
+SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_codes")
+PAPER = "until=assess@talkingeyes_paper"
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def sweep(repository, workspace, *arguments):
 
 def assessed(workspace, job):
     """The figures on val of a job, by number."""
-    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes/metrics.json")
+    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes_codes/metrics.json")
     return json.loads(path.read_text())
 
 
@@ -54,7 +56,7 @@ def rows(workspace, key):
 
 def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository, workspace):
     root = workspace / "basic"
-    said = sweep(repository, root, f"store={workspace}/store", "hydra/launcher=basic", f"{CODES}=32,48,64,96")
+    said = sweep(repository, root, f"store={workspace}/store", "hydra/launcher=basic", PAPER, f"{CODES}=32,48,64,96")
     made = re.findall(r"^== (\S+)(?: \S+)?$", said, re.MULTILINE)
     for stage in ("pretrain", "train", "assess"):
         assert made.count(stage) == 4
@@ -66,7 +68,7 @@ def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository,
 
 def test_joblib_gives_what_basic_gives(repository, workspace):
     """Two workers want the same corpus at the same moment: one makes it, and it is what one process alone makes."""
-    until = "until=train@talkingeyes"
+    until = "until=train@talkingeyes_paper"
     sweep(repository, workspace / "basic", f"store={workspace}/store", "hydra/launcher=basic", until)
     said = sweep(repository, workspace / "joblib", until, "hydra/launcher=processes", "train.seed=0,1")
     assert re.findall(r"^== (?:synthesize|fit|embed)$", said, re.MULTILINE) == ["== synthesize", "== fit", "== embed"]
@@ -79,15 +81,17 @@ def test_joblib_gives_what_basic_gives(repository, workspace):
         "synthesize",
         "fit",
         "embed",
-        "pretrain-gaze_patches",
-        "train-talkingeyes",
+        "pretrain-gaze_frames",
+        "train-talkingeyes_paper",
     }
     assert all(both[0][name] == both[1][name] for name in same)
 
 
 def test_optuna_and_ray_together(repository, workspace):
     root = workspace / "ray"
-    arguments = ["sweep=codebook", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", f"{CODES}=choice(32,64)"]
+    short = [f"{each}.loop.{key}" for each in SEARCHED for key in ("steps=4", "batch=4", "validate_every=2")]
+    sizes = "pretrain.gaze_patches.network.quantiser.codes=choice(32,64)"
+    arguments = ["sweep=codebook", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
     said = sweep(repository, root, f"store={workspace}/store", *arguments)
     assert "Ray Launcher is launching 2 jobs" in said
     assert "study codebook: 2 trials complete" in said

@@ -221,24 +221,24 @@ def test_what_dvc_made_is_taken_when_it_fits(toy):
 
 
 def test_what_a_trial_needs():
-    params = compose(["until=assess@talkingeyes"])
+    params = compose(["until=assess@talkingeyes_paper"])
     found = [call.address for call in needed(recipe(params, calls(params)), params["until"])]
     assert found == [
         "synthesize",
         "fit",
         "embed",
-        "pretrain@gaze_patches",
-        "train@talkingeyes",
+        "pretrain@gaze_frames",
+        "train@talkingeyes_paper",
         "critic",
-        "assess@talkingeyes",
+        "assess@talkingeyes_paper",
     ]
 
 
 def test_a_model_reads_its_own_prior():
-    params = compose(["model.talkingeyes.prior=gaze_frames"])
-    found = [call.address for call in needed(recipe(params, calls(params)), "train@talkingeyes")]
-    assert "pretrain@gaze_frames" in found
-    assert "pretrain@gaze_patches" not in found
+    params = compose(["+pretrain@pretrain.gaze_patches=gaze_patches", "model.talkingeyes_paper.prior=gaze_patches"])
+    found = [call.address for call in needed(recipe(params, calls(params)), "train@talkingeyes_paper")]
+    assert "pretrain@gaze_patches" in found
+    assert "pretrain@gaze_frames" not in found
 
 
 def test_a_model_that_only_an_experiment_names_reads_what_others_do():

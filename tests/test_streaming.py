@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from live_model import EVENTS, content, embedding_settings, write_live_model
+from live_model import CODES, content, embedding_settings, write_live_model
 from numpy import ndarray
 
 from talkingeyes import rotation
@@ -41,9 +41,9 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
 
 
 @pytest.fixture(scope="module")
-def events(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
-    """The same with events of gaze."""
-    return LiveModel.load(write_live_model(tmp_path_factory.mktemp("events") / "model", **EVENTS))
+def codes(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
+    """The same with codes of gaze."""
+    return LiveModel.load(write_live_model(tmp_path_factory.mktemp("codes") / "model", **CODES))
 
 
 def streamed(live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, wish: LiveWish | None = None) -> Frames:
@@ -81,12 +81,12 @@ def test_no_bit_depends_on_the_chunks(live: LiveModel) -> None:
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-def test_events_of_gaze_can_be_streamed_too(live: LiveModel, events: LiveModel) -> None:
+def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) -> None:
     sound = speech()
-    found = streamed(events, sound, [640])
-    close(found, events.whole(sound, 4))
-    np.testing.assert_array_equal(found.gaze, streamed(events, sound, [1, 7000, 333, 0]).gaze)
-    assert events.latency_s == pytest.approx(live.latency_s - 0.08)  # a bin is two frames shorter than a code
+    found = streamed(codes, sound, [640])
+    close(found, codes.whole(sound, 4))
+    np.testing.assert_array_equal(found.gaze, streamed(codes, sound, [1, 7000, 333, 0]).gaze)
+    assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
 def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
@@ -207,8 +207,8 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
-        ({**EVENTS, "gaze": content("model", "talkingeyes_events.yaml")["gaze"]}, "gaze not told ahead"),
-        ({"gaze": content("model", "talkingeyes_live.yaml")["gaze"] | {"condition_ahead": 1}}, "gaze not told ahead"),
+        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze not told ahead"),
+        ({**CODES, "gaze": CODES["gaze"] | {"condition_ahead": 1}}, "gaze not told ahead"),
     ],
 )
 def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
@@ -217,7 +217,7 @@ def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str
 
 
 def test_a_model_that_is_too_late_is_refused(live: LiveModel, tmp_path: Path) -> None:
-    late = live.network.settings.speech.model_dump() | {"ahead": 7}
+    late = live.network.settings.speech.model_dump() | {"ahead": 9}
     with pytest.raises(InputError, match=r"at most 0.4 s ahead, got 0.437 s"):
         LiveModel.load(write_live_model(tmp_path / "model", speech=late))
 

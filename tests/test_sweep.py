@@ -19,7 +19,8 @@ from talkingeyes.errors import InputError
 # Optuna's old words for distributions, which Hydra's sweeper speaks.
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
-CODES = "pretrain.gaze_patches.network.quantiser.codes"
+CODES = "pretrain.gaze_frames.network.quantiser.codes"
+PLACES = "model.talkingeyes.gaze.process.fixed"
 
 
 def run(monkeypatch, *arguments):
@@ -77,9 +78,9 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
 def test_a_changed_search_space_is_refused(tmp_path):
     overrides = ["sweep=alive", f"workspace={tmp_path}"]
     assert prepare(overrides).left == 16
-    with pytest.raises(InputError, match=rf"^study alive: began as another search, {CODES} changed; .*study=NAME$"):
-        prepare([*overrides, f"{CODES}=choice(64,128)"])
-    assert prepare([*overrides, f"{CODES}=choice(64,128)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
+    with pytest.raises(InputError, match=rf"^study alive: began as another search, {PLACES} changed; .*study=NAME$"):
+        prepare([*overrides, f"{PLACES}=choice(16,32)"])
+    assert prepare([*overrides, f"{PLACES}=choice(16,32)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
 
 
 def test_a_storage_may_be_a_database(tmp_path):
@@ -96,7 +97,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes_codes"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
@@ -137,7 +138,7 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
     def chain(params, view, overrides, watch):
-        weight = params["model"]["talkingeyes"]["weights"]["head_kl"]
+        weight = params["model"]["talkingeyes"]["weights"]["head_where"]
         for step in (1, 2, 3):
             steps.append(step)
             watch(step, {"score": -weight})
@@ -154,8 +155,8 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     assert set(states) == {"COMPLETE", "PRUNED"}
     pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
     assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
-    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_kl"])
-    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_kl"] for trial in study.trials)
+    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_where"])
+    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_where"] for trial in study.trials)
     assert worst.number < 4 or worst.state.name == "PRUNED"
 
 

@@ -1,8 +1,9 @@
-"""What models and settings are chosen by, on val and in free running: Corr. and the distance of the eyes' dynamics.
+"""What models and settings are chosen by, on val and in free running: Corr. and distances of the eyes' dynamics.
 
 Distances are Wasserstein's between what was drawn and the truth, in standard deviations of the truth, so that speed
 and amplitude weigh the same: of the speed of eye-in-head between frames and of the amplitudes of saccades of gaze in
-space. A model without saccades is as far off as if all of its saccades were of no amplitude.
+space. A model without saccades is as far off as if all of its saccades were of no amplitude. The distance of places
+stands beside them and not in their mean: of how far gaze is from straight ahead, which says whether it wanders off.
 """
 
 from __future__ import annotations
@@ -25,7 +26,14 @@ from talkingeyes.settings import Settings
 
 # What a sweep may be told to look at.
 Figure = Literal[
-    "apart", "corr", "corr_space", "corr_head", "distance", "eye_speed_distance", "saccade_amplitude_distance"
+    "apart",
+    "corr",
+    "corr_space",
+    "corr_head",
+    "distance",
+    "eye_speed_distance",
+    "saccade_amplitude_distance",
+    "place_distance",
 ]
 
 
@@ -39,18 +47,20 @@ class AssessSettings(Settings):
 
 @dataclass(frozen=True)
 class Dynamics:
-    """How eyes move in some motions: speeds between frames, amplitudes of saccades."""
+    """How eyes move in some motions: speeds between frames, amplitudes of saccades, angles to straight ahead."""
 
     eye_speed_deg_s: Float[ndarray, " F"]
     saccade_amplitude_deg: Float[ndarray, " N"]
+    eccentricity_deg: Float[ndarray, " P"]
 
 
 @dataclass(frozen=True)
 class Distances:
-    """Of the distributions of eye speed and saccade amplitude to the truth's, in its standard deviations."""
+    """Of the distributions to the truth's, in its standard deviations."""
 
     eye_speed: float
     saccade_amplitude: float
+    place: float
 
     @property
     def mean(self) -> float:
@@ -60,11 +70,13 @@ class Distances:
 
 def dynamics(samples: Samples) -> Dynamics:
     """Of all samples of a sound together."""
-    amplitudes = [
-        detect_saccades(conjugate(gaze_in_space(head, gaze)), samples.fps).amplitude_deg
-        for head, gaze in zip(samples.head, samples.gaze, strict=True)
-    ]
-    return Dynamics(eye_speed_deg_s(samples.gaze, samples.fps).ravel(), np.concatenate(amplitudes))
+    space = conjugate(gaze_in_space(samples.head, samples.gaze))
+    amplitudes = [detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]
+    return Dynamics(
+        eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
+        np.concatenate(amplitudes),
+        np.degrees(np.linalg.norm(space, axis=-1)).ravel(),
+    )
 
 
 def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances:
@@ -72,6 +84,7 @@ def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances
     return Distances(
         distance([each.eye_speed_deg_s for each in drawn], [each.eye_speed_deg_s for each in truth]),
         distance([each.saccade_amplitude_deg for each in drawn], [each.saccade_amplitude_deg for each in truth]),
+        distance([each.eccentricity_deg for each in drawn], [each.eccentricity_deg for each in truth]),
     )
 
 

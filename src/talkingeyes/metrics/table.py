@@ -26,7 +26,7 @@ TITLES = {
     "vae": "VAE",
     "talkingeyes_paper": "TalkingEyes, as in the paper",
     "talkingeyes": "TalkingEyes",
-    "talkingeyes_live": "TalkingEyes, live (0.32 s ahead)",
+    "talkingeyes_live": "TalkingEyes, live (0.24 s ahead)",
 }
 # Tables III and V of the paper: Diversity, Corr., L2.
 PAPER = {

@@ -1,7 +1,7 @@
 """Live speech becomes head, gaze and blinks while it is spoken: chunks of sound in, frames out, a stated time later.
 
-A frame at t is given as soon as the sound up to t + `latency_s` is there (0.317 s with the model `talkingeyes_live`:
-37 ms for prosody, 160 ms that its speech layers look ahead, 120 ms for the rest of a code of gaze). What comes out does
+A frame at t is given as soon as the sound up to t + `latency_s` is there (0.237 s with the model `talkingeyes_live`:
+37 ms for prosody, 160 ms that its speech layers look ahead, 40 ms for the rest of a bin of gaze). What comes out does
 not depend on how the sound is cut into chunks; it is what `LiveModel.whole` gives for all of it at once (docs/live.md).
 Jaw and expression are neutral: no model of the face can be streamed yet.
 """

@@ -1,7 +1,8 @@
 """Events in time bins: when the next one comes, and where it leads (a marked point process, discretised).
 
 In every bin a hazard says whether an event happens; what one leads to is a mixture of Gaussians, some at places of
-their own, some relative to the present place, some at places that were left (event_returns.py). All follow from the
+their own, some near the present place but drawn back to the middle, each by its own share (steps that are never drawn
+back lead ever farther off: docs/log.md), some at places that were left (event_returns.py). All follow from the
 past events (a recurrent network over them, not over frames), from how long the last one is ago, from where the longest
 held place is, and from a condition around the bin. The end of a sequence is censoring: a bin without an event is a term
 of the likelihood like any other.
@@ -26,6 +27,7 @@ from talkingeyes.settings import Settings
 
 OLDEST = 63  # bins since the last event are told apart up to this many
 LOOK = 16  # bins that are looked at together in drawing; two events are some eight apart
+FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
 LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
 
 
@@ -35,7 +37,7 @@ class EventProcessSettings(Settings):
     width: Annotated[int, Field(gt=0)]
     # Frames of a bin; at most one event a bin.
     bin_frames: Annotated[int, Field(gt=0)]
-    # Gaussians at places of their own, and relative to the present place.
+    # Gaussians at places of their own, and near the present place.
     fixed: Annotated[int, Field(ge=0)]
     relative: Annotated[int, Field(gt=0)]
     # Places that were left and can be gone back to.
@@ -139,6 +141,7 @@ class EventProcess(nn.Module):
         far, near = settings.fixed, settings.relative
         start = _quantiles(far + near, numbers) * torch.tensor([1.0] * far + [0.3] * near)[:, None]
         self.means = nn.Parameter(start * torch.tensor(spread))
+        self.follow = nn.Parameter(torch.linspace(*FOLLOW, near)[:, None].repeat(1, numbers))
         self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(self.means.shape).clone())
         self.returns = Returns(settings.returns, width, spread)
 
@@ -267,8 +270,7 @@ class EventProcess(nn.Module):
 
     def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
-        relative = torch.arange(len(self.means), device=place.device) >= self.settings.fixed
-        centre = self.means + relative[:, None] * place[..., None, :]
+        centre = self.means + F.pad(self.follow, (0, 0, self.settings.fixed, 0)) * place[..., None, :]
         log_sd = self.log_sds.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(centre)
         back = self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(left.places)
         logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
