@@ -1,7 +1,9 @@
 """Places that were left: kept in a free run as they are told in training, and gone back to."""
 
+import numpy as np
 import torch
 
+from talkingeyes.models.layers.event_drawing import Run
 from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
 from talkingeyes.models.layers.event_returns import NEVER, Left, Returns
 
@@ -26,17 +28,19 @@ def sequence(seed: int, count: int) -> EventSequence:
 
 
 def test_a_free_run_leaves_places_as_training_tells_them():
-    events, rows = sequence(0, 7), torch.arange(2)
+    events, rows = sequence(0, 7), np.arange(2)
     told = Left.before(events.bins, events.places, 3)
-    kept = Left.none(2, 3, events.places[0])
-    place, since = torch.zeros(2, 3), torch.zeros(2, dtype=torch.long)
+    place, age = np.zeros((2, 3), np.float32), np.zeros(2, int)
+    run = Run(np.zeros((2, 1)), place, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
     for number in range(7):
-        assert torch.equal(kept.held, told.held[:, number])
-        known = kept.held > 0
-        assert torch.equal(kept.places[known], told.places[:, number][known])
-        kept.leave(rows, place, since)
-        place = events.places[:, number]
-        since = events.bins[:, number + 1] - events.bins[:, number] if number < 6 else since
+        assert np.array_equal(run.held, told.held[:, number])
+        known = run.held > 0
+        assert np.array_equal(run.left[known], told.places[:, number].numpy()[known])
+        here = torch.from_numpy(run.place)
+        assert np.array_equal(run.home(rows), Left(told.places[:, number], told.held[:, number]).home(here))
+        run.leave(rows)
+        run.place = events.places[:, number].numpy()
+        run.age = (events.bins[:, number + 1] - events.bins[:, number]).numpy() if number < 6 else run.age
     assert told.held[:, 0].sum() == told.held[:, 1].sum() == 0, "the first two events have left nothing"
 
 
@@ -80,7 +84,6 @@ def test_it_learns_to_go_back():
     for event, place in zip(drawn.event, drawn.place, strict=True):
         gone = place[event]
         if len(gone) > 3:
-            near.append(float((gone[2] - gone[0]).norm()) < 0.5)
-            near.append(float((gone[3] - gone[1]).norm()) < 0.5)
+            near += (np.linalg.norm(gone[2:4] - gone[:2], axis=1) < 0.5).tolist()
     assert len(near) > 60
     assert sum(near) > 0.8 * len(near)

@@ -22,12 +22,12 @@ from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.event_drawing import Drawing, Run
 from talkingeyes.models.layers.event_process import (
     CausalEventProcessSettings,
     EventProcess,
     EventProcessSettings,
     EventSequence,
-    Run,
     binned,
 )
 from talkingeyes.motion import Saccade
@@ -92,15 +92,11 @@ class EventGaze(nn.Module):
         count = within.shape[1]
         uniform = uniforms(seeds, count * (len(SPREAD) + 3)).reshape(len(seeds), count, -1).to(within)
         drawn = self.process.sample(within, uniform, temperature)
-        frames = condition.speech.shape[1]
-        start = (torch.arange(count, device=within.device) + drawn.phase) * self.bin_frames
+        times_s = np.arange(condition.speech.shape[1]) / self.fps
+        starts_s = (np.arange(count) + drawn.phase) * self.bin_frames / self.fps
         made = [
-            shown(
-                start[row][event].cpu().numpy() / self.fps,
-                self.radians(places[event]),
-                np.arange(frames) / self.fps,
-            )
-            for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
+            shown(start_s[event], self.radians(places[event]), times_s)
+            for event, start_s, places in zip(drawn.event, starts_s, drawn.place, strict=True)
         ]
         signal = torch.from_numpy(np.stack(made).astype(np.float32)).to(within)
         return gaze_of("gaze_in_space", condition.head, signal)
@@ -120,9 +116,9 @@ class EventGaze(nn.Module):
         """Bin after bin what `sample` gives."""
         return EventGazeStream(self, seed, temperature)
 
-    def radians(self, places: Float[Tensor, "*K 3"]) -> Float[ndarray, "*K 3"]:
+    def radians(self, places: Float[ndarray, "*K 3"]) -> Float[ndarray, "*K 3"]:
         """Places as they are shown."""
-        return np.asarray((places * self.scale + self.centre).cpu().numpy().astype(float))
+        return np.asarray(places * self.scale.cpu().numpy() + self.centre.cpu().numpy(), float)
 
     def within(self, condition: Condition) -> Float[Tensor, "B N C"]:
         """Speech and head a bin: their means; the last bin is filled up by its last frame."""
@@ -201,7 +197,7 @@ class EventGazeStream:
 
     def __init__(self, gaze: EventGaze, seed: int, temperature: float) -> None:
         assert isinstance(gaze.process.listen, CausalConvolutionStack)
-        self._gaze, self._temperature = gaze, temperature
+        self._gaze, self._drawing = gaze, Drawing(gaze.process, temperature)
         self._listen, self._past = gaze.process.listen, gaze.process.listen.start(1)
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
         self._bin = 0
@@ -211,13 +207,13 @@ class EventGazeStream:
     def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
         """The frames of the next bin, or of its beginning where the stream ends."""
         gaze = self._gaze
-        uniform = torch.rand(1, len(SPREAD) + 3, generator=self._uniform)
-        heard = self._listen.step(gaze.within(condition), self._past)[:, 0]
+        uniform = torch.rand(1, len(SPREAD) + 3, generator=self._uniform).numpy()
+        heard = self._listen.step(gaze.within(condition), self._past)[:, 0].numpy()
         if self._run is None or self._chain is None:
-            self._run = gaze.process.begin(heard, uniform, self._temperature)
+            self._run = self._drawing.begin(heard, uniform)
             self._chain = SaccadeChain(gaze.radians(self._run.place[0]))
-        elif gaze.process.advance(self._run, heard, uniform, self._temperature):
-            onset_s = ((self._bin + uniform[0, 1]) * gaze.bin_frames).numpy() / gaze.fps
+        elif self._drawing.advance(self._run, heard, uniform).any():
+            onset_s = (self._bin + uniform[0, 1]) * gaze.bin_frames / gaze.fps
             self._chain.go(float(onset_s), gaze.radians(self._run.place[0]))
         first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
         times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps

@@ -59,10 +59,10 @@ class EventHead(nn.Module):
             [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
         )
         drawn = self.process.sample(within, uniform.to(within), 1.0)
-        start = (torch.arange(count, device=within.device) + drawn.phase) * self.bin_frames
+        starts = (np.arange(count) + drawn.phase) * self.bin_frames
         made = [
-            splined(start[row][event].cpu().numpy(), places[event].cpu().numpy(), speech.shape[1])
-            for row, (event, places) in enumerate(zip(drawn.event, drawn.place, strict=True))
+            splined(start[event], places[event], speech.shape[1])
+            for event, start, places in zip(drawn.event, starts, drawn.place, strict=True)
         ]
         return self.normal.back(torch.from_numpy(np.stack(made).astype(np.float32)).to(within))
 

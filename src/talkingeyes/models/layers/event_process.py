@@ -21,12 +21,11 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
-from talkingeyes.models.layers.draw import draw
+from talkingeyes.models.layers.event_drawing import Drawing, Drawn
 from talkingeyes.models.layers.event_returns import Left, Returns
 from talkingeyes.settings import Settings
 
 OLDEST = 63  # bins since the last event are told apart up to this many
-LOOK = 16  # bins that are looked at together in drawing; two events are some eight apart
 FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
 LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
 
@@ -74,30 +73,6 @@ class EventSequence:
         order = (~event).long().argsort(dim=1, stable=True)[:, :most]
         real = event.gather(1, order)
         return cls(order // bin_frames, place.gather(1, order[..., None].expand(-1, -1, place.shape[-1])), real)
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What was drawn in N bins: whether an event happened, when in its bin (0 to 1), and the place since then."""
-
-    event: Bool[Tensor, "B N"]
-    phase: Float[Tensor, "B N"]
-    place: Float[Tensor, "B N D"]
-
-
-@dataclass
-class Run:
-    """Between two bins of a free run: what is remembered, the present place, bins since the last event, places left."""
-
-    state: Float[Tensor, "B W"]
-    place: Float[Tensor, "B D"]
-    age: Int[Tensor, " B"]
-    left: Left
-
-    def now(self) -> _Past:
-        """What is known before the next bin."""
-        home = self.left.home(self.place)
-        return _Past(self.state[:, None], self.place[:, None], self.age[:, None], home[:, None])
 
 
 @dataclass(frozen=True)
@@ -164,73 +139,15 @@ class EventProcess(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: Float[Tensor, "B N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
-        """Draw from D + 3 uniform numbers a bin, the same as bin after bin, but from event to event.
+        """Events drawn from D + 3 uniform numbers a bin."""
+        return Drawing(self, temperature).sample(self.listen(condition).cpu().numpy(), uniform.cpu().numpy())
 
-        Nothing that a hazard depends on changes between two events but the condition and the age, so LOOK bins are
-        looked at together. The temperature narrows the choice of a place and the Gaussians.
-        """
-        heard = self.listen(condition)
-        run = self.begin(heard[:, 0], uniform[:, 0], temperature)
-        batch, count = heard.shape[:2]
-        event = torch.zeros(batch, count, dtype=torch.bool, device=heard.device)
-        place = torch.zeros(batch, count, run.place.shape[-1], device=heard.device)
-        event[:, 0], place[:, 0] = True, run.place
-        at = torch.zeros(batch, dtype=torch.long, device=heard.device)  # the last bin that is known, a row each
-        ahead = torch.arange(1, LOOK + 1, device=heard.device)
-        while len(rows := torch.nonzero(at < count - 1)[:, 0]):
-            bins = (at[rows, None] + ahead).clamp(max=count - 1)
-            now = run.now()
-            state, held, home = (each[rows].expand(-1, LOOK, -1) for each in (now.state, now.place, now.home))
-            past = _Past(state, held, run.age[rows, None] + ahead, home)
-            features = self._features(past, heard[rows[:, None], bins])
-            happens = uniform[rows[:, None], bins, 0] < self.hazard(features)[..., 0].sigmoid()
-            happens &= at[rows, None] + ahead < count
-            first = torch.where(happens.any(1), happens.int().argmax(1), LOOK - 1)
-            place[rows[:, None], bins] = held
-            at[rows] += first + 1
-            run.age[rows] += first + 1
-            moved = happens.any(1)
-            new, features = rows[moved], features[moved, first[moved]]
-            if len(new):
-                self._move(run, new, features, heard[new, at[new]], uniform[new, at[new], 2:], temperature)
-                event[new, at[new]], place[new, at[new]] = True, run.place[new]
-        return Drawn(event, uniform[..., 1], place)
-
-    def begin(self, heard: Float[Tensor, "B W"], uniform: Float[Tensor, "B U"], temperature: float) -> Run:
-        """The first bin, which holds an event always."""
-        batch, device = len(heard), heard.device
-        run = Run(
-            self.start.expand(batch, -1).clone(),
-            torch.zeros(batch, self.means.shape[1], device=device),
-            torch.zeros(batch, dtype=torch.long, device=device),
-            Left.none(batch, self.settings.returns, self.means),
+    def log_sds_in_bounds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
+        """Of the Gaussians, and of going back."""
+        return (
+            self.log_sds.clamp(LEAST_LOG_SD, MOST_LOG_SD),
+            self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD),
         )
-        features = self._features(run.now(), heard[:, None])[:, 0]
-        self._move(run, torch.arange(batch, device=device), features, heard, uniform[:, 2:], temperature)
-        return run
-
-    def advance(
-        self, run: Run, heard: Float[Tensor, "B W"], uniform: Float[Tensor, "B U"], temperature: float
-    ) -> Bool[Tensor, " B"]:
-        """One bin more, as a stream has them: whether an event happens in it; the run moves on."""
-        run.age += 1
-        features = self._features(run.now(), heard[:, None])[:, 0]
-        event: Bool[Tensor, " B"] = uniform[:, 0] < self.hazard(features)[:, 0].sigmoid()
-        rows = torch.nonzero(event)[:, 0]
-        if len(rows):
-            self._move(run, rows, features[rows], heard[rows], uniform[rows, 2:], temperature)
-        return event
-
-    def _move(
-        self, run: Run, rows: Int[Tensor, " R"], features: Tensor, heard: Tensor, uniform: Tensor, temperature: float
-    ) -> None:
-        """An event happens in some rows: where it leads, and what is remembered of it."""
-        old = run.place[rows]
-        new = self._draw(features, old, run.left.of(rows), uniform, temperature)
-        token = self._tokens(new[:, None], old[:, None], run.age[rows, None], heard[:, None])
-        run.state[rows] = self.remember(token, run.state[None, rows].contiguous())[0][:, 0]
-        run.left.leave(rows, old, run.age[rows])
-        run.place[rows], run.age[rows] = new, 0
 
     def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
         """What was known before each bin of true events; in training with noise on places and some events hidden."""
@@ -271,10 +188,10 @@ class EventProcess(nn.Module):
     def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
         centre = self.means + F.pad(self.follow, (0, 0, self.settings.fixed, 0)) * place[..., None, :]
-        log_sd = self.log_sds.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(centre)
-        back = self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD).expand_as(left.places)
+        log_sd, back = self.log_sds_in_bounds()
+        wide = torch.cat([log_sd.expand_as(centre), back.expand_as(left.places)], dim=-2)
         logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
-        return _Gaussians(logits, torch.cat([centre, left.places], dim=-2), torch.cat([log_sd, back], dim=-2))
+        return _Gaussians(logits, torch.cat([centre, left.places], dim=-2), wide)
 
     def _log_density(
         self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], left: Left, to: Float[Tensor, "B K D"]
@@ -283,21 +200,6 @@ class EventProcess(nn.Module):
         error = (to[..., None, :] - mixture.centre) * (-mixture.log_sd).exp()
         inside = (-0.5 * error.square() - mixture.log_sd).sum(-1)
         return (mixture.logits.log_softmax(-1) + inside).logsumexp(-1)
-
-    def _draw(
-        self,
-        features: Float[Tensor, "B W"],
-        place: Float[Tensor, "B D"],
-        left: Left,
-        uniform: Tensor,
-        temperature: float,
-    ) -> Float[Tensor, "B D"]:
-        mixture = self._gaussians(features, place, left)
-        chosen = draw(mixture.logits, uniform[:, 0], temperature)
-        normal = torch.special.ndtri(uniform[:, 1:].double().clamp(1e-6, 1 - 1e-6)).to(place)
-        row = torch.arange(len(place), device=place.device)
-        out: Tensor = mixture.centre[row, chosen] + temperature * normal * mixture.log_sd[row, chosen].exp()
-        return out
 
 
 def _at(events: Float[Tensor, "B K C"], known: Int[Tensor, "B N"]) -> Float[Tensor, "B N C"]:

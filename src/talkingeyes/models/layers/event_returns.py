@@ -27,11 +27,6 @@ class Left:
     held: Float[Tensor, "*N R"]
 
     @classmethod
-    def none(cls, batch: int, count: int, like: Float[Tensor, "M D"]) -> Left:
-        """Before the first event."""
-        return cls(like.new_zeros(batch, count, like.shape[1]), like.new_zeros(batch, count))
-
-    @classmethod
     def before(cls, bins: Int[Tensor, "B K"], places: Float[Tensor, "B K D"], count: int) -> Left:
         """What had been left before each event of a sequence, and after the last: (B, K + 1, R, ...)."""
         held = F.pad(bins.diff(dim=1), (0, 1)).clamp(min=0).to(places)
@@ -40,15 +35,6 @@ class Left:
         )
         at = which.clamp(min=0, max=bins.shape[1] - 1)
         return cls(places[:, at], held[:, at] * (which >= 0))
-
-    def of(self, rows: Int[Tensor, " S"]) -> Left:
-        """Of some rows."""
-        return Left(self.places[rows], self.held[rows])
-
-    def leave(self, rows: Int[Tensor, " S"], place: Float[Tensor, "S D"], held: Int[Tensor, " S"]) -> None:
-        """Some rows leave the place where they are; the oldest is forgotten."""
-        self.places[rows] = torch.cat([place[:, None], self.places[rows, :-1]], dim=1)
-        self.held[rows] = torch.cat([held[:, None].to(self.held), self.held[rows, :-1]], dim=1)
 
     def home(self, present: Float[Tensor, "*N D"]) -> Float[Tensor, "*N D"]:
         """The place that held longest; the present one where none was left yet."""
