@@ -16,7 +16,8 @@ from talkingeyes.head.anny import open_head
 from talkingeyes.head.render import Painter
 from talkingeyes.head.view import FRAMINGS
 
-PEOPLE, SECONDS, SIDE = 7, 4.0, 128  # so many that every split of a tracked corpus has one
+# So many people that every split of a tracked corpus has one, and longer than a window of training.
+PEOPLE, SECONDS, SIDE = 7, 8.4, 128
 SPEECH_S = 2.0
 
 
