@@ -64,18 +64,15 @@ class Drawing:
         """The temperature narrows the choice of a place and the Gaussians."""
         weights = {name: value.detach().cpu().numpy() for name, value in process.state_dict().items()}
         width, (count, numbers) = process.settings.width, weights["means"].shape
-        self.temperature, self.returns, self.oldest = (
-            temperature,
-            process.settings.returns,
-            len(weights["age.weight"]) - 1,
-        )
+        self.temperature, self.returns = temperature, process.settings.returns
+        self.oldest = len(weights["age.weight"]) - 1
         enter = weights["enter.weight"].T
         self.enter_state, self.enter_heard = enter[:width], enter[width : 2 * width]
         self.enter_place, self.enter_home = enter[2 * width : 2 * width + numbers], enter[2 * width + numbers :]
         self.follow = np.concatenate(
             [np.zeros((count - len(weights["follow"]), numbers), np.float32), weights["follow"]]
         )
-        self.sds, self.return_sd = (np.exp(each.detach().numpy()) for each in process.log_sds_in_bounds())
+        self.sds, self.return_sd = (np.exp(each.detach().cpu().numpy()) for each in process.log_sds_in_bounds())
         self.weights = weights
 
     def sample(self, heard: Float[ndarray, "B N W"], uniform: Float[ndarray, "B N U"]) -> Drawn:
