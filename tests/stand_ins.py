@@ -17,7 +17,7 @@ from talkingeyes.head.render import Painter
 from talkingeyes.head.view import FRAMINGS
 
 # So many people that every split of a tracked corpus has one, and longer than a window of training.
-PEOPLE, SECONDS, SIDE = 7, 8.4, 128
+PEOPLE, SECONDS, SIDE = 8, 8.4, 128
 SPEECH_S = 2.0
 
 
