@@ -31,7 +31,7 @@ ELSEWHERE = {
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
 # Pages whose commands have not been seen to run in the copy; until then test_docs.py reads them. Not to be added to.
-# With seven stand-in videos the chain ended at the critic, for want of a clip in `test`; with eight it was not tried to its end.
+# With seven stand-in videos the chain ended at the critic, for want of a clip in `test`; with eight it was not tried.
 UNTRIED = ("docs/data.md", "docs/experiments.md", "docs/real.md")
 OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the page tells to write
 RUN = [page for page in PAGES if lines(page) and name_of(page) not in OF_ITS_OWN]
