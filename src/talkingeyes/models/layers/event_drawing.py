@@ -15,8 +15,9 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
-from scipy.special import expit, ndtri, softmax
+from scipy.special import expit, ndtri
 
+from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.event_returns import NEVER
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ class Drawing:
     ) -> Float[ndarray, "S D"]:
         """Where an event leads: one Gaussian, then a number of it."""
         logits = self.logits(run, rows, features)
-        chosen = _category(logits, uniform[:, 0], self.temperature)
+        chosen = draw(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
         fixed = chosen.clip(max=len(self.follow) - 1)
         centre = self.weights["means"][fixed] + self.follow[fixed] * run.place[rows]
         back = run.left[rows, (chosen - len(self.follow)).clip(min=0)]
@@ -202,12 +203,3 @@ def _gated(
     kept = np.split(state @ weights["remember.weight_hh_l0"].T + weights["remember.bias_hh_l0"], 3, axis=1)
     reset, update = expit(given[0] + kept[0]), expit(given[1] + kept[1])
     return np.asarray((1 - update) * np.tanh(given[2] + reset * kept[2]) + update * state)
-
-
-def _category(logits: Float[ndarray, "S M"], uniform: Float[ndarray, " S"], temperature: float) -> Int[ndarray, " S"]:
-    """A category by the inverse of the distribution function; temperature 0 takes the most probable."""
-    if temperature == 0:
-        return np.asarray(logits.argmax(-1))
-    cumulative = softmax(logits.astype(float) / temperature, axis=-1).cumsum(-1)
-    below = cumulative < uniform.astype(float)[:, None] * cumulative[:, -1:]
-    return np.asarray(below.sum(-1).clip(max=logits.shape[1] - 1))
