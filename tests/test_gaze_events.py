@@ -36,7 +36,7 @@ def test_what_is_over_may_be_forgotten() -> None:
     chain, parts, most, at = SaccadeChain(places[0]), [], 0, 1
     for frames in times_s.reshape(-1, 2):
         while at < len(onsets_s) and onsets_s[at] < frames[0] + 0.08:
-            chain.go(onsets_s[at], places[at])
+            chain.go(onsets_s[at : at + 1], places[at : at + 1])
             at += 1
         parts.append(chain.at(frames))
         chain.forget(frames[-1])

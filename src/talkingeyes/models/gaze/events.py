@@ -155,14 +155,18 @@ class SaccadeChain:
     saccades: list[Saccade] = field(default_factory=list)
     apart_rad: list[tuple[float, float]] = field(default_factory=list)  # half the angle between the eyes, around each
 
-    def go(self, onset_s: float, to_rad: Float[ndarray, " 3"]) -> None:
-        """One saccade more; none starts before the last."""
-        start, free_s = self.place_rad, _end_s(self.saccades[-1]) if self.saccades else 0.0
-        amplitude = float(np.hypot(*(to_rad - start)[:2]))
-        duration_s, skew = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
-        self.saccades.append(Saccade(max(onset_s, free_s), duration_s, tuple(start[:2]), tuple(to_rad[:2]), skew))
-        self.apart_rad.append((float(start[2]), float(to_rad[2])))
-        self.place_rad = to_rad
+    def go(self, onsets_s: Float[ndarray, " K"], to_rad: Float[ndarray, "K 3"]) -> None:
+        """K saccades more; none starts before the one before it."""
+        start = np.concatenate([self.place_rad[None], to_rad])[:-1]
+        amplitude = np.hypot(*(to_rad - start)[:, :2].T)
+        free_s = _end_s(self.saccades[-1]) if self.saccades else 0.0
+        laws = zip(saccades.duration_s(amplitude).tolist(), saccades.skew(amplitude).tolist(), strict=True)
+        for onset_s, (duration_s, skew), off, to in zip(onsets_s.tolist(), laws, start, to_rad, strict=True):
+            self.saccades.append(Saccade(max(onset_s, free_s), duration_s, tuple(off[:2]), tuple(to[:2]), skew))
+            self.apart_rad.append((float(off[2]), float(to[2])))
+            free_s = _end_s(self.saccades[-1])
+        if len(to_rad):
+            self.place_rad = to_rad[-1]
 
     def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
         """Left yaw and pitch, right yaw and pitch."""
@@ -183,8 +187,7 @@ def shown(
 ) -> Float[ndarray, "T 4"]:
     """Yaw and pitch of both eyes at any times; the first place is where gaze begins."""
     chain = SaccadeChain(places_rad[0])
-    for onset_s, place_rad in zip(onsets_s[1:], places_rad[1:], strict=True):
-        chain.go(float(onset_s), place_rad)
+    chain.go(onsets_s[1:], places_rad[1:])
     return chain.at(times_s)
 
 
@@ -213,8 +216,8 @@ class EventGazeStream:
             self._run = self._drawing.begin(heard, uniform)
             self._chain = SaccadeChain(gaze.radians(self._run.place[0]))
         elif self._drawing.advance(self._run, heard, uniform).any():
-            onset_s = (self._bin + uniform[0, 1]) * gaze.bin_frames / gaze.fps
-            self._chain.go(float(onset_s), gaze.radians(self._run.place[0]))
+            onset_s = (self._bin + uniform[:, 1]) * gaze.bin_frames / gaze.fps
+            self._chain.go(onset_s, gaze.radians(self._run.place))
         first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
         times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps
         signal = torch.from_numpy(self._chain.at(times_s).astype(np.float32))[None]

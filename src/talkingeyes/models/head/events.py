@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import make_interp_spline
 from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
@@ -53,7 +53,8 @@ class EventHead(nn.Module):
     @torch.no_grad()
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Strokes drawn bin after bin, shown as frames."""
-        within = binned(speech, self.bin_frames, BEYOND)
+        heard = speech[:1] if speech.stride(0) == 0 else speech  # one speech for all seeds is heard once
+        within = binned(heard, self.bin_frames, BEYOND)
         count, numbers = within.shape[1], len(SPREAD) + 3
         uniform = torch.stack(
             [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
@@ -79,4 +80,6 @@ def splined(knot_frames: Float[ndarray, " K"], poses: Float[ndarray, "K 3"], fra
     if len(knot_frames) == 1:
         return np.repeat(poses, frames, axis=0)
     at = np.clip(np.arange(frames), knot_frames[0], knot_frames[-1])
-    return np.asarray(CubicSpline(knot_frames.astype(float), poses.astype(float))(at))
+    degree = min(3, len(knot_frames) - 1)
+    spline = make_interp_spline(knot_frames.astype(float), poses.astype(float), degree, check_finite=False)
+    return np.asarray(spline(at))

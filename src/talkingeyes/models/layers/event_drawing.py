@@ -91,7 +91,7 @@ class Drawing:
         ahead = np.arange(1, LOOK + 1)
         while len(rows := np.flatnonzero(at < count - 1)):
             beyond = at[rows, None] + ahead
-            bins = beyond.clip(max=count - 1)
+            bins = np.minimum(beyond, count - 1)
             features = self._features(run, rows, entered[rows[:, None], bins], run.age[rows, None] + ahead)
             happens = (uniform[rows[:, None], bins, 0] < self._hazard(features)) & (beyond < count)
             moved = happens.any(1)
@@ -137,7 +137,7 @@ class Drawing:
         place, weights = run.place[rows], self.weights
         known = run.state[rows] @ self.enter_state + place @ self.enter_place
         known += (place - run.home(rows)) @ self.enter_home + weights["enter.bias"]
-        entered = entered + known[:, None] + weights["age.weight"][age.clip(max=self.oldest)]
+        entered = entered + known[:, None] + weights["age.weight"][np.minimum(age, self.oldest)]
         return _gelu(_gelu(entered) @ weights["trunk.2.weight"].T + weights["trunk.2.bias"])
 
     def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
@@ -168,9 +168,9 @@ class Drawing:
         """Where an event leads: one Gaussian, then a number of it."""
         logits = self.logits(run, rows, features)
         chosen = draw(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
-        fixed = chosen.clip(max=len(self.follow) - 1)
+        fixed = np.minimum(chosen, len(self.follow) - 1)
         centre = self.weights["means"][fixed] + self.follow[fixed] * run.place[rows]
-        back = run.left[rows, (chosen - len(self.follow)).clip(min=0)]
+        back = run.left[rows, np.maximum(chosen - len(self.follow), 0)]
         returns = (chosen >= len(self.follow))[:, None]
         sd = np.where(returns, self.return_sd, self.sds[fixed])
         normal = ndtri(uniform[:, 1:].astype(float).clip(1e-6, 1 - 1e-6)).astype(np.float32)
@@ -199,7 +199,10 @@ def _gated(
     token: Float[ndarray, "S W"], state: Float[ndarray, "S W"], weights: dict[str, ndarray]
 ) -> Float[ndarray, "S W"]:
     """One step of the gated recurrent unit."""
-    given = np.split(token @ weights["remember.weight_ih_l0"].T + weights["remember.bias_ih_l0"], 3, axis=1)
-    kept = np.split(state @ weights["remember.weight_hh_l0"].T + weights["remember.bias_hh_l0"], 3, axis=1)
-    reset, update = expit(given[0] + kept[0]), expit(given[1] + kept[1])
-    return np.asarray((1 - update) * np.tanh(given[2] + reset * kept[2]) + update * state)
+    given = token @ weights["remember.weight_ih_l0"].T + weights["remember.bias_ih_l0"]
+    kept = state @ weights["remember.weight_hh_l0"].T + weights["remember.bias_hh_l0"]
+    width = state.shape[1]
+    gates = expit(given[:, : 2 * width] + kept[:, : 2 * width])
+    reset, update = gates[:, :width], gates[:, width:]
+    new = np.tanh(given[:, 2 * width :] + reset * kept[:, 2 * width :])
+    return np.asarray(new + update * (state - new))
