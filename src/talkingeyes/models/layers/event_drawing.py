@@ -16,6 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.special import expit, ndtri
+from torch import nn
 
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.event_returns import NEVER
@@ -64,10 +65,13 @@ class Drawing:
     def __init__(self, process: EventProcess, temperature: float) -> None:
         """The temperature narrows the choice of a place and the Gaussians."""
         weights = {name: value.detach().cpu().numpy() for name, value in process.state_dict().items()}
+        layers = [f"{name}.weight" for name, each in process.named_modules() if isinstance(each, nn.Linear)]
+        for name in (*layers, "remember.weight_ih_l0", "remember.weight_hh_l0"):
+            weights[name] = np.ascontiguousarray(weights[name].T)  # input by output, as numpy multiplies fastest
         width, (count, numbers) = process.settings.width, weights["means"].shape
         self.temperature, self.returns = temperature, process.settings.returns
         self.oldest = len(weights["age.weight"]) - 1
-        enter = weights["enter.weight"].T
+        enter = weights["enter.weight"]
         self.enter_state, self.enter_heard = enter[:width], enter[width : 2 * width]
         self.enter_place, self.enter_home = enter[2 * width : 2 * width + numbers], enter[2 * width + numbers :]
         self.follow = np.concatenate(
@@ -138,10 +142,10 @@ class Drawing:
         known = run.state[rows] @ self.enter_state + place @ self.enter_place
         known += (place - run.home(rows)) @ self.enter_home + weights["enter.bias"]
         entered = entered + known[:, None] + weights["age.weight"][np.minimum(age, self.oldest)]
-        return _gelu(_gelu(entered) @ weights["trunk.2.weight"].T + weights["trunk.2.bias"])
+        return _gelu(_linear(_gelu(entered), weights, "trunk.2"))
 
     def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
-        return np.asarray(expit(features @ self.weights["hazard.weight"][0] + self.weights["hazard.bias"]))
+        return np.asarray(expit(features @ self.weights["hazard.weight"][:, 0] + self.weights["hazard.bias"]))
 
     def _move(
         self,
@@ -155,9 +159,7 @@ class Drawing:
         weights, old = self.weights, run.place[rows]
         new = self._place(run, rows, features, uniform)
         since = np.log1p(run.age[rows, None].astype(np.float32))
-        token = (
-            np.concatenate([new, new - old, since, heard], axis=1) @ weights["token.weight"].T + weights["token.bias"]
-        )
+        token = _linear(np.concatenate([new, new - old, since, heard], axis=1), weights, "token")
         run.state[rows] = _gated(token, run.state[rows], weights)
         run.leave(rows)
         run.place[rows], run.age[rows] = new, 0
@@ -179,15 +181,21 @@ class Drawing:
     def logits(self, run: Run, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]) -> Float[ndarray, "S M"]:
         """Of the Gaussians, and after them of the places that were left."""
         weights, left, held = self.weights, run.left[rows], run.held[rows]
-        own = features @ weights["weigh.weight"].T + weights["weigh.bias"]
+        own = _linear(features, weights, "weigh")
         away, off = left - run.place[rows, None], left - run.home(rows)[:, None]
-        candidate = (
-            np.concatenate([away, off, np.log1p(held)[..., None]], axis=-1) @ weights["returns.candidate.weight"].T
+        candidate = _linear(
+            np.concatenate([away, off, np.log1p(held)[..., None]], axis=-1), weights, "returns.candidate"
         )
-        candidate += weights["returns.candidate.bias"] + weights["returns.nth"]
-        candidate += (features @ weights["returns.known.weight"].T + weights["returns.known.bias"])[:, None]
-        scored = _gelu(candidate) @ weights["returns.score.weight"][0] + weights["returns.score.bias"]
+        candidate += weights["returns.nth"] + _linear(features, weights, "returns.known")[:, None]
+        scored = _gelu(candidate) @ weights["returns.score.weight"][:, 0] + weights["returns.score.bias"]
         return np.concatenate([own, np.where(held > 0, scored, NEVER)], axis=1)
+
+
+def _linear(x: Float[ndarray, "*N C"], weights: dict[str, ndarray], name: str) -> Float[ndarray, "*N W"]:
+    """A layer of the network, in one product of matrices whatever the leading axes are."""
+    weight = weights[f"{name}.weight"]
+    out = x.reshape(-1, len(weight)) @ weight + weights[f"{name}.bias"]
+    return np.asarray(out.reshape(*x.shape[:-1], weight.shape[1]))
 
 
 def _gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
@@ -199,8 +207,8 @@ def _gated(
     token: Float[ndarray, "S W"], state: Float[ndarray, "S W"], weights: dict[str, ndarray]
 ) -> Float[ndarray, "S W"]:
     """One step of the gated recurrent unit."""
-    given = token @ weights["remember.weight_ih_l0"].T + weights["remember.bias_ih_l0"]
-    kept = state @ weights["remember.weight_hh_l0"].T + weights["remember.bias_hh_l0"]
+    given = token @ weights["remember.weight_ih_l0"] + weights["remember.bias_ih_l0"]
+    kept = state @ weights["remember.weight_hh_l0"] + weights["remember.bias_hh_l0"]
     width = state.shape[1]
     gates = expit(given[:, : 2 * width] + kept[:, : 2 * width])
     reset, update = gates[:, :width], gates[:, width:]
