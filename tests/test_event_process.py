@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import torch
 from torch import Tensor
 
@@ -13,6 +16,7 @@ SETTINGS = {
     "bin_frames": 2,
     "fixed": 4,
     "relative": 2,
+    "codebook": "learnt",
     "returns": 2,
     "layers": 1,
     "dropout": 0.0,
@@ -92,3 +96,30 @@ def test_it_learns_by_how_much_events_are_drawn_back() -> None:
     slope = (after * before)[moved].sum() / (before[moved] ** 2).sum()
     assert 0.3 < slope < 0.7
     assert 0.45 < drawn.place[:, 30:].std() < 0.75  # sqrt(.25 / .75) = .58
+
+
+@pytest.mark.parametrize("codebook", ["k_means", "vq_vae"])
+def test_a_codebook_finds_the_places_that_events_lead_to(codebook: str) -> None:
+    process = made(codebook=codebook).train()
+    targets = torch.tensor([[1.0, 0.5], [-1.0, 0.5], [1.0, -0.5], [-1.0, -0.5]])
+    optimiser = torch.optim.Adam(process.codebook.parameters(), lr=1e-2) if codebook == "vq_vae" else None
+    events = EventSequence(torch.arange(20).expand(8, 20), torch.zeros(8, 20, 2), torch.ones(8, 20, dtype=torch.bool))
+    for _ in range(200):
+        places = targets[torch.randint(0, 4, (8, 20))] + 0.05 * torch.randn(8, 20, 2)
+        terms = process.terms(replace(events, places=places), torch.zeros(8, 20, 3))
+        if optimiser is not None:
+            optimiser.zero_grad()
+            terms["codebook"].backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+    found = process.means().detach().clone()
+    assert torch.cdist(targets, found[:4]).min(1).values.max() < 0.2
+    process.zero_grad()
+    process.eval().terms(events, torch.zeros(8, 20, 3))["where"].backward()  # type: ignore[no-untyped-call]
+    assert process.steps.grad is not None and process.steps.grad.abs().sum() > 0
+    assert all(each.grad is None for each in process.codebook.parameters()), "likelihood moves no code"
+    torch.testing.assert_close(process.means(), found)  # nor does what is only measured
+
+
+def test_clusters_need_fixed_places() -> None:
+    with pytest.raises(ValueError, match="fixed should be 2 or more"):
+        made(codebook="k_means", fixed=0)

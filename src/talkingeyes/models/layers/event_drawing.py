@@ -68,7 +68,8 @@ class Drawing:
         layers = [f"{name}.weight" for name, each in process.named_modules() if isinstance(each, nn.Linear)]
         for name in (*layers, "remember.weight_ih_l0", "remember.weight_hh_l0"):
             weights[name] = np.ascontiguousarray(weights[name].T)  # input by output, as numpy multiplies fastest
-        width, (count, numbers) = process.settings.width, weights["means"].shape
+        self.means = process.means().detach().cpu().numpy()
+        width, (count, numbers) = process.settings.width, self.means.shape
         self.temperature, self.returns = temperature, process.settings.returns
         self.oldest = len(weights["age.weight"]) - 1
         enter = weights["enter.weight"]
@@ -171,7 +172,7 @@ class Drawing:
         logits = self.logits(run, rows, features)
         chosen = draw(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
         fixed = np.minimum(chosen, len(self.follow) - 1)
-        centre = self.weights["means"][fixed] + self.follow[fixed] * run.place[rows]
+        centre = self.means[fixed] + self.follow[fixed] * run.place[rows]
         back = run.left[rows, np.maximum(chosen - len(self.follow), 0)]
         returns = (chosen >= len(self.follow))[:, None]
         sd = np.where(returns, self.return_sd, self.sds[fixed])

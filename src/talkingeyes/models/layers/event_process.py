@@ -17,13 +17,14 @@ from typing import Annotated
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
+from talkingeyes.models.layers.event_codebook import CODEBOOKS, CodebookKind
 from talkingeyes.models.layers.event_drawing import Drawing, Drawn
 from talkingeyes.models.layers.event_returns import Left, Returns
-from talkingeyes.settings import Settings
+from talkingeyes.settings import Settings, out_of_bounds
 
 OLDEST = 63  # bins since the last event are told apart up to this many
 FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
@@ -39,6 +40,8 @@ class EventProcessSettings(Settings):
     # Gaussians at places of their own, and near the present place.
     fixed: Annotated[int, Field(ge=0)]
     relative: Annotated[int, Field(gt=0)]
+    # Where the fixed ones stand (event_codebook.py).
+    codebook: CodebookKind
     # Places that were left and can be gone back to.
     returns: Annotated[int, Field(gt=0)]
     # Convolutions over the condition, of kernel 5 with dilation 1, 2, ...: 3 layers reach 14 bins to each side.
@@ -47,6 +50,12 @@ class EventProcessSettings(Settings):
     # In training: share of past events that are hidden, and noise on past places (in units of the scale).
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     history_noise: Annotated[float, Field(ge=0)]
+
+    @model_validator(mode="after")
+    def _clusters(self) -> EventProcessSettings:
+        if self.codebook != "learnt" and self.fixed < 2:
+            raise out_of_bounds(f"fixed should be 2 or more for codebook={self.codebook}", self.fixed)
+        return self
 
 
 class CausalEventProcessSettings(EventProcessSettings):
@@ -114,14 +123,20 @@ class EventProcess(nn.Module):
         self.hazard = nn.Linear(width, 1)
         self.weigh = nn.Linear(width, settings.fixed + settings.relative)
         far, near = settings.fixed, settings.relative
-        start = _quantiles(far + near, numbers) * torch.tensor([1.0] * far + [0.3] * near)[:, None]
-        self.means = nn.Parameter(start * torch.tensor(spread))
+        start = _quantiles(far + near, numbers) * torch.tensor(spread)
+        self.codebook = CODEBOOKS[settings.codebook](start[:far].clone())
+        self.steps = nn.Parameter(0.3 * start[far:])
         self.follow = nn.Parameter(torch.linspace(*FOLLOW, near)[:, None].repeat(1, numbers))
-        self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(self.means.shape).clone())
+        self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(start.shape).clone())
         self.returns = Returns(settings.returns, width, spread)
 
+    def means(self) -> Float[Tensor, "M D"]:
+        """Of the Gaussians: first those at places of their own, then how far from the present place the others lie."""
+        return torch.cat([self.codebook(), self.steps])
+
     def terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
-        """Negative log-likelihoods: `when` a bin, `where` an event."""
+        """Negative log-likelihoods: `when` a bin, `where` an event. With them what the codebook learns by, if any."""
+        learnt = self.codebook.learn(events.places[events.real])
         heard = self.listen(condition)
         past = self._past(events, heard)
         features = self._features(past, heard)
@@ -135,7 +150,7 @@ class EventProcess(nn.Module):
         left = Left.before(events.bins, events.places, self.settings.returns)
         before = Left(left.places[:, :-1], left.held[:, :-1])
         likelihood = self._log_density(at_events, from_place, before, events.places)
-        return {"when": when, "where": -(likelihood * events.real).sum() / events.real.sum()}
+        return {"when": when, "where": -(likelihood * events.real).sum() / events.real.sum(), **learnt}
 
     @torch.no_grad()
     def sample(self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
@@ -188,7 +203,7 @@ class EventProcess(nn.Module):
 
     def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
-        centre = self.means + F.pad(self.follow, (0, 0, self.settings.fixed, 0)) * place[..., None, :]
+        centre = self.means() + F.pad(self.follow, (0, 0, self.settings.fixed, 0)) * place[..., None, :]
         log_sd, back = self.log_sds_in_bounds()
         wide = torch.cat([log_sd.expand_as(centre), back.expand_as(left.places)], dim=-2)
         logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
