@@ -12,6 +12,7 @@ SETTINGS = EventProcessSettings(
     bin_frames=2,
     fixed=4,
     relative=2,
+    codebook="learnt",
     returns=3,
     layers=1,
     dropout=0.0,

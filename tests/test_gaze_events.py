@@ -15,6 +15,7 @@ PROCESS = {
     "bin_frames": 2,
     "fixed": 4,
     "relative": 2,
+    "codebook": "learnt",
     "returns": 2,
     "layers": 2,
     "dropout": 0.0,

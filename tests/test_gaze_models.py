@@ -46,6 +46,7 @@ GAZE: dict[str, dict[str, Any]] = {
             "bin_frames": 2,
             "fixed": 8,
             "relative": 2,
+            "codebook": "learnt",
             "returns": 2,
             "layers": 1,
             "dropout": 0.0,
