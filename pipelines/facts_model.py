@@ -39,7 +39,7 @@ from talkingeyes.run import Workspace, clip_parallel, each, shell
 UNHEARD = ("val", "test", "unseen")
 SAMPLES, SEED = 2, 0
 # The model's own rate, that of a screen, and that of the law of saccades.
-RATES_FPS = (25, 120, 500)
+RATES_FPS = (25.0, 120.0, 500.0)
 INTRODUCTION = """# Facts of the default model
 
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
@@ -92,8 +92,9 @@ def _performer(model: Path) -> Performer:
 def observe(source: Source, model: Path, clip: Clip) -> Performed:
     """One sound, performed and as it was."""
     embedding = np.array(Recordings([clip], source.fit, source.embed)[0].speech)
+    performer, sound = _performer(model), source.corpus.speech(clip)
     made = {
-        fps: [each.motion for each in _performer(model).perform_embedded(embedding, SAMPLES, SEED, float(fps))]
+        fps: [each.motion for each in performer.perform_embedded(embedding, SAMPLES, SEED, fps, sound=sound)]
         for fps in RATES_FPS
     }
     slow, fast = (joined(figures.observe(see(source, clip, motion)) for motion in made[fps]) for fps in (25, 120))

@@ -9,6 +9,8 @@ from numpy import ndarray
 
 from talkingeyes.models.gaze.events import EventGaze, EventGazeSettings, SaccadeChain, shown
 from talkingeyes.models.gaze.generator import Condition, StreamedGaze
+from talkingeyes.physiology import eye_head
+from talkingeyes.rotation import angles_of_gaze
 
 PROCESS = {
     "width": 16,
@@ -85,3 +87,14 @@ def test_a_causal_process_hears_so_far_ahead(ahead: int) -> None:
     moved = (made.process.listen(made.within(told)) - before)[0].abs().amax(-1) > 1e-6
     assert int(moved.nonzero()[0]) == 20 - ahead
     assert gaze().hears_ahead  # the default hears both sides
+
+
+def test_eyes_turn_no_further_than_they_can() -> None:
+    made, told = gaze(), condition(200)
+    far = Condition(told.speech, told.head + torch.tensor([0.3, 0.6, 0.0]), told.head_normal)
+    angles = angles_of_gaze(made.sample(far, [7], 1.0).numpy())
+    held = eye_head.within_limits(angles)
+    np.testing.assert_allclose(angles, held, atol=1e-5)
+    assert (np.abs(angles[..., 0]) > eye_head.YAW_LIMIT_RAD - 1e-5).any(), "the head is turned too far away"
+    free = angles_of_gaze(made.sample(told, [7], 1.0).numpy())
+    assert (np.abs(free[..., 0]) < eye_head.YAW_LIMIT_RAD - 1e-5).any()

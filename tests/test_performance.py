@@ -121,6 +121,22 @@ def test_profiles_blink_at_their_rates() -> None:
     assert 18 < rates["physio"] < 30
 
 
+def test_blinks_come_where_phrases_end_but_not_those_of_the_paper() -> None:
+    """Two seconds of noise and one of silence, by turns; a blink is late when it begins with the silence."""
+    at_s = np.arange(16_000 * 120) / 16_000
+    sound = np.where(at_s % 3 < 2, 0.1, 1e-4) * np.random.default_rng(0).standard_normal(len(at_s))
+    late = {}
+    for profile in ("paper", "physio"):
+        made = PERFORMER.perform(sound.astype(np.float32), 20, seed=1, fps=25.0, direction=Direction(blinks=profile))
+        onsets_s = np.array([blink.onset_s for one in made for blink in one.events.blinks]) % 3
+        late[profile] = np.mean((onsets_s >= 1.9) & (onsets_s < 2.5)) / (0.6 / 3)
+    assert late["physio"] > 1.5
+    assert 0.8 < late["paper"] < 1.2
+    made = PERFORMER.perform_embedded(np.zeros((3000, 1), np.float32), 20, seed=1, fps=25.0)
+    onsets_s = np.array([blink.onset_s for one in made for blink in one.events.blinks]) % 3
+    assert 0.8 < np.mean((onsets_s >= 1.9) & (onsets_s < 2.5)) / (0.6 / 3) < 1.2, "nobody knows when it speaks"
+
+
 def test_an_unknown_profile_is_one_clear_line() -> None:
     with pytest.raises(InputError, match="one of paper, physio, got often"):
         PERFORMER.perform(SOUND, 1, 0, 25.0, Direction(blinks="often"))

@@ -145,10 +145,9 @@ def within_reach(course: Course, own: Course) -> Course:
     changed = np.flatnonzero(moved > LEAST_STEP_RAD)
     head = course.head[changed]
     angles = rotation.angles_of_gaze(rotation.eye_in_head(head, course.space_rad[changed]))
-    yaw = np.clip(angles[..., 0], -eye_head.YAW_LIMIT_RAD, eye_head.YAW_LIMIT_RAD)
-    pitch = np.clip(angles[..., 1], *eye_head.PITCH_LIMITS_RAD)
-    beyond = ((yaw != angles[..., 0]) | (pitch != angles[..., 1])).any(axis=-1)
-    eyes = rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1)[beyond])
+    within = eye_head.within_limits(angles)
+    beyond = (within != angles).any(axis=(-2, -1))
+    eyes = rotation.gaze_of_angles(within[beyond])
     space = course.space_rad.copy()
     space[changed[beyond]] = rotation.gaze_in_space(head[beyond], eyes)
     return replace(course, space_rad=space)

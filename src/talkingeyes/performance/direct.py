@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from talkingeyes.audio.annotation import Annotation
 from talkingeyes.fitting.manner import Manner
 from talkingeyes.motion import Blink
 from talkingeyes.performance.aiming import aimed
@@ -26,11 +27,12 @@ from talkingeyes.physiology.blinks import BlinkProfile
 
 @dataclass(frozen=True)
 class Asked:
-    """A direction whose style has been found and whose partner has been listened to."""
+    """A direction whose style has been found and whose partner has been listened to; one's own phrases."""
 
     direction: Direction
     manner: Manner | None = None
     listening: Listening | None = None
+    spoken: Annotation | None = None
 
     @property
     def nothing(self) -> bool:
@@ -41,12 +43,12 @@ class Asked:
 
 
 def blinks_of(profile: BlinkProfile, asked: Asked, seconds: float, random: np.random.Generator) -> tuple[Blink, ...]:
-    """Blinks at the rate of the profile or of the manner, times the dial; with a partner, where talk has them."""
+    """Blinks at the rate of the profile or of the manner, times the dial, where talk has them."""
     rate = asked.manner.blinks_per_min if asked.manner else blinks.draw_rate_per_min(profile, random)
     rate *= asked.direction.liveliness.blinks
     if rate == 0:
         return ()
-    annotation = asked.listening.annotation if asked.listening else None
+    annotation = asked.listening.annotation if asked.listening else asked.spoken
     return blinks.draw_blinks(profile, seconds, random, annotation, rate)
 
 

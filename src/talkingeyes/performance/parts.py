@@ -113,7 +113,4 @@ def _fitted(name: str, donor: Motion, motion: Motion) -> Motion:
 
 def _reached(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
     """Gaze no further from the head than eyes turn."""
-    angles = rotation.angles_of_gaze(gaze)
-    yaw = np.clip(angles[..., 0], -eye_head.YAW_LIMIT_RAD, eye_head.YAW_LIMIT_RAD)
-    pitch = np.clip(angles[..., 1], *eye_head.PITCH_LIMITS_RAD)
-    return np.asarray(rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1)))
+    return np.asarray(rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze))))

@@ -33,7 +33,7 @@ from talkingeyes.performance.direction import NEUTRAL_FACE, Direction
 from talkingeyes.performance.events import resample
 from talkingeyes.performance.face import FacePerformer, beside, with_face
 from talkingeyes.performance.keys import save_keys
-from talkingeyes.performance.listening import listening
+from talkingeyes.performance.listening import listening, turns
 from talkingeyes.performance.model_file import opened
 from talkingeyes.performance.parts import recast_events, recast_motion
 from talkingeyes.physiology import blinks
@@ -121,15 +121,17 @@ class Performer:
         seed: int,
         fps: float,
         direction: Direction = MODELS_OWN,
+        sound: Float[ndarray, " N"] | None = None,
     ) -> list[Performance]:
-        """The same for speech that is embedded already; who speaks when is not known then, so there is no partner.
+        """The same for speech that is embedded already.
 
-        There is no face either, where the model of the face has another encoder.
+        Without the sound nobody knows who speaks when: blinks do not heed phrases, and there can be no partner. There
+        is no face either, where the model of the face has another encoder.
         """
         self._check(direction)
-        if direction.partner is not None:
+        if direction.partner is not None and sound is None:
             raise InputError("partner: should come with the sound of the speech itself, got embedded speech")
-        return self._all(embedding, np.zeros(0), samples, seed, fps, direction)
+        return self._all(embedding, np.zeros(0) if sound is None else sound, samples, seed, fps, direction)
 
     def _check(self, direction: Direction) -> None:
         if direction.blinks not in self.blink_profiles:
@@ -155,10 +157,11 @@ class Performer:
         manner = self.speakers[style] if isinstance(style, str) else style
         drawn = self._drawn(embedding, sound, sample_seeds(seed, samples))
         faces = self._faces(embedding, sound, samples, seed, direction)
+        spoken = turns(sound, np.zeros(0)) if len(sound) else None
         performances = []
         for index in range(samples):
             heard = None if direction.partner is None else listening(sound, direction.partner, [seed, index, 3])
-            one = self._one(drawn, index, seed, fps, Asked(direction, manner, heard))
+            one = self._one(drawn, index, seed, fps, Asked(direction, manner, heard, spoken))
             motion = with_face(one.motion, faces, index, direction.face) if faces else one.motion
             motion = recast_motion(motion, direction.parts)
             performances.append(Performance(motion, recast_events(one.events, motion, direction.parts)))

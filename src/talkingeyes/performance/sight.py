@@ -32,9 +32,7 @@ def toward_rad(head: Float[ndarray, "T 3"], places_m: Float[ndarray, "T 3"], fra
     turn = rotation.matrices(head)
     seen = _from_eyes(turn, places_m, frame)
     angles = rotation.angles_of_direction(seen / np.linalg.norm(seen, axis=-1, keepdims=True)) + KAPPA_RAD
-    yaw = np.clip(angles[..., 0], -eye_head.YAW_LIMIT_RAD, eye_head.YAW_LIMIT_RAD)
-    pitch = np.clip(angles[..., 1], *eye_head.PITCH_LIMITS_RAD)
-    axes = rotation.direction_of_angles(np.stack([yaw, pitch], axis=-1))
+    axes = rotation.direction_of_angles(eye_head.within_limits(angles))
     return rotation.angles_of_direction(np.einsum("tij,tej->tei", turn, axes))
 
 

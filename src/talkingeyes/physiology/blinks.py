@@ -47,9 +47,11 @@ class BlinkProfile:
     centre_per_min: float
     spread: float
     window_s: float | None = None
+    # Whether blinks come at the ends of phrases and in pauses, where they are known.
+    heeds_speech: bool = True
 
 
-PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200)
+PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200, heeds_speech=False)
 PHYSIO = BlinkProfile("lognormal", 23.0, 0.35)
 PROFILES = {"paper": PAPER, "physio": PHYSIO}
 
@@ -76,7 +78,8 @@ def draw_blinks(
 ) -> tuple[Blink, ...]:
     """Blinks over `seconds`, at a rate drawn from the profile unless given; `full` is how likely the lids meet.
 
-    A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives.
+    A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives, if
+    the profile heeds it.
     """
     rate = draw_rate_per_min(profile, random) if rate_per_min is None else rate_per_min
     mean_s = 60.0 / max(rate, 1e-6)
@@ -87,7 +90,7 @@ def draw_blinks(
     steps_s = dead_s + random.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
     even_s = np.cumsum(steps_s) - warm_up_s
     even_s = even_s[(even_s >= 0) & (even_s < seconds)]
-    onsets_s = _warped(even_s, seconds, annotation)
+    onsets_s = _warped(even_s, seconds, annotation if profile.heeds_speech else None)
     return without_overlap([draw_blink(profile, onset, random, full) for onset in onsets_s])
 
 

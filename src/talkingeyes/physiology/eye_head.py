@@ -71,6 +71,10 @@ def eyes(
     """
     straight = np.einsum("tji,tj->ti", rotation.matrices(head), rotation.direction_of_angles(space_rad))
     axes = optical_axes_rad(lines_of_sight(straight, vergence), kappa_rad) + blink_rad
-    yaw = np.clip(axes[..., 0], -YAW_LIMIT_RAD, YAW_LIMIT_RAD)
-    pitch = np.clip(axes[..., 1], *PITCH_LIMITS_RAD)
-    return rotation.gaze_of_angles(np.stack([yaw, pitch], axis=-1))
+    return rotation.gaze_of_angles(within_limits(axes))
+
+
+def within_limits(axes_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
+    """Yaw and pitch of eyes in the head, no further than eyes turn."""
+    least, most = np.transpose([(-YAW_LIMIT_RAD, YAW_LIMIT_RAD), PITCH_LIMITS_RAD])
+    return np.asarray(axes_rad.clip(least, most))

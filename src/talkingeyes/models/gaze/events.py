@@ -18,8 +18,9 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes import rotation
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
-from talkingeyes.models.gaze.signal import gaze_of, signal_of
+from talkingeyes.models.gaze.signal import signal_of, to_gaze
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
 from talkingeyes.models.layers.event_drawing import Drawing, Run
@@ -31,7 +32,7 @@ from talkingeyes.models.layers.event_process import (
     binned,
 )
 from talkingeyes.motion import Saccade
-from talkingeyes.physiology import saccades
+from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.settings import PartSettings
 
 # Fitted gaze rests between steps: what moves by less than EDGE a frame rests; what lands nearer than LEAST never left.
@@ -39,6 +40,7 @@ EDGE_RAD = np.radians(0.2)
 LEAST_RAD = np.radians(0.7)
 # Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.
 SPREAD = (1.0, 0.7, 0.15)
+NEAREST_LIMIT_RAD = min(eye_head.PITCH_LIMITS_RAD[1], eye_head.YAW_LIMIT_RAD)
 
 
 class EventGazeSettings(PartSettings):
@@ -98,8 +100,7 @@ class EventGaze(nn.Module):
             shown(start_s[event], self.radians(places[event]), times_s)
             for event, start_s, places in zip(drawn.event, starts_s, drawn.place, strict=True)
         ]
-        signal = torch.from_numpy(np.stack(made).astype(np.float32)).to(within)
-        return gaze_of("gaze_in_space", condition.head, signal)
+        return _eyes(condition.head, np.stack(made))
 
     @property
     def step_frames(self) -> int:
@@ -124,6 +125,14 @@ class EventGaze(nn.Module):
         """Speech and head a bin: their means; the last bin is filled up by its last frame."""
         both = torch.cat([condition.speech, condition.head_normal], dim=-1)
         return binned(both, self.bin_frames)
+
+
+def _eyes(head: Float[Tensor, "B T 3"], signal: Float[ndarray, "B T 4"]) -> Float[Tensor, "B T 2 3"]:
+    """Eyes in the head that look there in space, no further than eyes turn: then they go with the head."""
+    gaze = to_gaze("gaze_in_space", head.cpu().numpy(), signal.astype(np.float32))
+    far = np.linalg.norm(gaze, axis=-1) > NEAREST_LIMIT_RAD
+    gaze[far] = rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze[far])))
+    return torch.from_numpy(gaze).to(head)
 
 
 def both_eyes(signal: Float[Tensor, "B T 4"]) -> Float[Tensor, "B T 3"]:
@@ -220,6 +229,6 @@ class EventGazeStream:
             self._chain.go(onset_s, gaze.radians(self._run.place))
         first, self._bin = self._bin * gaze.bin_frames, self._bin + 1
         times_s = np.arange(first, first + condition.head.shape[1]) / gaze.fps
-        signal = torch.from_numpy(self._chain.at(times_s).astype(np.float32))[None]
+        signal = self._chain.at(times_s)[None]
         self._chain.forget(times_s[-1])
-        return gaze_of("gaze_in_space", condition.head, signal)
+        return _eyes(condition.head, signal)
