@@ -57,9 +57,9 @@ class MotionStream:
 
     def __init__(self, network: SpeechToMotion, seed: int, temperature: float | None = None) -> None:
         self._network, parts = network, Streamed.of(network)
-        self._stack, self._head, self._step = parts.speech, parts.head, parts.gaze.step_frames
+        self._stack, self._step = parts.speech, parts.gaze.step_frames
         chosen = float(network.temperature) if temperature is None else temperature
-        self._past, self._turn = parts.speech.start(1), parts.head.start([seed])
+        self._speech, self._head = parts.speech.stream(), parts.head.stream(seed)
         self._gaze = parts.gaze.stream(seed, chosen)
         self._early = parts.speech.ahead  # what the layers say before the first frame
         self._heard = torch.zeros(1, 0, network.settings.speech.width)  # features of less than a step
@@ -78,7 +78,7 @@ class MotionStream:
     def _speak(self, standard: Float[Tensor, "1 T H"]) -> Generated:
         if not standard.shape[1]:
             return joined([])
-        said = self._stack.step(standard, self._past)
+        said = torch.from_numpy(self._speech.step(standard[0].numpy()))[None]
         early = min(self._early, said.shape[1])
         self._early -= early
         self._heard = torch.cat([self._heard, said[:, early:]], dim=1)
@@ -90,8 +90,8 @@ class MotionStream:
 
     def _moved(self, speech: Float[Tensor, "1 P S"]) -> Generated:
         """The frames of a step, or of its beginning where the stream ends."""
-        head = self._head.step(speech, self._turn)
-        return Generated(head, self._gaze.step(Condition(speech, head, self._head.normal(head))))
+        head = self._head.step(speech)
+        return Generated(head, self._gaze.step(Condition(speech, head, self._network.head.normal(head))))
 
 
 def joined(parts: Sequence[Generated]) -> Generated:

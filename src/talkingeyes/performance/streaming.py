@@ -203,6 +203,8 @@ class Stream:
 
     def _played(self, parts: list[Generated]) -> Frames:
         """With blinks, and gaze held while the lids are shut."""
+        if not parts:
+            return Frames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
         shaped = self._model.shaped(joined(parts), self._wish)
         first = self._frames
         self._frames += len(shaped.head)

@@ -131,7 +131,8 @@ def _eyes(head: Float[Tensor, "B T 3"], signal: Float[ndarray, "B T 4"]) -> Floa
     """Eyes in the head that look there in space, no further than eyes turn: then they go with the head."""
     gaze = to_gaze("gaze_in_space", head.cpu().numpy(), signal.astype(np.float32))
     far = np.linalg.norm(gaze, axis=-1) > NEAREST_LIMIT_RAD
-    gaze[far] = rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze[far])))
+    if far.any():
+        gaze[far] = rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze[far])))
     return torch.from_numpy(gaze).to(head)
 
 
@@ -210,7 +211,7 @@ class EventGazeStream:
     def __init__(self, gaze: EventGaze, seed: int, temperature: float) -> None:
         assert isinstance(gaze.process.listen, CausalConvolutionStack)
         self._gaze, self._drawing = gaze, Drawing(gaze.process, temperature)
-        self._listen, self._past = gaze.process.listen, gaze.process.listen.start(1)
+        self._listen = gaze.process.listen.stream()
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
         self._bin = 0
         self._run: Run | None = None
@@ -220,7 +221,7 @@ class EventGazeStream:
         """The frames of the next bin, or of its beginning where the stream ends."""
         gaze = self._gaze
         uniform = torch.rand(1, len(SPREAD) + 3, generator=self._uniform).numpy()
-        heard = self._listen.step(gaze.within(condition), self._past)[:, 0].numpy()
+        heard = self._listen.step(gaze.within(condition)[0].numpy())
         if self._run is None or self._chain is None:
             self._run = self._drawing.begin(heard, uniform)
             self._chain = SaccadeChain(gaze.radians(self._run.place[0]))

@@ -7,7 +7,7 @@ distribution, so that the codes of a longer speech begin with those of a shorter
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import torch
@@ -32,14 +32,18 @@ class CausalHeadSettings(VAESettings, PartSettings):
 
 
 @dataclass
-class HeadStream:
-    """Between two parts of a stream: what the decoder has heard, frames so far, the codes from number `first` on."""
+class _Codes:
+    """The codes of a batch so far: the frame that comes next, and the codes from number `first` on."""
 
-    past: list[Tensor]
-    frame: int
     generators: Sequence[torch.Generator]
-    codes: list[Float[Tensor, "B Z"]]
-    first: int
+    frame: int = 0
+    first: int = 0
+    codes: list[Float[Tensor, "B Z"]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, seeds: Sequence[int]) -> _Codes:
+        """Before the first frame."""
+        return cls([torch.Generator().manual_seed(seed) for seed in seeds])
 
 
 class CausalHead(nn.Module):
@@ -67,36 +71,31 @@ class CausalHead(nn.Module):
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions from codes drawn from N(0, I), a seed a row."""
-        return self.step(speech, self.start(seeds))
+        heard = torch.cat([self.spread(_Codes.of(seeds), speech.shape[1]).to(speech), speech], dim=-1)
+        return self.normal.back(self.whole.vae.out(self.decoder(heard)))
 
-    def start(self, seeds: Sequence[int]) -> HeadStream:
-        """Before the first frame."""
-        generators = [torch.Generator().manual_seed(seed) for seed in seeds]
-        return HeadStream(self._decoder.start(len(seeds)), 0, generators, [], 0)
-
-    def step(self, speech: Float[Tensor, "B T S"], stream: HeadStream) -> Float[Tensor, "B T 3"]:
-        """The head at the next frames; the stream moves on."""
-        spread = self._spread(stream, speech.shape[1]).to(speech)
-        stream.frame += speech.shape[1]
-        vae = self.whole.vae
-        return self.normal.back(vae.out(self._decoder.step(torch.cat([spread, speech], dim=-1), stream.past)))
+    def stream(self, seed: int) -> HeadStream:
+        """Part after part what `sample` gives."""
+        return HeadStream(self, seed)
 
     @property
-    def _decoder(self) -> CausalConvolutionStack:
+    def decoder(self) -> CausalConvolutionStack:
+        """Of codes and speech."""
         assert isinstance(self.whole.vae.decoder, CausalConvolutionStack)
         return self.whole.vae.decoder
 
-    def _spread(self, stream: HeadStream, frames: int) -> Float[Tensor, "B T Z"]:
-        """Codes at their centres, interpolated to frames with their variance kept (as ConditionalVAE does)."""
+    def spread(self, drawn: _Codes, frames: int) -> Float[Tensor, "B T Z"]:
+        """Codes at their centres, interpolated to the next frames with their variance kept (as ConditionalVAE does)."""
         span = self.settings.latent_frames
-        place = ((torch.arange(stream.frame, stream.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
+        place = ((torch.arange(drawn.frame, drawn.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
         left = place.floor().long()
-        while stream.first + len(stream.codes) < int(left[-1]) + 2:
-            stream.codes.append(self._draw(stream.generators))
-        del stream.codes[: int(left[0]) - stream.first]
-        stream.first = int(left[0])
-        codes = torch.stack(stream.codes, dim=1)
-        share, left = (place - left)[:, None], left - stream.first
+        drawn.frame += frames
+        while drawn.first + len(drawn.codes) < int(left[-1]) + 2:
+            drawn.codes.append(self._draw(drawn.generators))
+        del drawn.codes[: int(left[0]) - drawn.first]
+        drawn.first = int(left[0])
+        codes = torch.stack(drawn.codes, dim=1)
+        share, left = (place - left)[:, None], left - drawn.first
         mixed = (1 - share) * codes[:, left] + share * codes[:, left + 1]
         out: Tensor = mixed / torch.hypot(share, 1 - share)
         return out
@@ -105,3 +104,16 @@ class CausalHead(nn.Module):
         uniform = torch.stack([torch.rand(self.settings.latent, generator=each) for each in generators])
         normal: Tensor = torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
         return normal
+
+
+class HeadStream:
+    """The head of one seed, part after part."""
+
+    def __init__(self, head: CausalHead, seed: int) -> None:
+        self._head, self._codes, self._decoder = head, _Codes.of([seed]), head.decoder.stream()
+
+    def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
+        """The head at the next frames."""
+        heard = torch.cat([self._head.spread(self._codes, speech.shape[1]), speech], dim=-1)
+        said = torch.from_numpy(self._decoder.step(heard[0].numpy()))[None]
+        return self._head.normal.back(self._head.whole.vae.out(said))

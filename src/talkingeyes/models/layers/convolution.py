@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import torch
 import torch.nn.functional as F
 from jaxtyping import Float
+from numpy import ndarray
 from torch import Tensor, nn
+
+from talkingeyes.models.layers.small_steps import SmallConvolution, SmallLinear, SmallNorm, gelu
 
 
 class ConvolutionStack(nn.Module):
@@ -32,7 +34,7 @@ class CausalConvolutionStack(nn.Module):
     """The same layers without a look ahead: a frame hears itself and the 4 (2^layers - 1) frames before it.
 
     `ahead` frames may be heard all the same: what is given for frame t is what the layers say at frame t + ahead, and
-    past the end they hear zeros. `start` and `step` do it part by part, for streams.
+    past the end they hear zeros. `stream` does it part by part.
     """
 
     def __init__(self, channels_in: int, width: int, layers: int, dropout: float, ahead: int) -> None:
@@ -47,18 +49,28 @@ class CausalConvolutionStack(nn.Module):
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
         """Features a frame."""
-        return self.step(F.pad(x, (0, 0, 0, self.ahead)), self.start(len(x)))[:, self.ahead :]
-
-    def start(self, batch: int) -> list[Float[Tensor, "B _ W"]]:
-        """What each layer has heard before the first frame: silence."""
-        width = self.enter.out_features
-        return [self.enter.weight.new_zeros(batch, 4 * 2**layer, width) for layer in range(len(self.norms))]
-
-    def step(self, x: Float[Tensor, "B T C"], past: list[Float[Tensor, "B _ W"]]) -> Float[Tensor, "B T W"]:
-        """What the layers say at the next frames (those of `ahead` frames ago); `past` moves on."""
-        h: Tensor = self.enter(x)
+        h: Tensor = self.enter(F.pad(x, (0, 0, 0, self.ahead)))
         for layer, (norm, convolution) in enumerate(zip(self.norms, self.convolutions, strict=True)):
-            heard = torch.cat([past[layer], F.gelu(norm(h))], dim=1)
-            past[layer] = heard[:, heard.shape[1] - past[layer].shape[1] :]
+            heard = F.pad(F.gelu(norm(h)), (0, 0, 4 * 2**layer, 0))
             h = h + self.drop(convolution(heard.transpose(1, 2)).transpose(1, 2))
+        return h[:, self.ahead :]
+
+    def stream(self) -> ConvolutionStream:
+        """The layers as they are now, before the first frame of one stream."""
+        return ConvolutionStream(self)
+
+
+class ConvolutionStream:
+    """Causal layers that hear part after part."""
+
+    def __init__(self, stack: CausalConvolutionStack) -> None:
+        self._enter = SmallLinear(stack.enter)
+        pairs = zip(stack.norms, stack.convolutions, strict=True)
+        self._layers = [(SmallNorm(norm), SmallConvolution(each)) for norm, each in pairs]  # type: ignore[arg-type]
+
+    def step(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
+        """What the layers say at the next frames (those of `ahead` frames ago)."""
+        h = self._enter(x)
+        for norm, convolution in self._layers:
+            h = h + convolution(gelu(norm(h)))
         return h

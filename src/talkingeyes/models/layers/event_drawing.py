@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.special import expit, ndtri
-from torch import nn
 
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.event_returns import NEVER
+from talkingeyes.models.layers.small_steps import SmallGRU, SmallLinear, array, gelu
 
 if TYPE_CHECKING:
     from talkingeyes.models.layers.event_process import EventProcess
@@ -64,22 +63,20 @@ class Drawing:
 
     def __init__(self, process: EventProcess, temperature: float) -> None:
         """The temperature narrows the choice of a place and the Gaussians."""
-        weights = {name: value.detach().cpu().numpy() for name, value in process.state_dict().items()}
-        layers = [f"{name}.weight" for name, each in process.named_modules() if isinstance(each, nn.Linear)]
-        for name in (*layers, "remember.weight_ih_l0", "remember.weight_hh_l0"):
-            weights[name] = np.ascontiguousarray(weights[name].T)  # input by output, as numpy multiplies fastest
-        self.means = process.means().detach().cpu().numpy()
+        self.means, self.follow = array(process.means()), array(process.follow)
         width, (count, numbers) = process.settings.width, self.means.shape
         self.temperature, self.returns = temperature, process.settings.returns
-        self.oldest = len(weights["age.weight"]) - 1
-        enter = weights["enter.weight"]
+        self.start, self.age, self.nth = array(process.start), array(process.age.weight), array(process.returns.nth)
+        enter, self.enter_bias = array(process.enter.weight).T.copy(), array(process.enter.bias)
         self.enter_state, self.enter_heard = enter[:width], enter[width : 2 * width]
         self.enter_place, self.enter_home = enter[2 * width : 2 * width + numbers], enter[2 * width + numbers :]
-        self.follow = np.concatenate(
-            [np.zeros((count - len(weights["follow"]), numbers), np.float32), weights["follow"]]
-        )
-        self.sds, self.return_sd = (np.exp(each.detach().cpu().numpy()) for each in process.log_sds_in_bounds())
-        self.weights = weights
+        self.trunk = SmallLinear(process.trunk[2])  # type: ignore[arg-type]
+        self.hazard, self.weigh = SmallLinear(process.hazard), SmallLinear(process.weigh)
+        self.token, self.remember = SmallLinear(process.token), SmallGRU(process.remember)
+        of = process.returns
+        self.candidate, self.known, self.score = SmallLinear(of.candidate), SmallLinear(of.known), SmallLinear(of.score)
+        self.follow = np.concatenate([np.zeros((count - len(self.follow), numbers), np.float32), self.follow])
+        self.sds, self.return_sd = (np.exp(array(each)) for each in process.log_sds_in_bounds())
 
     def sample(self, heard: Float[ndarray, "B N W"], uniform: Float[ndarray, "B N U"]) -> Drawn:
         """The same as bin after bin, but from event to event.
@@ -114,7 +111,7 @@ class Drawing:
         """The first bin, which holds an event always."""
         batch, numbers = len(heard), self.follow.shape[1]
         run = Run(
-            np.repeat(self.weights["start"][None], batch, axis=0),
+            np.repeat(self.start[None], batch, axis=0),
             np.zeros((batch, numbers), np.float32),
             np.zeros(batch, int),
             np.zeros((batch, self.returns, numbers), np.float32),
@@ -139,14 +136,14 @@ class Drawing:
         self, run: Run, rows: Int[ndarray, " S"], entered: Float[ndarray, "S N W"], age: Int[ndarray, "S N"]
     ) -> Float[ndarray, "S N W"]:
         """Of N bins of some rows, of which what is heard has entered."""
-        place, weights = run.place[rows], self.weights
+        place = run.place[rows]
         known = run.state[rows] @ self.enter_state + place @ self.enter_place
-        known += (place - run.home(rows)) @ self.enter_home + weights["enter.bias"]
-        entered = entered + known[:, None] + weights["age.weight"][np.minimum(age, self.oldest)]
-        return _gelu(_linear(_gelu(entered), weights, "trunk.2"))
+        known += (place - run.home(rows)) @ self.enter_home + self.enter_bias
+        entered = entered + known[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
+        return gelu(self.trunk(gelu(entered)))
 
     def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
-        return np.asarray(expit(features @ self.weights["hazard.weight"][:, 0] + self.weights["hazard.bias"]))
+        return np.asarray(expit(self.hazard(features)[..., 0]))
 
     def _move(
         self,
@@ -157,11 +154,11 @@ class Drawing:
         uniform: Float[ndarray, "S U"],
     ) -> None:
         """An event happens in some rows: where it leads, and what is remembered of it."""
-        weights, old = self.weights, run.place[rows]
+        old = run.place[rows]
         new = self._place(run, rows, features, uniform)
         since = np.log1p(run.age[rows, None].astype(np.float32))
-        token = _linear(np.concatenate([new, new - old, since, heard], axis=1), weights, "token")
-        run.state[rows] = _gated(token, run.state[rows], weights)
+        token = self.token(np.concatenate([new, new - old, since, heard], axis=1))
+        run.state[rows] = self.remember(token, run.state[rows])
         run.leave(rows)
         run.place[rows], run.age[rows] = new, 0
 
@@ -181,37 +178,9 @@ class Drawing:
 
     def logits(self, run: Run, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]) -> Float[ndarray, "S M"]:
         """Of the Gaussians, and after them of the places that were left."""
-        weights, left, held = self.weights, run.left[rows], run.held[rows]
-        own = _linear(features, weights, "weigh")
+        left, held = run.left[rows], run.held[rows]
         away, off = left - run.place[rows, None], left - run.home(rows)[:, None]
-        candidate = _linear(
-            np.concatenate([away, off, np.log1p(held)[..., None]], axis=-1), weights, "returns.candidate"
-        )
-        candidate += weights["returns.nth"] + _linear(features, weights, "returns.known")[:, None]
-        scored = _gelu(candidate) @ weights["returns.score.weight"][:, 0] + weights["returns.score.bias"]
-        return np.concatenate([own, np.where(held > 0, scored, NEVER)], axis=1)
-
-
-def _linear(x: Float[ndarray, "*N C"], weights: dict[str, ndarray], name: str) -> Float[ndarray, "*N W"]:
-    """A layer of the network, in one product of matrices whatever the leading axes are."""
-    weight = weights[f"{name}.weight"]
-    out = x.reshape(-1, len(weight)) @ weight + weights[f"{name}.bias"]
-    return np.asarray(out.reshape(*x.shape[:-1], weight.shape[1]))
-
-
-def _gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
-    """By torch, whose error function is ten times as fast as scipy's on rows of bins."""
-    return F.gelu(torch.from_numpy(x)).numpy()
-
-
-def _gated(
-    token: Float[ndarray, "S W"], state: Float[ndarray, "S W"], weights: dict[str, ndarray]
-) -> Float[ndarray, "S W"]:
-    """One step of the gated recurrent unit."""
-    given = token @ weights["remember.weight_ih_l0"] + weights["remember.bias_ih_l0"]
-    kept = state @ weights["remember.weight_hh_l0"] + weights["remember.bias_hh_l0"]
-    width = state.shape[1]
-    gates = expit(given[:, : 2 * width] + kept[:, : 2 * width])
-    reset, update = gates[:, :width], gates[:, width:]
-    new = np.tanh(given[:, 2 * width :] + reset * kept[:, 2 * width :])
-    return np.asarray(new + update * (state - new))
+        candidate = self.candidate(np.concatenate([away, off, np.log1p(held)[..., None]], axis=-1))
+        candidate += self.nth + self.known(features)[:, None]
+        scored = self.score(gelu(candidate))[..., 0]
+        return np.concatenate([self.weigh(features), np.where(held > 0, scored, NEVER)], axis=1)
