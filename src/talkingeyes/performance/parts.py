@@ -15,8 +15,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
 from talkingeyes import rotation
 from talkingeyes.errors import InputError
@@ -81,7 +79,9 @@ def recast_motion(motion: Motion, parts: Parts) -> Motion:
         head = donors["head"].head if "head" in donors else np.zeros((len(motion), 3))
         moved = donors["head"].translation if "head" in donors else np.zeros((len(motion), 3))
         space = rotation.gaze_in_space(motion.head, motion.gaze)
-        motion = replace(motion, head=head, translation=moved, gaze=_reached(rotation.eye_in_head(head, space)))
+        motion = replace(
+            motion, head=head, translation=moved, gaze=eye_head.within_range(rotation.eye_in_head(head, space))
+        )
     if "gaze" in donors or "gaze" in parts.without:
         gaze = donors["gaze"].gaze if "gaze" in donors else np.zeros((len(motion), 2, 3))
         motion = replace(motion, gaze=gaze)
@@ -109,8 +109,3 @@ def _fitted(name: str, donor: Motion, motion: Motion) -> Motion:
             f"replace {name}: should last as long as the speech, {motion.seconds:.2f} s, got {donor.seconds:.2f} s"
         )
     return same.cut(0, len(motion))
-
-
-def _reached(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
-    """Gaze no further from the head than eyes turn."""
-    return np.asarray(rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze))))

@@ -36,7 +36,7 @@ from talkingeyes.performance.keys import save_keys
 from talkingeyes.performance.listening import listening, turns
 from talkingeyes.performance.model_file import opened
 from talkingeyes.performance.parts import recast_events, recast_motion
-from talkingeyes.physiology import blinks
+from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.steps import find_saccades
 
@@ -208,6 +208,7 @@ def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
         performed = resample(course.head, course.space_rad, course.saccades, course.fps, fps)
         head, eye = performed.head, performed.gaze
     closure = blinks.closure(blinked, np.arange(len(head)) / fps)
+    eye = eye_head.within_range(eye)  # gaze that is held over a blink stays in space while the head turns
     motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
     return Performance(motion, Events(saccades=course.saccades, blinks=tuple(blinked)))
 

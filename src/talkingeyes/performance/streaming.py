@@ -34,7 +34,7 @@ from talkingeyes.motion import Blink, Motion
 from talkingeyes.performance.direction import Liveliness
 from talkingeyes.performance.model_file import opened
 from talkingeyes.performance.perform import SHUT, held_over, sample_seeds
-from talkingeyes.physiology import blinks
+from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 
 GREATEST_LATENCY_S = 0.4
@@ -126,7 +126,7 @@ class LiveModel:
         (own_seed,) = sample_seeds(seed, 1)
         found = self.shaped(self.network.generate(self.embedded(features), [own_seed]), wish)
         blinked = self.blinks_of(seed, wish)
-        eye = rotation.eye_in_head(found.head, held_over(blinked, found.space, self.fps))
+        eye = eye_head.within_range(rotation.eye_in_head(found.head, held_over(blinked, found.space, self.fps)))
         closure = blinks.closure(blinked, np.arange(len(found.head)) / self.fps)
         return Motion.of(self.fps, found.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
 
@@ -213,7 +213,7 @@ class Stream:
             if shut < SHUT or self._held is None:
                 self._held = shaped.space[frame].copy()
             shaped.space[frame] = self._held
-        eye = rotation.eye_in_head(shaped.head, shaped.space)
+        eye = eye_head.within_range(rotation.eye_in_head(shaped.head, shaped.space))
         return Frames(first, shaped.head, eye, np.repeat(closure[:, None], 2, axis=1))
 
     def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:

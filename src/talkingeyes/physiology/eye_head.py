@@ -21,6 +21,7 @@ from talkingeyes.physiology.vergence import lines_of_sight, optical_axes_rad
 # 30 degrees to the sides and down, 20 up (Guitton & Volle 1987; Stahl 1999), and never on the edge itself.
 YAW_LIMIT_RAD = np.radians(29.5)
 PITCH_LIMITS_RAD = (np.radians(-29.5), np.radians(19.5))
+NEAREST_LIMIT_RAD = min(YAW_LIMIT_RAD, *np.abs(PITCH_LIMITS_RAD))
 ONSET_LAG_S = (0.030, 0.040)
 ONSET_LAG_LIMITS_S = (-0.100, 0.150)
 
@@ -72,6 +73,16 @@ def eyes(
     straight = np.einsum("tji,tj->ti", rotation.matrices(head), rotation.direction_of_angles(space_rad))
     axes = optical_axes_rad(lines_of_sight(straight, vergence), kappa_rad) + blink_rad
     return rotation.gaze_of_angles(within_limits(axes))
+
+
+def within_range(gaze: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
+    """Rotation vectors of eyes, no further than eyes turn; what is within stays as it is."""
+    far = np.linalg.norm(gaze, axis=-1) > NEAREST_LIMIT_RAD
+    if not far.any():
+        return gaze
+    held = gaze.copy()
+    held[far] = rotation.gaze_of_angles(within_limits(rotation.angles_of_gaze(gaze[far])))
+    return held
 
 
 def within_limits(axes_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:

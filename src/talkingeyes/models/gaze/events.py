@@ -18,7 +18,6 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes import rotation
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.signal import signal_of, to_gaze
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -40,7 +39,6 @@ EDGE_RAD = np.radians(0.2)
 LEAST_RAD = np.radians(0.7)
 # Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.
 SPREAD = (1.0, 0.7, 0.15)
-NEAREST_LIMIT_RAD = min(eye_head.PITCH_LIMITS_RAD[1], eye_head.YAW_LIMIT_RAD)
 
 
 class EventGazeSettings(PartSettings):
@@ -130,10 +128,7 @@ class EventGaze(nn.Module):
 def _eyes(head: Float[Tensor, "B T 3"], signal: Float[ndarray, "B T 4"]) -> Float[Tensor, "B T 2 3"]:
     """Eyes in the head that look there in space, no further than eyes turn: then they go with the head."""
     gaze = to_gaze("gaze_in_space", head.cpu().numpy(), signal.astype(np.float32))
-    far = np.linalg.norm(gaze, axis=-1) > NEAREST_LIMIT_RAD
-    if far.any():
-        gaze[far] = rotation.gaze_of_angles(eye_head.within_limits(rotation.angles_of_gaze(gaze[far])))
-    return torch.from_numpy(gaze).to(head)
+    return torch.from_numpy(eye_head.within_range(gaze)).to(head)
 
 
 def both_eyes(signal: Float[Tensor, "B T 4"]) -> Float[Tensor, "B T 3"]:
