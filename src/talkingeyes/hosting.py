@@ -23,7 +23,7 @@ from talkingeyes.viewer.serving import LOCAL, serve
 MODEL = Path("data", "train", "talkingeyes")
 LIVE = "talkingeyes_live"
 PORT = 8030
-LIMITS = Limits(streams=20, stream_s=900, files=1, speech_s=60, upload_bytes=32 << 20, work_s=120, idle_s=10, kept=40)
+LIMITS = Limits(streams=10, stream_s=900, files=1, speech_s=60, upload_bytes=32 << 20, work_s=120, idle_s=10, kept=40)
 FILM_PX = 384
 
 

@@ -132,7 +132,7 @@ def serve(
     live: Annotated[
         Path | None, typer.Option(help="The model for streams; else talkingeyes_live beside the other, if it is there.")
     ] = None,
-    streams: Annotated[int, typer.Option(min=1, max=1000, help="Most streams at once; more are refused.")] = 20,
+    streams: Annotated[int, typer.Option(min=1, max=1000, help="Most streams at once; more are refused.")] = 10,
     jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes that work on streams.")] = 2,
     files: Annotated[int, typer.Option(min=1, max=256, help="Files that are worked on at once.")] = 1,
     seconds: Annotated[float, typer.Option(min=1, max=3600, help="Longest sound of a file.")] = 60.0,
