@@ -30,6 +30,7 @@ from talkingeyes.learning.checkpoint import load
 from talkingeyes.learning.trained import load_generator
 from talkingeyes.metrics.pose.page import over
 from talkingeyes.recipe import Call
+from talkingeyes.record import revision
 from talkingeyes.run import Report, Workspace, shell
 
 HEADS = {
@@ -62,8 +63,8 @@ FITTED = {name: name.replace("corr", "corr_fitted") for name in FIGURES_OF_VAL i
 COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
 INTRODUCTION = """# Every head before every gaze decoder
 
-Written by `python -m pipelines.combinations{words}`, which goes on where it was killed. What is combined, and how:
-conf/experiment/combinations.yaml. A combination is configuration alone; any of them:
+Written by `python -m pipelines.combinations{words}` at revision {revision}; killed, it goes on. What is combined, and
+how: conf/experiment/combinations.yaml. A combination is configuration alone; any of them:
 `python -m pipelines.experiment experiment=combinations until=assess@vae_events`.
 
 Seeds of training and sampling: {seeds}. Each learnt for {steps} steps of {batch} windows, both parts together, under
@@ -153,6 +154,7 @@ def page(
     of = sorted({seed["val"]["apart_of"] for found in table.values() for seed in found})
     introduction = INTRODUCTION.format(
         words=words,
+        revision=revision(),
         seeds=", ".join(map(str, seeds)),
         steps=loop["steps"],
         batch=loop["batch"],

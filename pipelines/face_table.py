@@ -41,6 +41,7 @@ from talkingeyes.metrics.face.vertices import VertexErrors
 from talkingeyes.metrics.table import SPLIT_TITLES
 from talkingeyes.models.face.style import NEUTRAL, Style, StyleKey
 from talkingeyes.recipe import Call
+from talkingeyes.record import revision
 from talkingeyes.run import Report, Workspace, shell
 
 EXPERIMENT = "experiment=probtalk3d_table"
@@ -56,7 +57,7 @@ HEAT_PX, TILE_PX, MOMENTS = 220, 120, 6
 SHOWN = "probtalk3d"  # the model on the sheet of emotions
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
-Written by `python -m pipelines.face_table` (`make face`), which goes on where it was killed. The models:
+Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; killed, it goes on. The models:
 [face_models.md](face_models.md).
 
 Seeds of training and sampling: {seeds}. Each figure is their mean; small, its 95 % interval over sounds and, of several
@@ -93,7 +94,7 @@ def main() -> None:
     table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "face_table.json").write_text(json.dumps(table, indent=1))
-    introduction = INTRODUCTION.format(seeds=", ".join(map(str, wanted.seeds)))
+    introduction = INTRODUCTION.format(revision=revision(), seeds=", ".join(map(str, wanted.seeds)))
     (out / "face_table.md").write_text(introduction + face_markdown(table) + PICTURES)
     _draw(out / "pictures", found.data, {name: seeds[0] for name, seeds in found.by_name.items()})
     print(face_markdown(table))

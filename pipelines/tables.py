@@ -35,6 +35,7 @@ from talkingeyes.metrics.tables.declared import REFERENCES, TABLES
 from talkingeyes.metrics.tables.page import Found, as_json, found, markdown
 from talkingeyes.metrics.tables.row import Numbers, fast, figures_of, numbers
 from talkingeyes.recipe import Call
+from talkingeyes.record import revision
 from talkingeyes.run import Report, Workspace, progress, shell
 
 # Motions for Table VI: this long, this many of each split, under its sounds one after the other.
@@ -44,9 +45,9 @@ ROW_CODE = ("pipelines/evaluate.py", "pipelines/tables.py", "src/talkingeyes/lea
 READS = ("data/critic",)
 INTRODUCTION = """# The paper's tables
 
-Written by `python -m pipelines.tables{words}` (`make tables`), which goes on where it was killed. What each table asks,
-and the paper's numbers: conf/experiment/table3, table5, table6, table7. All rows are of one code revision: the store
-keeps what was made from other code under other names.
+Written by `python -m pipelines.tables{words}` (`make tables`) at revision {revision}; killed, it goes on. What each
+table asks, and the paper's numbers: conf/experiment/table3, table5, table6, table7. All rows are of one code
+revision: the store keeps what was made from other code under other names.
 
 Seeds of training and sampling: {seeds}. Each figure (bold) is their mean; small, its {level:.0%} interval over clips
 (seeds averaged) and, of several seeds, their range. Under it the paper's, of another corpus, encoder and critic, and of
@@ -75,6 +76,7 @@ def main() -> None:
     words = "".join(f" {text}" for text in sys.argv[1:])
     introduction = INTRODUCTION.format(
         words=words,
+        revision=revision(),
         seeds=", ".join(map(str, wanted.seeds)),
         level=settings.bootstrap.level,
         count=LONG_MOTIONS,

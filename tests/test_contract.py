@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from pydantic import ValidationError
 from toy import recordings
 
 from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, make_encoder
@@ -65,6 +66,23 @@ def batch() -> Batch:
     return Batch(
         *(torch.from_numpy(np.stack([getattr(r, part) for r in found])) for part in ("speech", "head", "gaze"))
     )
+
+
+def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
+    raw = content(CONF / "model" / "talkingeyes.yaml")
+    raw["weights"]["gaze_velocity"] = 1.0
+    made = SpeechToMotion(TranslationSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None)
+    with pytest.raises(InputError, match=r"weights: should be among gaze_when, .*; got 'gaze_velocity'"):
+        made.terms(batch())
+
+
+def test_codes_that_are_decoded_need_the_weight_that_they_learn_by() -> None:
+    raw = content(CONF / "model" / "talkingeyes.yaml")
+    raw["gaze"]["process"]["codebook"] = "vq_vae"
+    with pytest.raises(ValidationError, match=r"weights\.gaze_codebook should be above 0 .*, got none"):
+        TranslationSettings.model_validate(raw)
+    raw["weights"]["gaze_codebook"] = 1.0
+    TranslationSettings.model_validate(raw)
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -31,16 +31,15 @@ def sequence(seed: int, count: int) -> EventSequence:
 def test_a_free_run_leaves_places_as_training_tells_them():
     events, rows = sequence(0, 7), np.arange(2)
     told = Left.before(events.bins, events.places, 3)
-    place, age = np.zeros((2, 3), np.float32), np.zeros(2, int)
-    run = Run(np.zeros((2, 1)), place, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
+    place, home, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
+    run = Run(np.zeros((2, 1)), place, home, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
     for number in range(7):
         assert np.array_equal(run.held, told.held[:, number])
         known = run.held > 0
         assert np.array_equal(run.left[known], told.places[:, number].numpy()[known])
         here = torch.from_numpy(run.place)
-        assert np.array_equal(run.home(rows), Left(told.places[:, number], told.held[:, number]).home(here))
-        run.leave(rows)
-        run.place = events.places[:, number].numpy()
+        assert np.array_equal(run.home, Left(told.places[:, number], told.held[:, number]).home(here))
+        run.go(rows, events.places[:, number].numpy())
         run.age = (events.bins[:, number + 1] - events.bins[:, number]).numpy() if number < 6 else run.age
     assert told.held[:, 0].sum() == told.held[:, 1].sum() == 0, "the first two events have left nothing"
 

@@ -80,7 +80,7 @@ def record(
 
     `overrides` is what the composition was asked for (key=value). A row that is there already is not repeated.
     """
-    client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": _revision()}
+    client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": revision()}
     flat = flatten(params)
     of_stage = {key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in used)}
     metrics = {**report.metrics, "seconds": seconds}
@@ -268,7 +268,7 @@ def _batches(items: list[Any], size: int) -> Iterator[list[Any]]:
         yield batch
 
 
-def _revision() -> str:
+def revision() -> str:
     """The git revision that the code stands at, `none` outside a repository."""
     if not (CHECKOUT / ".git").exists():
         return "none"

@@ -79,4 +79,4 @@ def eye_in_head(head: Float[ndarray, "*N 3"], space_rad: Float[ndarray, "*N E 2"
 
     The inverse of `gaze_in_space`: the counter-rotation of the eyes (vestibulo-ocular reflex, gain 1) is this product.
     """
-    return listing(np.einsum("...ji,...ej->...ei", matrices(head), direction_of_angles(space_rad)))
+    return listing(direction_of_angles(space_rad) @ matrices(head))

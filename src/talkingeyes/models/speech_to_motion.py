@@ -72,6 +72,18 @@ class SpeechToMotionSettings(Settings):
     # Temperatures to choose from on val, by aliveness; one: taken as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
 
+    @model_validator(mode="after")
+    def _learns(self) -> SpeechToMotionSettings:
+        """Codes that are decoded are moved by their own term alone: without a weight they stay where they began."""
+        for part in ("head", "gaze"):
+            process = getattr(getattr(self, part), "process", None)
+            if getattr(process, "codebook", None) == "vq_vae" and not self.weights.get(f"{part}_codebook"):
+                raise out_of_bounds(
+                    f"weights.{part}_codebook should be above 0 for {part}.process.codebook=vq_vae",
+                    self.weights.get(f"{part}_codebook", "none"),
+                )
+        return self
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -156,13 +168,18 @@ class SpeechToMotion(nn.Module):
         return features
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
-        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
+        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported.
+
+        Raises InputError for a weight of a term that there is not.
+        """
         batch = batch.to(self.temperature.device)
         speech = self.hear(batch.speech, batch.given)
         predicted = self.head.predict(speech, batch.head)
         seen = self._seen(speech, batch.head, predicted.head)
         condition = Condition(speech, batch.head, self.head.normal(seen))
         terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
+        if unknown := self.settings.weights.keys() - terms.keys():
+            raise InputError(f"weights: should be among {', '.join(sorted(terms))}; got {min(unknown)!r}")
         total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
         return {"total": total, **terms}  # type: ignore[dict-item]
 

@@ -77,7 +77,7 @@ def eyes(
 
 def within_range(gaze: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
     """Rotation vectors of eyes, no further than eyes turn; what is within stays as it is."""
-    far = np.linalg.norm(gaze, axis=-1) > NEAREST_LIMIT_RAD
+    far = np.einsum("...i,...i->...", gaze, gaze) > NEAREST_LIMIT_RAD**2
     if not far.any():
         return gaze
     held = gaze.copy()

@@ -23,7 +23,8 @@ from talkingeyes.models.layers.small_steps import SmallGRU, SmallLinear, array, 
 if TYPE_CHECKING:
     from talkingeyes.models.layers.event_process import EventProcess
 
-LOOK = 8  # bins that are looked at together; between two events lie some three (heads) to twelve (gaze)
+# Bins that are looked at together, at most, and in mean gaps between events: heads have some three, gaze twelve.
+MOST_LOOKED_AT, LOOKED_AT = 16, 2.0
 
 
 @dataclass(frozen=True)
@@ -41,21 +42,26 @@ class Run:
 
     state: Float[ndarray, "B W"]
     place: Float[ndarray, "B D"]
+    home: Float[ndarray, "B D"]  # the place that held longest; the present one where none was left yet
     age: Int[ndarray, " B"]
     left: Float[ndarray, "B R D"]
     held: Float[ndarray, "B R"]  # bins; 0: no place was left yet
 
-    def home(self, rows: Int[ndarray, " S"]) -> Float[ndarray, "S D"]:
-        """The place that held longest; the present one where none was left yet."""
-        held = self.held[rows]
+    def go(self, rows: Int[ndarray, " S"], place: Float[ndarray, "S D"]) -> None:
+        """Some rows leave the place where they are for another; the oldest that was left is forgotten."""
+        left, held = self.left[rows], self.held[rows]
+        left[:, 1:], held[:, 1:] = left[:, :-1].copy(), held[:, :-1].copy()
+        left[:, 0], held[:, 0] = self.place[rows], self.age[rows]
         longest = held.argmax(-1)
-        found = self.left[rows, longest]
-        return np.asarray(np.where(held.max(-1)[:, None] > 0, found, self.place[rows]))
-
-    def leave(self, rows: Int[ndarray, " S"]) -> None:
-        """Some rows leave the place where they are; the oldest that was left is forgotten."""
-        self.left[rows] = np.concatenate([self.place[rows, None], self.left[rows, :-1]], axis=1)
-        self.held[rows] = np.concatenate([self.age[rows, None], self.held[rows, :-1]], axis=1)
+        order = np.arange(len(rows))
+        found = np.where(held[order, longest][:, None] > 0, left[order, longest], place)
+        self.left[rows], self.held[rows], self.place[rows], self.home[rows], self.age[rows] = (
+            left,
+            held,
+            place,
+            found,
+            0,
+        )
 
 
 class Drawing:
@@ -63,8 +69,9 @@ class Drawing:
 
     def __init__(self, process: EventProcess, temperature: float) -> None:
         """The temperature narrows the choice of a place and the Gaussians."""
-        self.means, self.follow = array(process.means()), array(process.follow)
+        self.means, follow = array(process.means()), array(process.follow)
         width, (count, numbers) = process.settings.width, self.means.shape
+        self.follow = np.concatenate([np.zeros((count - len(follow), numbers), np.float32), follow])
         self.temperature, self.returns = temperature, process.settings.returns
         self.start, self.age, self.nth = array(process.start), array(process.age.weight), array(process.returns.nth)
         enter, self.enter_bias = array(process.enter.weight).T.copy(), array(process.enter.bias)
@@ -75,43 +82,48 @@ class Drawing:
         self.token, self.remember = SmallLinear(process.token), SmallGRU(process.remember)
         of = process.returns
         self.candidate, self.known, self.score = SmallLinear(of.candidate), SmallLinear(of.known), SmallLinear(of.score)
-        self.follow = np.concatenate([np.zeros((count - len(self.follow), numbers), np.float32), self.follow])
         self.sds, self.return_sd = (np.exp(array(each)) for each in process.log_sds_in_bounds())
 
-    def sample(self, heard: Float[ndarray, "B N W"], uniform: Float[ndarray, "B N U"]) -> Drawn:
-        """The same as bin after bin, but from event to event.
+    def sample(self, heard: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> Drawn:
+        """The same as bin after bin, but from event to event; all rows hear what is heard, or each its own.
 
-        Nothing that a hazard depends on changes between two events but the condition and the age, so LOOK bins are
+        Nothing that a hazard depends on changes between two events but the condition and the age, so several bins are
         looked at together.
         """
+        # Beyond the last bin nothing is heard and nothing happens.
+        entered = np.pad(heard @ self.enter_heard, ((0, 0), (0, MOST_LOOKED_AT), (0, 0)))
+        least = np.pad(uniform[..., 0], ((0, 0), (0, MOST_LOOKED_AT)), constant_values=2.0)
+        batch, count = uniform.shape[:2]
+        heard, entered = (np.broadcast_to(each, (batch, *each.shape[1:])) for each in (heard, entered))
         run = self.begin(heard[:, 0], uniform[:, 0])
-        batch, count = heard.shape[:2]
         event, place = np.zeros((batch, count), bool), np.zeros((batch, count, run.place.shape[1]), np.float32)
         event[:, 0], place[:, 0] = True, run.place
-        entered = heard @ self.enter_heard
         at = np.zeros(batch, int)  # the last bin that is known, a row each
-        ahead = np.arange(1, LOOK + 1)
+        look, events = MOST_LOOKED_AT, 0
         while len(rows := np.flatnonzero(at < count - 1)):
-            beyond = at[rows, None] + ahead
-            bins = np.minimum(beyond, count - 1)
+            ahead = np.arange(1, look + 1)
+            bins = at[rows, None] + ahead
             features = self._features(run, rows, entered[rows[:, None], bins], run.age[rows, None] + ahead)
-            happens = (uniform[rows[:, None], bins, 0] < self._hazard(features)) & (beyond < count)
+            happens = least[rows[:, None], bins] < self._hazard(features)
             moved = happens.any(1)
-            first = np.where(moved, happens.argmax(1), LOOK - 1)
-            place[rows[:, None], bins] = run.place[rows, None]
+            first = np.where(moved, happens.argmax(1), look - 1)
             at[rows] += first + 1
             run.age[rows] += first + 1
             if len(new := rows[moved]):
                 where = at[new]
                 self._move(run, new, features[moved, first[moved]], heard[new, where], uniform[new, where, 2:])
                 event[new, where], place[new, where] = True, run.place[new]
-        return Drawn(event, uniform[..., 1], place)
+                events += len(new)
+                look = min(1 + int(LOOKED_AT * at.sum() / events), MOST_LOOKED_AT)
+        since = np.maximum.accumulate(np.where(event, np.arange(count), 0), axis=1)
+        return Drawn(event, uniform[..., 1], np.take_along_axis(place, since[..., None], axis=1))
 
     def begin(self, heard: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> Run:
         """The first bin, which holds an event always."""
         batch, numbers = len(heard), self.follow.shape[1]
         run = Run(
             np.repeat(self.start[None], batch, axis=0),
+            np.zeros((batch, numbers), np.float32),
             np.zeros((batch, numbers), np.float32),
             np.zeros(batch, int),
             np.zeros((batch, self.returns, numbers), np.float32),
@@ -138,7 +150,7 @@ class Drawing:
         """Of N bins of some rows, of which what is heard has entered."""
         place = run.place[rows]
         known = run.state[rows] @ self.enter_state + place @ self.enter_place
-        known += (place - run.home(rows)) @ self.enter_home + self.enter_bias
+        known += (place - run.home[rows]) @ self.enter_home + self.enter_bias
         entered = entered + known[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
         return gelu(self.trunk(gelu(entered)))
 
@@ -159,8 +171,7 @@ class Drawing:
         since = np.log1p(run.age[rows, None].astype(np.float32))
         token = self.token(np.concatenate([new, new - old, since, heard], axis=1))
         run.state[rows] = self.remember(token, run.state[rows])
-        run.leave(rows)
-        run.place[rows], run.age[rows] = new, 0
+        run.go(rows, new)
 
     def _place(
         self, run: Run, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"], uniform: Float[ndarray, "S U"]
@@ -179,7 +190,7 @@ class Drawing:
     def logits(self, run: Run, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]) -> Float[ndarray, "S M"]:
         """Of the Gaussians, and after them of the places that were left."""
         left, held = run.left[rows], run.held[rows]
-        away, off = left - run.place[rows, None], left - run.home(rows)[:, None]
+        away, off = left - run.place[rows, None], left - run.home[rows, None]
         candidate = self.candidate(np.concatenate([away, off, np.log1p(held)[..., None]], axis=-1))
         candidate += self.nth + self.known(features)[:, None]
         scored = self.score(gelu(candidate))[..., 0]

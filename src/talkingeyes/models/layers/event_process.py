@@ -155,8 +155,7 @@ class EventProcess(nn.Module):
     @torch.no_grad()
     def sample(self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
         """Events drawn from D + 3 uniform numbers a bin, under one condition each or one for all."""
-        heard = self.listen(condition).expand(len(uniform), -1, -1)
-        return Drawing(self, temperature).sample(heard.cpu().numpy(), uniform.cpu().numpy())
+        return Drawing(self, temperature).sample(self.listen(condition).cpu().numpy(), uniform.cpu().numpy())
 
     def log_sds_in_bounds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """Of the Gaussians, and of going back."""

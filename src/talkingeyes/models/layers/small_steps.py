@@ -7,7 +7,6 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.special import expit
 from torch import nn
 
 
@@ -60,7 +59,7 @@ class SmallGRU:
     def __call__(self, x: Float[ndarray, "N C"], state: Float[ndarray, "N W"]) -> Float[ndarray, "N W"]:
         """The next state."""
         given, kept, width = x @ self._given[0] + self._given[1], state @ self._kept[0] + self._kept[1], state.shape[1]
-        gates = expit(given[:, : 2 * width] + kept[:, : 2 * width])
+        gates = 0.5 + 0.5 * np.tanh(0.5 * (given[:, : 2 * width] + kept[:, : 2 * width]))  # the logistic function
         reset, update = gates[:, :width], gates[:, width:]
         new = np.tanh(given[:, 2 * width :] + reset * kept[:, 2 * width :])
         return np.asarray(new + update * (state - new))
