@@ -25,7 +25,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
 
 from talkingeyes.errors import InputError
 from talkingeyes.recipe import CHECKOUT, OWN_CORPUS, Call, section
@@ -256,8 +256,8 @@ def _dvc_output(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry
 
 @lru_cache(maxsize=1)
 def _locked(lock: Path, changed_ns: int) -> dict[str, Any]:
-    """The stages of dvc.lock, parsed again when it has changed."""
-    return dict(yaml.safe_load(lock.read_text())["stages"])
+    """The stages of dvc.lock, parsed again when it has changed; as DVC does, for PyYAML takes its 1e-06 for a word."""
+    return dict(YAML(typ="safe").load(lock.read_text())["stages"])
 
 
 def _inside(read: Mapping[Path, Entry], path: str) -> Path:
