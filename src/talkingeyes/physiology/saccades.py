@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy.special import beta as beta_function
 from scipy.special import betainc
@@ -82,12 +82,32 @@ def path(
         return np.tile(np.asarray(rest_rad, np.float64), (len(times_s), 1))
     onset, duration, skewness = np.array([(s.onset_s, s.duration_s, s.skew) for s in saccades]).T
     start, end = np.array([s.start_rad for s in saccades]), np.array([s.end_rad for s in saccades])
-    index = np.maximum(np.searchsorted(onset, times_s, side="right") - 1, 0)
-    phase = np.clip((times_s - onset[index]) / duration[index], 0.0, 1.0)
+    at = course(onset, duration, skewness, times_s)
+    return np.asarray(start[at.index] + (end - start)[at.index] * at.done[:, None])
+
+
+@dataclass(frozen=True)
+class Course:
+    """At T times: the last saccade that has begun (before the first, the first), its phase, the share that is done."""
+
+    index: Int[ndarray, " T"]
+    phase: Float[ndarray, " T"]
+    done: Float[ndarray, " T"]
+
+
+def course(
+    onset_s: Float[ndarray, " K"],
+    duration_s: Float[ndarray, " K"],
+    skewness: Float[ndarray, " K"],
+    times_s: Float[ndarray, " T"],
+) -> Course:
+    """How far a chain of one saccade or more has come, in order of onset."""
+    index = np.maximum(np.searchsorted(onset_s, times_s, side="right") - 1, 0)
+    phase = np.clip((times_s - onset_s[index]) / duration_s[index], 0.0, 1.0)
     done = phase.copy()
     moving = (phase > 0.0) & (phase < 1.0)
     done[moving] = progress(phase[moving], skewness[index[moving]])
-    return np.asarray(start[index] + (end - start)[index] * done[:, None])
+    return Course(index, phase, done)
 
 
 def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:

@@ -8,7 +8,7 @@ hears nothing ahead (conf/model/talkingeyes_live.yaml), gaze can be made bin aft
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -30,7 +30,6 @@ from talkingeyes.models.layers.event_process import (
     EventSequence,
     binned,
 )
-from talkingeyes.motion import Saccade
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.settings import PartSettings
 
@@ -149,42 +148,54 @@ def fixations(gaze: Float[Tensor, "B T 3"]) -> Fixations:
     return Fixations(starts & far, landing)
 
 
-@dataclass
 class SaccadeChain:
-    """Yaw and pitch of both eyes over time: saccades by the law, each from where the last one ended.
-
-    A saccade that would start before the last one has ended waits for it. What is over may be forgotten.
+    """Yaw and pitch of both eyes, and half the angle between them, over time: saccades by the law, each from where the
+    last one ended. One that would start before the last one has ended waits for it. What is over may be forgotten.
     """
 
-    place_rad: Float[ndarray, " 3"]  # where gaze is in the end
-    saccades: list[Saccade] = field(default_factory=list)
-    apart_rad: list[tuple[float, float]] = field(default_factory=list)  # half the angle between the eyes, around each
+    def __init__(self, place_rad: Float[ndarray, " 3"]) -> None:
+        """Where gaze begins."""
+        self._place_rad = place_rad
+        self._timing = np.empty((0, 3))  # onset and duration in seconds, skew
+        self._from_rad, self._to_rad = np.empty((0, 3)), np.empty((0, 3))
+
+    def __len__(self) -> int:
+        return len(self._timing)
 
     def go(self, onsets_s: Float[ndarray, " K"], to_rad: Float[ndarray, "K 3"]) -> None:
         """K saccades more; none starts before the one before it."""
-        start = np.concatenate([self.place_rad[None], to_rad])[:-1]
-        amplitude = np.hypot(*(to_rad - start)[:, :2].T)
-        free_s = _end_s(self.saccades[-1]) if self.saccades else 0.0
-        laws = zip(saccades.duration_s(amplitude).tolist(), saccades.skew(amplitude).tolist(), strict=True)
-        for onset_s, (duration_s, skew), off, to in zip(onsets_s.tolist(), laws, start, to_rad, strict=True):
-            self.saccades.append(Saccade(max(onset_s, free_s), duration_s, tuple(off[:2]), tuple(to[:2]), skew))
-            self.apart_rad.append((float(off[2]), float(to[2])))
-            free_s = _end_s(self.saccades[-1])
-        if len(to_rad):
-            self.place_rad = to_rad[-1]
+        start = np.concatenate([self._place_rad[None], to_rad])
+        amplitude = np.hypot(*(to_rad - start[:-1])[:, :2].T)
+        duration_s = saccades.duration_s(amplitude)
+        before_s = np.cumsum(duration_s) - duration_s
+        free_s = self._timing[-1:, :2].sum(1)  # when the last one has ended
+        onset_s = before_s + np.maximum.accumulate(np.concatenate([free_s, onsets_s - before_s]))[len(free_s) :]
+        timing = np.stack([onset_s, duration_s, saccades.skew(amplitude)], axis=1)
+        self._timing = np.concatenate([self._timing, timing])
+        self._from_rad = np.concatenate([self._from_rad, start[:-1]])
+        self._to_rad, self._place_rad = np.concatenate([self._to_rad, to_rad]), start[-1]
 
     def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
         """Left yaw and pitch, right yaw and pitch."""
-        together = saccades.path(self.saccades, self.place_rad[:2], times_s)
-        knots_s = [time for each in self.saccades for time in (each.onset_s, _end_s(each))]
-        angles = np.ravel(self.apart_rad) if self.saccades else self.place_rad[2:]
-        apart = np.interp(times_s, knots_s or [0.0], angles)[:, None] * [1.0, 0.0]
-        return np.concatenate([together + apart, together - apart], axis=1)
+        if not len(self):
+            together, apart = np.tile(self._place_rad[:2], (len(times_s), 1)), np.full(len(times_s), self._place_rad[2])
+        else:
+            onset_s, duration_s, skew = self._timing.T
+            now = saccades.course(onset_s, duration_s, skew, times_s)
+            start, way = self._from_rad[now.index], (self._to_rad - self._from_rad)[now.index]
+            together = start[:, :2] + way[:, :2] * now.done[:, None]
+            apart = start[:, 2] + way[:, 2] * now.phase
+        signal = np.concatenate([together, together], axis=1)
+        signal[:, 0] += apart
+        signal[:, 2] -= apart
+        return signal
 
     def forget(self, time_s: float) -> None:
         """Nothing before this time will be asked for."""
-        over = max(sum(each.onset_s <= time_s for each in self.saccades) - 1, 0)
-        del self.saccades[:over], self.apart_rad[:over]
+        over = max(int(np.searchsorted(self._timing[:, 0], time_s, side="right")) - 1, 0)
+        self._timing, self._from_rad, self._to_rad = (
+            each[over:] for each in (self._timing, self._from_rad, self._to_rad)
+        )
 
 
 def shown(
@@ -194,10 +205,6 @@ def shown(
     chain = SaccadeChain(places_rad[0])
     chain.go(onsets_s[1:], places_rad[1:])
     return chain.at(times_s)
-
-
-def _end_s(saccade: Saccade) -> float:
-    return saccade.onset_s + saccade.duration_s
 
 
 class EventGazeStream:

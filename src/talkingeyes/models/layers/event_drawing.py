@@ -79,7 +79,7 @@ class Drawing:
         self.enter_place, self.enter_home = enter[2 * width : 2 * width + numbers], enter[2 * width + numbers :]
         self.trunk = SmallLinear(process.trunk[2])  # type: ignore[arg-type]
         self.hazard, self.weigh = SmallLinear(process.hazard), SmallLinear(process.weigh)
-        self.token, self.remember = SmallLinear(process.token), SmallGRU(process.remember)
+        self.remember = SmallGRU(process.token, process.remember)
         of = process.returns
         self.candidate, self.known, self.score = SmallLinear(of.candidate), SmallLinear(of.known), SmallLinear(of.score)
         self.sds, self.return_sd = (np.exp(array(each)) for each in process.log_sds_in_bounds())
@@ -169,8 +169,8 @@ class Drawing:
         old = run.place[rows]
         new = self._place(run, rows, features, uniform)
         since = np.log1p(run.age[rows, None].astype(np.float32))
-        token = self.token(np.concatenate([new, new - old, since, heard], axis=1))
-        run.state[rows] = self.remember(token, run.state[rows])
+        event = np.concatenate([new, new - old, since, heard], axis=1)
+        run.state[rows] = self.remember(event, run.state[rows])
         run.go(rows, new)
 
     def _place(

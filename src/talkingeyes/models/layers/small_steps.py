@@ -47,18 +47,18 @@ class SmallLinear:
 
 
 class SmallGRU:
-    """One layer of gated recurrent units, a step at a time."""
+    """A linear layer and after it gated recurrent units, a step at a time: nothing lies between the two, so they are
+    one product."""
 
-    def __init__(self, gru: nn.GRU) -> None:
-        weights = dict(gru.named_parameters())
-        self._given, self._kept = (
-            (np.ascontiguousarray(array(weights[f"weight_{of}_l0"]).T), array(weights[f"bias_{of}_l0"]))
-            for of in ("ih", "hh")
-        )
+    def __init__(self, before: nn.Linear, gru: nn.GRU) -> None:
+        weights = {name: array(each) for name, each in gru.named_parameters()}
+        self._given = np.ascontiguousarray((weights["weight_ih_l0"] @ array(before.weight)).T)
+        self._given_bias = weights["weight_ih_l0"] @ array(before.bias) + weights["bias_ih_l0"]
+        self._kept, self._kept_bias = np.ascontiguousarray(weights["weight_hh_l0"].T), weights["bias_hh_l0"]
 
     def __call__(self, x: Float[ndarray, "N C"], state: Float[ndarray, "N W"]) -> Float[ndarray, "N W"]:
         """The next state."""
-        given, kept, width = x @ self._given[0] + self._given[1], state @ self._kept[0] + self._kept[1], state.shape[1]
+        given, kept, width = x @ self._given + self._given_bias, state @ self._kept + self._kept_bias, state.shape[1]
         gates = 0.5 + 0.5 * np.tanh(0.5 * (given[:, : 2 * width] + kept[:, : 2 * width]))  # the logistic function
         reset, update = gates[:, :width], gates[:, width:]
         new = np.tanh(given[:, 2 * width :] + reset * kept[:, 2 * width :])
