@@ -115,8 +115,9 @@ def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.Monke
         assert not left.value.code
     plain, blinked = (pictures(tmp_path / name) for name in ("plain.mp4", "edited.mp4"))
     apart = np.abs(plain - blinked).mean(axis=(1, 2))
-    assert apart[4] > 2 * apart[12]  # it blinks at .16 s now,
-    assert apart[23] > 2 * apart[12]  # and no more at .92 s
+    between = apart[8:20].min()  # what is left there is the codec's, and differs by machine
+    assert apart[2:6].max() > 2 * between  # it blinks at .04 s now,
+    assert apart[20:].max() > 2 * between  # and no more at .8 s
 
 
 def pictures(path: Path) -> np.ndarray:
