@@ -115,7 +115,7 @@ def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.Monke
         assert not left.value.code
     plain, blinked = (pictures(tmp_path / name) for name in ("plain.mp4", "edited.mp4"))
     apart = np.abs(plain - blinked).mean(axis=(1, 2))
-    between = apart[8:20].min()  # what is left there is the codec's, and differs by machine
+    between = np.median(apart[8:20])  # nothing differs there but what the codec made of it
     assert apart[2:6].max() > 2 * between  # it blinks at .04 s now,
     assert apart[20:].max() > 2 * between  # and no more at .8 s
 
