@@ -12,9 +12,9 @@ from talkingeyes.models.layers.event_process import EventProcess, EventSequence
 from talkingeyes.models.layers.event_returns import Left
 
 
-def lively(bias: float) -> EventProcess:
+def lively(bias: float, **changes: object) -> EventProcess:
     """A process whose every weight counts: none is zero, and places that were left are gone back to."""
-    process = made(fixed=3, relative=4, returns=3)
+    process = made(fixed=3, relative=4, returns=3, **changes)
     with torch.no_grad():
         for weight in process.parameters():
             weight.add_(0.1 * torch.randn_like(weight))
@@ -54,10 +54,12 @@ def sequence(drawn: Drawn) -> EventSequence:
     )
 
 
-@pytest.mark.parametrize("temperature", [1.0, 0.5])
-def test_a_free_run_follows_the_formulas_of_training(temperature: float) -> None:
+@pytest.mark.parametrize(
+    ("temperature", "changes"), [(1.0, {}), (0.5, {}), (1.0, {"steps": 0}), (1.0, {"adaptive": False})]
+)
+def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes: dict[str, object]) -> None:
     """Hazards of all bins, and the Gaussian and the number of it at every event, under the events that were drawn."""
-    process, condition, uniform = lively(-1.5), torch.randn(1, 120, 3), torch.rand(1, 120, 5)
+    process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
     drawn = process.sample(condition, uniform, temperature)
     events = sequence(drawn)
     with torch.no_grad():

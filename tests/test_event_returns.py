@@ -6,6 +6,7 @@ import torch
 from talkingeyes.models.layers.event_drawing import Run
 from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
 from talkingeyes.models.layers.event_returns import NEVER, Left, Returns
+from talkingeyes.models.layers.event_steps import heading, headings_before
 
 SETTINGS = EventProcessSettings(
     width=24,
@@ -13,6 +14,8 @@ SETTINGS = EventProcessSettings(
     fixed=4,
     relative=2,
     codebook="learnt",
+    adaptive=False,
+    steps=0,
     returns=3,
     layers=1,
     dropout=0.0,
@@ -32,8 +35,11 @@ def test_a_free_run_leaves_places_as_training_tells_them():
     events, rows = sequence(0, 7), np.arange(2)
     told = Left.before(events.bins, events.places, 3)
     place, home, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
-    run = Run(np.zeros((2, 1)), place, home, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
+    still = heading(torch.zeros(2, 2, 3)).numpy()
+    run = Run(np.zeros((2, 1)), place, home, still, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
+    headings = headings_before(events.places, 2).numpy()
     for number in range(7):
+        np.testing.assert_allclose(run.headings.reshape(2, -1), headings[:, number], rtol=1e-6)
         assert np.array_equal(run.held, told.held[:, number])
         known = run.held > 0
         assert np.array_equal(run.left[known], told.places[:, number].numpy()[known])

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from talkingeyes.models.gaze.events import both_eyes, fixations, shown
-from talkingeyes.models.head.events import dips, splined
+from talkingeyes.models.head.events import dips, joined
 from talkingeyes.physiology import saccades
 
 FPS = 25.0
@@ -56,18 +56,29 @@ def test_a_saccade_waits_for_the_one_before() -> None:
 
 
 def test_strokes_give_a_smooth_head_back() -> None:
-    """Poses at the dips of speed and a spline keep most of a motion of several waves (of fitted heads: .4 degrees)."""
+    """Poses at the dips of speed and cubics keep most of a motion of several waves (of fitted heads: .4 degrees)."""
     times = np.arange(500) / FPS
     random = np.random.default_rng(0)
     waves = [(random.uniform(0.02, 0.06, 3), random.uniform(0.2, 0.9, 3), random.uniform(0, 6, 3)) for _ in range(3)]
     head = sum(size * np.sin(2 * np.pi * rate * times[:, None] + phase) for size, rate, phase in waves)
     knots = dips(torch.from_numpy(head[None]))[0].numpy()
     knots[[0, -1]] = True
-    at = np.flatnonzero(knots)
-    assert 1 < len(at) * FPS / len(head) < 8
-    assert np.abs(splined(at.astype(float), head[at], len(head)) - head).mean() < 0.3 * head.std()
+    assert 1 < knots.sum() * FPS / len(head) < 8
+    made = joined(knots[None], head[None], 1)[0]
+    np.testing.assert_allclose(made[knots], head[knots], atol=1e-9)
+    assert np.abs(made - head).mean() < 0.3 * head.std()
 
 
-def test_a_head_with_one_stroke_rests() -> None:
-    made = splined(np.array([0.4]), np.array([[0.1, 0.0, 0.0]]), 5)
-    np.testing.assert_allclose(made, np.tile([0.1, 0.0, 0.0], (5, 1)))
+def test_each_head_of_several_is_as_it_is_alone() -> None:
+    """And begins and ends at rest, at the first pose and the last, however long it has held."""
+    random = np.random.default_rng(1)
+    event, place = random.random((3, 40)) < 0.3, random.normal(size=(3, 40, 3))
+    event[:, 0], event[2, 1:] = True, False
+    since = np.maximum.accumulate(np.where(event, np.arange(40), 0), axis=1)
+    place = np.take_along_axis(place, since[..., None], axis=1)
+    made = joined(event, place, 2)
+    assert made.shape == (3, 80, 3)
+    for row, one in enumerate(made):
+        np.testing.assert_allclose(one, joined(event[row : row + 1], place[row : row + 1], 2)[0], atol=1e-9)
+        np.testing.assert_allclose(one[[0, -1]], place[row, [0, -1]], atol=1e-9)
+    np.testing.assert_allclose(made[2], np.tile(place[2, 0], (80, 1)))

@@ -41,12 +41,15 @@ GAZE: dict[str, dict[str, Any]] = {
     },
     "events": {
         "fps": 25.0,
+        "noise_deg": 0.9,
         "process": {
             "width": 16,
             "bin_frames": 2,
             "fixed": 8,
             "relative": 2,
             "codebook": "learnt",
+            "adaptive": False,
+            "steps": 0,
             "returns": 2,
             "layers": 1,
             "dropout": 0.0,

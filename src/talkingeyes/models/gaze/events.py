@@ -41,10 +41,12 @@ SPREAD = (1.0, 0.7, 0.15)
 
 
 class EventGazeSettings(PartSettings):
-    """The process, and the rate of the frames that it is learnt from and shown in."""
+    """The process, the rate of the frames that it is learnt from and shown in, and how far off those are."""
 
     kind: Literal["events"]
     fps: Annotated[float, Field(gt=0)]
+    # Standard deviation of the yaw and pitch of a fixation in what is learnt from; drawn saccades do without.
+    noise_deg: Annotated[float, Field(ge=0)]
     process: CausalEventProcessSettings | EventProcessSettings
 
 
@@ -68,6 +70,7 @@ class EventGaze(nn.Module):
         self.register_buffer("scale", torch.ones(()))
         self.register_buffer("centre", torch.zeros(len(SPREAD)))
         self.fps, self.bin_frames = settings.fps, settings.process.bin_frames
+        self._noise_rad = float(np.radians(settings.noise_deg))
         self.process = EventProcess(settings.process, speech + 3, SPREAD)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
@@ -76,6 +79,7 @@ class EventGaze(nn.Module):
         still = torch.zeros(1, 1, 3, device=mean.device)
         self.centre[2] = both_eyes(signal_of("gaze_in_space", still, mean.reshape(1, 1, 2, 3)))[0, 0, 2]
         self.scale.fill_(scale)
+        self.process.noise[:2] = self._noise_rad / scale
 
     def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """The likelihood of the fixations of true gaze."""

@@ -18,6 +18,7 @@ from scipy.special import expit, ndtri
 
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.event_returns import NEVER
+from talkingeyes.models.layers.event_steps import SHORTEST
 from talkingeyes.models.layers.small_steps import SmallGRU, SmallLinear, array, gelu
 
 if TYPE_CHECKING:
@@ -38,30 +39,41 @@ class Drawn:
 
 @dataclass
 class Run:
-    """Between two bins: what is remembered, the present place, bins since the last event, the last R places left."""
+    """Between two bins: what is remembered, the present place, headings of the last S steps to it, bins since the last
+    event, the last R places left."""
 
     state: Float[ndarray, "B W"]
     place: Float[ndarray, "B D"]
     home: Float[ndarray, "B D"]  # the place that held longest; the present one where none was left yet
+    headings: Float[ndarray, "B S H"]
     age: Int[ndarray, " B"]
     left: Float[ndarray, "B R D"]
     held: Float[ndarray, "B R"]  # bins; 0: no place was left yet
 
     def go(self, rows: Int[ndarray, " S"], place: Float[ndarray, "S D"]) -> None:
         """Some rows leave the place where they are for another; the oldest that was left is forgotten."""
-        left, held = self.left[rows], self.held[rows]
-        left[:, 1:], held[:, 1:] = left[:, :-1].copy(), held[:, :-1].copy()
-        left[:, 0], held[:, 0] = self.place[rows], self.age[rows]
+        old, age = self.place[rows], self.age[rows]
+        if self.headings.shape[1]:
+            step = np.where(age[:, None] > 0, place - old, 0)  # to the first place leads no step
+            self.headings[rows] = _latest(_heading(step), self.headings[rows])
+        self.left[rows] = left = _latest(old, self.left[rows])
+        self.held[rows] = held = _latest(age.astype(np.float32), self.held[rows])
         longest = held.argmax(-1)
         order = np.arange(len(rows))
-        found = np.where(held[order, longest][:, None] > 0, left[order, longest], place)
-        self.left[rows], self.held[rows], self.place[rows], self.home[rows], self.age[rows] = (
-            left,
-            held,
-            place,
-            found,
-            0,
-        )
+        self.home[rows] = np.where(held[order, longest][:, None] > 0, left[order, longest], place)
+        self.place[rows] = place
+        self.age[rows] = 0
+
+
+def _heading(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
+    """As event_steps.py has it."""
+    length = np.sqrt(np.einsum("sd,sd->s", step, step))[:, None] + np.float32(SHORTEST)
+    return np.concatenate([step / length, np.log(length)], axis=1)
+
+
+def _latest(new: Float[ndarray, S * N], past: Float[ndarray, "S R *N"]) -> Float[ndarray, "S R *N"]:
+    """As many as before: the new one first, without the oldest."""
+    return np.concatenate([new[:, None], past[:, :-1]], axis=1)
 
 
 class Drawing:
@@ -75,14 +87,16 @@ class Drawing:
         self.temperature, self.returns = temperature, process.settings.returns
         self.start, self.age, self.nth = array(process.start), array(process.age.weight), array(process.returns.nth)
         enter, self.enter_bias = array(process.enter.weight).T.copy(), array(process.enter.bias)
-        self.enter_state, self.enter_heard = enter[:width], enter[width : 2 * width]
-        self.enter_place, self.enter_home = enter[2 * width : 2 * width + numbers], enter[2 * width + numbers :]
+        self.enter_heard, self.enter_known = enter[:width], enter[width:]
+        self.steps, self.fixed = process.settings.steps, process.settings.fixed
+        self.adapt = SmallLinear(process.adapt) if process.adapt is not None else None
+        self.most_log_size = process.most_log_size
         self.trunk = SmallLinear(process.trunk[2])  # type: ignore[arg-type]
         self.hazard, self.weigh = SmallLinear(process.hazard), SmallLinear(process.weigh)
         self.remember = SmallGRU(process.token, process.remember)
         of = process.returns
         self.candidate, self.known, self.score = SmallLinear(of.candidate), SmallLinear(of.known), SmallLinear(of.score)
-        self.sds, self.return_sd = (np.exp(array(each)) for each in process.log_sds_in_bounds())
+        self.sds, self.return_sd = map(array, process.clean_sds())
 
     def sample(self, heard: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> Drawn:
         """The same as bin after bin, but from event to event; all rows hear what is heard, or each its own.
@@ -121,10 +135,12 @@ class Drawing:
     def begin(self, heard: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> Run:
         """The first bin, which holds an event always."""
         batch, numbers = len(heard), self.follow.shape[1]
+        still = np.repeat(_heading(np.zeros((batch, numbers), np.float32))[:, None], self.steps, axis=1)
         run = Run(
             np.repeat(self.start[None], batch, axis=0),
             np.zeros((batch, numbers), np.float32),
             np.zeros((batch, numbers), np.float32),
+            still,
             np.zeros(batch, int),
             np.zeros((batch, self.returns, numbers), np.float32),
             np.zeros((batch, self.returns), np.float32),
@@ -149,9 +165,9 @@ class Drawing:
     ) -> Float[ndarray, "S N W"]:
         """Of N bins of some rows, of which what is heard has entered."""
         place = run.place[rows]
-        known = run.state[rows] @ self.enter_state + place @ self.enter_place
-        known += (place - run.home[rows]) @ self.enter_home + self.enter_bias
-        entered = entered + known[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
+        headings = run.headings[rows].reshape(len(rows), -1)
+        known = np.concatenate([run.state[rows], place, place - run.home[rows], headings], axis=1) @ self.enter_known
+        entered = entered + (known + self.enter_bias)[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
         return gelu(self.trunk(gelu(entered)))
 
     def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
@@ -179,11 +195,16 @@ class Drawing:
         """Where an event leads: one Gaussian, then a number of it."""
         logits = self.logits(run, rows, features)
         chosen = draw(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
-        fixed = np.minimum(chosen, len(self.follow) - 1)
-        centre = self.means[fixed] + self.follow[fixed] * run.place[rows]
-        back = run.left[rows, np.maximum(chosen - len(self.follow), 0)]
+        which = np.minimum(chosen, len(self.follow) - 1)
+        centre, sd = self.means[which], self.sds[which]
+        if self.adapt is not None:
+            adapted = np.where(which[:, None] >= self.fixed, self.adapt(features), 0)
+            size = np.exp(adapted[:, -1:].clip(-self.most_log_size, self.most_log_size))
+            centre, sd = adapted[:, :-1] + size * centre, size * sd
+        centre = centre + self.follow[which] * run.place[rows]
         returns = (chosen >= len(self.follow))[:, None]
-        sd = np.where(returns, self.return_sd, self.sds[fixed])
+        back = run.left[rows, np.maximum(chosen - len(self.follow), 0)]
+        sd = np.where(returns, self.return_sd, sd)
         normal = ndtri(uniform[:, 1:].astype(float).clip(1e-6, 1 - 1e-6)).astype(np.float32)
         return np.asarray(np.where(returns, back, centre) + np.float32(self.temperature) * normal * sd)
 

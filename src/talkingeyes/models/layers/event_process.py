@@ -4,8 +4,9 @@ In every bin a hazard says whether an event happens; what one leads to is a mixt
 their own, some near the present place but drawn back to the middle, each by its own share (steps that are never drawn
 back lead ever farther off: docs/log.md), some at places that were left (event_returns.py). All follow from the
 past events (a recurrent network over them, not over frames), from how long the last one is ago, from where the longest
-held place is, and from a condition around the bin. The end of a sequence is censoring: a bin without an event is a term
-of the likelihood like any other.
+held place is, from the last steps (event_steps.py) if so many are told, and from a condition around the bin. If they
+are adaptive, the Gaussians near the present place are moved and widened by all that, too. The end of a sequence is
+censoring: a bin without an event is a term of the likelihood like any other.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ from talkingeyes.models.layers.convolution import CausalConvolutionStack, Convol
 from talkingeyes.models.layers.event_codebook import CODEBOOKS, CodebookKind
 from talkingeyes.models.layers.event_drawing import Drawing, Drawn
 from talkingeyes.models.layers.event_returns import Left, Returns
+from talkingeyes.models.layers.event_steps import headings_before
 from talkingeyes.settings import Settings, out_of_bounds
 
 OLDEST = 63  # bins since the last event are told apart up to this many
 FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
 LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
+LEAST_CLEAN = 0.05  # of the variance of a Gaussian that is left without noise
 
 
 class EventProcessSettings(Settings):
@@ -42,6 +45,10 @@ class EventProcessSettings(Settings):
     relative: Annotated[int, Field(gt=0)]
     # Where the fixed ones stand (event_codebook.py).
     codebook: CodebookKind
+    # Whether what is known moves and widens the relative ones, all alike: a location and a scale.
+    adaptive: bool
+    # Steps that led to the present place and are told.
+    steps: Annotated[int, Field(ge=0)]
     # Places that were left and can be gone back to.
     returns: Annotated[int, Field(gt=0)]
     # Convolutions over the condition, of kernel 5 with dilation 1, 2, ...: 3 layers reach 14 bins to each side.
@@ -86,10 +93,12 @@ class EventSequence:
 
 @dataclass(frozen=True)
 class _Past:
-    """What is known before bins: features of the events so far, the present place, the age of the last event, home."""
+    """What is known before bins: features of the events so far, the present place, headings of the steps to it, the age
+    of the last event, home."""
 
     state: Float[Tensor, "B N W"]
     place: Float[Tensor, "B N D"]
+    headings: Float[Tensor, "B N P"]
     age: Int[Tensor, "B N"]
     home: Float[Tensor, "B N D"]
 
@@ -106,19 +115,26 @@ class _Gaussians:
 class EventProcess(nn.Module):
     """Hazard and place of events of D numbers under a condition of C numbers a bin."""
 
+    most_log_size = 2.5  # that the Gaussians near the present place are widened by, or narrowed
+    noise: Tensor
+
     def __init__(self, settings: EventProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
-        """`spread`: how far places lie from 0, a number each; where the Gaussians start from."""
+        """`spread`: how far places lie from 0, a number each; where the Gaussians start from.
+
+        Who knows by how much the places to learn from are off (a standard deviation) says so in `noise`.
+        """
         super().__init__()
         self.settings = settings
         numbers, width = len(spread), settings.width
         size = (condition, width, settings.layers, settings.dropout)
         ahead = settings.ahead if isinstance(settings, CausalEventProcessSettings) else None
+        self.register_buffer("noise", torch.zeros(numbers))
         self.listen = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
         self.token = nn.Linear(2 * numbers + 1 + width, width)
         self.remember = nn.GRU(width, width, batch_first=True)
         self.start = nn.Parameter(torch.zeros(width))
         self.age = nn.Embedding(OLDEST + 1, width)
-        self.enter = nn.Linear(2 * width + 2 * numbers, width)
+        self.enter = nn.Linear(2 * width + 2 * numbers + settings.steps * (numbers + 1), width)
         self.trunk = nn.Sequential(nn.GELU(), nn.Dropout(settings.dropout), nn.Linear(width, width), nn.GELU())
         self.hazard = nn.Linear(width, 1)
         self.weigh = nn.Linear(width, settings.fixed + settings.relative)
@@ -128,6 +144,10 @@ class EventProcess(nn.Module):
         self.steps = nn.Parameter(0.3 * start[far:])
         self.follow = nn.Parameter(torch.linspace(*FOLLOW, near)[:, None].repeat(1, numbers))
         self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(start.shape).clone())
+        self.adapt = nn.Linear(width, numbers + 1) if settings.adaptive else None
+        if self.adapt is not None:
+            nn.init.zeros_(self.adapt.weight)
+            nn.init.zeros_(self.adapt.bias)
         self.returns = Returns(settings.returns, width, spread)
 
     def means(self) -> Float[Tensor, "M D"]:
@@ -164,6 +184,15 @@ class EventProcess(nn.Module):
             self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD),
         )
 
+    def clean_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
+        """As wide as the Gaussians would be without the noise, which a place has once and the way between two twice."""
+        own, back = (log_sd.exp().square() for log_sd in self.log_sds_in_bounds())
+        times = torch.ones_like(own)
+        times[self.settings.fixed :] = 2
+        noise = self.noise.square()
+        own, back = (torch.maximum(each - much * noise, LEAST_CLEAN * each) for each, much in ((own, times), (back, 2)))
+        return own.sqrt(), back.sqrt()
+
     def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
         """What was known before each bin of true events; in training with noise on places and some events hidden."""
         seen = events.places
@@ -186,7 +215,8 @@ class EventProcess(nn.Module):
         age = torch.where(known > 0, order - bins.gather(1, last), 0)
         left = Left.before(events.bins, events.places, self.settings.returns)
         home = left.home(F.pad(events.places, (0, 0, 1, 0)))
-        return _Past(_at(states, known), place, age, _at(home, known))
+        headings = headings_before(events.places, self.settings.steps)
+        return _Past(_at(states, known), place, _at(headings, known), age, _at(home, known))
 
     def _tokens(
         self, place: Float[Tensor, "B K D"], before: Float[Tensor, "B K D"], since: Int[Tensor, "B K"], heard: Tensor
@@ -195,18 +225,25 @@ class EventProcess(nn.Module):
         return out
 
     def _features(self, past: _Past, heard: Float[Tensor, "B N W"]) -> Float[Tensor, "B N W"]:
-        known = torch.cat([past.state, heard, past.place, past.place - past.home], dim=-1)
+        known = torch.cat([heard, past.state, past.place, past.place - past.home, past.headings], dim=-1)
         entered = self.enter(known) + self.age(past.age.clamp(max=OLDEST))
         out: Tensor = self.trunk(entered)
         return out
 
     def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
         """The mixture where so much is known."""
-        centre = self.means() + F.pad(self.follow, (0, 0, self.settings.fixed, 0)) * place[..., None, :]
         log_sd, back = self.log_sds_in_bounds()
-        wide = torch.cat([log_sd.expand_as(centre), back.expand_as(left.places)], dim=-2)
+        far = self.codebook().expand(*features.shape[:-1], -1, -1)
+        near: Tensor = self.steps
+        wide = log_sd[self.settings.fixed :]
+        if self.adapt is not None:
+            adapted = self.adapt(features)[..., None, :]
+            log_size = adapted[..., -1:].clamp(-self.most_log_size, self.most_log_size)
+            near, wide = adapted[..., :-1] + log_size.exp() * near, log_size + wide
+        near = near + self.follow * place[..., None, :]
+        sds = [log_sd[: self.settings.fixed].expand_as(far), wide.expand_as(near), back.expand_as(left.places)]
         logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
-        return _Gaussians(logits, torch.cat([centre, left.places], dim=-2), wide)
+        return _Gaussians(logits, torch.cat([far, near, left.places], dim=-2), torch.cat(sds, dim=-2))
 
     def _log_density(
         self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], left: Left, to: Float[Tensor, "B K D"]
