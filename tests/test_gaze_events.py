@@ -53,7 +53,9 @@ def test_what_is_over_may_be_forgotten() -> None:
 
 def gaze(**changes: object) -> EventGaze:
     torch.manual_seed(0)
-    settings = EventGazeSettings.model_validate({"kind": "events", "fps": 25, "noise_deg": 0.9, "process": PROCESS | changes})
+    settings = EventGazeSettings.model_validate(
+        {"kind": "events", "fps": 25, "noise_deg": 0.9, "process": PROCESS | changes}
+    )
     made = EventGaze(settings, 8, None).eval()
     made.normalise_by(torch.zeros(6), 0.2)
     with torch.no_grad():
