@@ -17,10 +17,12 @@ from talkingeyes.fitting.manner import Manner, in_all, load_speakers, measured, 
 from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
 from talkingeyes.motion import Motion
 from talkingeyes.performance.contact import share_of_contact
+from talkingeyes.performance.direct import Asked, blinks_of, blinks_with
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.manner import manner_of
 from talkingeyes.performance.targets import Place, TargetTrack
 from talkingeyes.physiology import saccades
+from talkingeyes.physiology.blinks import PAPER, PHYSIO
 
 
 def contact(made: Motion, x_m: float = 0.0) -> float:
@@ -76,6 +78,32 @@ def test_dials_rise_with_what_they_name() -> None:
     np.testing.assert_allclose(np.array(head) / head[2], dials, rtol=0.02, atol=1e-6)
     np.testing.assert_allclose(np.array(gaze[:4]) / gaze[2], dials[:4], rtol=0.12, atol=1e-3)
     np.testing.assert_allclose(np.array(blinks) / blinks[2], dials, rtol=0.25)
+
+
+def test_large_shifts_of_gaze_bring_blinks() -> None:
+    """By the law of Evinger .69 of those of 25 degrees; no small ones, none where the dial is 0, none by the paper."""
+    random = np.random.default_rng(0)
+    shifts = [saccades.saccade(2.0 * k, np.zeros(2), np.radians([25.0, 0.0]), random) for k in range(600)]
+    small = [saccades.saccade(2.0 * k, np.zeros(2), np.radians([4.0, 0.0]), random) for k in range(600)]
+    brought = blinks_with(shifts, PHYSIO, Asked(Direction()), random)
+    assert len(brought) / len(shifts) == pytest.approx(0.69, abs=0.06)
+    late_s = np.array([blink.onset_s for blink in brought]) % 2.0
+    assert np.minimum(late_s, 2.0 - late_s).max() <= 0.03
+    assert not blinks_with(small, PHYSIO, Asked(Direction()), random)
+    assert not blinks_with(shifts, PAPER, Asked(Direction()), random)
+    assert not blinks_with(shifts, PHYSIO, Asked(Direction(liveliness=Liveliness(blinks=0.0))), random)
+
+
+def test_blinks_that_shifts_bring_are_no_more_blinks() -> None:
+    """The others are fewer by as many, but for a quarter of the rate."""
+    random = np.random.default_rng(0)
+    shifts = [saccades.saccade(10.0 * k, np.zeros(2), np.radians([25.0, 0.0]), random) for k in range(200)]
+    asked = Asked(Direction(), manner=LIVELY)
+    counts = [
+        len(blinks_of(PHYSIO, asked, 2000.0, np.random.default_rng(1), some)) for some in ((), shifts, 9 * shifts)
+    ]
+    assert counts[0] - counts[1] == pytest.approx(0.69 * len(shifts), rel=0.25)
+    assert counts[2] == pytest.approx(0.25 * counts[0], rel=0.25)
 
 
 def test_nothing_asked_nothing_changed() -> None:

@@ -1,19 +1,22 @@
 """A model's course is directed: whose manner, how lively, listening to whom, at whom gaze is, what it goes to.
 
 Each step changes the course only where it is asked to, in an order in which the later ones have the last word: targets
-over eye contact, eye contact over liveliness and manner. Blinks are drawn before (`blinks_of`), for gaze holds in them.
+over eye contact, eye contact over liveliness and manner. Blinks are drawn before (`blinks_of`), for gaze holds in them;
+those that come with large shifts of gaze (`blinks_with`), in which it does not, after.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.fitting.manner import Manner
-from talkingeyes.motion import Blink
+from talkingeyes.motion import Blink, Saccade
 from talkingeyes.performance.aiming import aimed
 from talkingeyes.performance.contact import contacted
 from talkingeyes.performance.course import Course, scaled, within_reach
@@ -23,6 +26,9 @@ from talkingeyes.performance.manner import in_manner
 from talkingeyes.performance.targets import LISTENER, TargetTrack
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
+
+LEAST_SPONTANEOUS = 0.25  # of the rate, however many blinks come with shifts of gaze
+WITH_SHIFT_S = 0.03  # a blink that comes with a shift starts at most so much earlier or later
 
 
 @dataclass(frozen=True)
@@ -42,14 +48,35 @@ class Asked:
         return still and (asked.liveliness.head, asked.liveliness.gaze) == (1.0, 1.0)
 
 
-def blinks_of(profile: BlinkProfile, asked: Asked, seconds: float, random: np.random.Generator) -> tuple[Blink, ...]:
-    """Blinks at the rate of the profile or of the manner, times the dial, where talk has them."""
+def blinks_of(
+    profile: BlinkProfile, asked: Asked, seconds: float, random: np.random.Generator, shifts: Sequence[Saccade] = ()
+) -> tuple[Blink, ...]:
+    """Blinks at the rate of the profile or of the manner, times the dial, where talk has them; fewer, by those that the
+    shifts of gaze will bring (`blinks_with`)."""
     rate = asked.manner.blinks_per_min if asked.manner else blinks.draw_rate_per_min(profile, random)
+    rate = max(rate - 60.0 * sum(_chances(profile, shifts)) / seconds, LEAST_SPONTANEOUS * rate)
     rate *= asked.direction.liveliness.blinks
     if rate == 0:
         return ()
     annotation = asked.listening.annotation if asked.listening else asked.spoken
     return blinks.draw_blinks(profile, seconds, random, annotation, rate)
+
+
+def blinks_with(
+    shifts: Sequence[Saccade], profile: BlinkProfile, asked: Asked, random: np.random.Generator
+) -> list[Blink]:
+    """Blinks that large shifts of gaze bring (Evinger 1994)."""
+    dial = asked.direction.liveliness.blinks
+    brought = random.random(len(shifts)) < dial * np.array(_chances(profile, shifts))
+    times_s = [shift.onset_s + random.uniform(-WITH_SHIFT_S, WITH_SHIFT_S) for shift in compress(shifts, brought)]
+    return [blinks.draw_blink(profile, max(time_s, 0.0), random) for time_s in times_s]
+
+
+def _chances(profile: BlinkProfile, shifts: Sequence[Saccade]) -> list[float]:
+    """How likely each shift brings a blink; the paper's blinks heed nothing."""
+    if profile.window_s is not None:
+        return [0.0] * len(shifts)
+    return [blinks.evoked_probability(math.dist(shift.start_rad, shift.end_rad)) for shift in shifts]
 
 
 def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:

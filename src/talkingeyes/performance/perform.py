@@ -28,7 +28,7 @@ from talkingeyes.learning.trained import Generator, load_generator, needs
 from talkingeyes.models.condition.conditioner import Given
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.course import Course
-from talkingeyes.performance.direct import Asked, blinks_of, directed
+from talkingeyes.performance.direct import Asked, blinks_of, blinks_with, directed
 from talkingeyes.performance.direction import NEUTRAL_FACE, Direction
 from talkingeyes.performance.events import resample
 from talkingeyes.performance.face import FacePerformer, beside, with_face
@@ -191,12 +191,17 @@ class Performer:
     def _one(self, drawn: Samples, index: int, seed: int, fps: float, asked: Asked) -> Performance:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
-        blinked: Sequence[Blink] = ()
-        if asked.direction.parts.models_give("blinks"):
-            blinked = blinks_of(self.blink_profiles[asked.direction.blinks], asked, len(head) / self.fps, random)
-        space = held_over(blinked, rotation.gaze_in_space(head, gaze), self.fps)
+        space = rotation.gaze_in_space(head, gaze)
+        blinked: tuple[Blink, ...] = ()
+        blinks_too, profile = asked.direction.parts.models_give("blinks"), self.blink_profiles[asked.direction.blinks]
+        if blinks_too:
+            shifts = find_saccades(space.mean(1), self.fps)
+            blinked = blinks_of(profile, asked, len(head) / self.fps, random, shifts)
+            space = held_over(blinked, space, self.fps)
         course = Course(self.fps, head, space, find_saccades(space.mean(1), self.fps))
         course = directed(course, asked, [seed, index])
+        if blinks_too:  # gaze moves in those that it brings
+            blinked = blinks.without_overlap(blinked, blinks_with(course.saccades, profile, asked, random))
         return played(course, blinked, fps)
 
 
