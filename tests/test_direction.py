@@ -17,6 +17,7 @@ from talkingeyes.fitting.manner import Manner, in_all, load_speakers, measured, 
 from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
 from talkingeyes.motion import Motion
 from talkingeyes.performance.contact import share_of_contact
+from talkingeyes.performance.course import Course
 from talkingeyes.performance.direct import Asked, blinks_of, blinks_with
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.manner import manner_of
@@ -80,30 +81,33 @@ def test_dials_rise_with_what_they_name() -> None:
     np.testing.assert_allclose(np.array(blinks) / blinks[2], dials, rtol=0.25)
 
 
+def course_of(shifts: int, amplitude_deg: float) -> Course:
+    """2,000 seconds of a still head, with shifts of gaze every ten."""
+    random, to = np.random.default_rng(0), np.radians([amplitude_deg, 0.0])
+    made = [saccades.saccade(10.0 * k, np.zeros(2), to, random) for k in range(shifts)]
+    return Course(25.0, np.zeros((50_000, 3)), np.zeros((50_000, 2, 2)), tuple(made))
+
+
 def test_large_shifts_of_gaze_bring_blinks() -> None:
-    """By the law of Evinger .69 of those of 25 degrees; no small ones, none where the dial is 0, none by the paper."""
+    """By Evinger: .69 of those of 25 degrees; no small ones, none where none are asked for, none by the paper."""
     random = np.random.default_rng(0)
-    shifts = [saccades.saccade(2.0 * k, np.zeros(2), np.radians([25.0, 0.0]), random) for k in range(600)]
-    small = [saccades.saccade(2.0 * k, np.zeros(2), np.radians([4.0, 0.0]), random) for k in range(600)]
-    brought = blinks_with(shifts, PHYSIO, Asked(Direction()), random)
-    assert len(brought) / len(shifts) == pytest.approx(0.69, abs=0.06)
-    late_s = np.array([blink.onset_s for blink in brought]) % 2.0
-    assert np.minimum(late_s, 2.0 - late_s).max() <= 0.03
-    assert not blinks_with(small, PHYSIO, Asked(Direction()), random)
-    assert not blinks_with(shifts, PAPER, Asked(Direction()), random)
-    assert not blinks_with(shifts, PHYSIO, Asked(Direction(liveliness=Liveliness(blinks=0.0))), random)
+    brought = blinks_with(PHYSIO, course_of(200, 25.0), 20.0, random)
+    assert len(brought) / 200 == pytest.approx(0.69, abs=0.1)
+    late_s = np.array([blink.onset_s for blink in brought]) % 10.0
+    assert np.minimum(late_s, 10.0 - late_s).max() <= 0.03
+    assert not blinks_with(PHYSIO, course_of(200, 4.0), 20.0, random)
+    assert not blinks_with(PHYSIO, course_of(200, 25.0), 0.0, random)
+    assert not blinks_with(PAPER, course_of(200, 25.0), 20.0, random)
 
 
-def test_blinks_that_shifts_bring_are_no_more_blinks() -> None:
-    """The others are fewer by as many, but for a quarter of the rate."""
-    random = np.random.default_rng(0)
-    shifts = [saccades.saccade(10.0 * k, np.zeros(2), np.radians([25.0, 0.0]), random) for k in range(200)]
-    asked = Asked(Direction(), manner=LIVELY)
-    counts = [
-        len(blinks_of(PHYSIO, asked, 2000.0, np.random.default_rng(1), some)) for some in ((), shifts, 9 * shifts)
-    ]
-    assert counts[0] - counts[1] == pytest.approx(0.69 * len(shifts), rel=0.25)
-    assert counts[2] == pytest.approx(0.25 * counts[0], rel=0.25)
+@pytest.mark.parametrize("rate", [3.0, 20.0])
+def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: float) -> None:
+    """However many the shifts would bring: here 4 a minute."""
+    course, random = course_of(200, 25.0), np.random.default_rng(1)
+    brought = blinks_with(PHYSIO, course, rate, random)
+    assert len(brought) <= 0.9 * rate * course.seconds / 60
+    drawn = [*brought, *blinks_of(PHYSIO, Asked(Direction()), course, rate, random)]
+    assert 60 * len(drawn) / course.seconds == pytest.approx(rate, rel=0.2)
 
 
 def test_nothing_asked_nothing_changed() -> None:

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.fitting.manner import Manner
-from talkingeyes.motion import Blink, Saccade
+from talkingeyes.motion import Blink
 from talkingeyes.performance.aiming import aimed
 from talkingeyes.performance.contact import contacted
 from talkingeyes.performance.course import Course, scaled, within_reach
@@ -27,7 +29,7 @@ from talkingeyes.performance.targets import LISTENER, TargetTrack
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 
-LEAST_SPONTANEOUS = 0.25  # of the rate, however many blinks come with shifts of gaze
+MOST_BROUGHT = 0.75  # of all blinks, by shifts of gaze
 WITH_SHIFT_S = 0.03  # a blink that comes with a shift starts at most so much earlier or later
 
 
@@ -48,35 +50,35 @@ class Asked:
         return still and (asked.liveliness.head, asked.liveliness.gaze) == (1.0, 1.0)
 
 
-def blinks_of(
-    profile: BlinkProfile, asked: Asked, seconds: float, random: np.random.Generator, shifts: Sequence[Saccade] = ()
-) -> tuple[Blink, ...]:
-    """Blinks at the rate of the profile or of the manner, times the dial, where talk has them; fewer, by those that the
-    shifts of gaze will bring (`blinks_with`)."""
+def blinks_per_min(profile: BlinkProfile, asked: Asked, random: np.random.Generator) -> float:
+    """The rate of the profile or of the manner, times the dial."""
     rate = asked.manner.blinks_per_min if asked.manner else blinks.draw_rate_per_min(profile, random)
-    rate = max(rate - 60.0 * sum(_chances(profile, shifts)) / seconds, LEAST_SPONTANEOUS * rate)
-    rate *= asked.direction.liveliness.blinks
-    if rate == 0:
+    return rate * asked.direction.liveliness.blinks
+
+
+def blinks_of(
+    profile: BlinkProfile, asked: Asked, course: Course, rate: float, random: np.random.Generator
+) -> tuple[Blink, ...]:
+    """Blinks where talk has them; with those that the shifts of gaze bring (`blinks_with`), so many a minute."""
+    spontaneous = rate - 60.0 * sum(_chances(profile, course, rate)) / course.seconds
+    if spontaneous <= 0:
         return ()
     annotation = asked.listening.annotation if asked.listening else asked.spoken
-    return blinks.draw_blinks(profile, seconds, random, annotation, rate)
+    return blinks.draw_blinks(profile, course.seconds, random, annotation, spontaneous)
 
 
-def blinks_with(
-    shifts: Sequence[Saccade], profile: BlinkProfile, asked: Asked, random: np.random.Generator
-) -> list[Blink]:
-    """Blinks that large shifts of gaze bring (Evinger 1994)."""
-    dial = asked.direction.liveliness.blinks
-    brought = random.random(len(shifts)) < dial * np.array(_chances(profile, shifts))
-    times_s = [shift.onset_s + random.uniform(-WITH_SHIFT_S, WITH_SHIFT_S) for shift in compress(shifts, brought)]
+def blinks_with(profile: BlinkProfile, course: Course, rate: float, random: np.random.Generator) -> list[Blink]:
+    """Blinks that large shifts of gaze bring (Evinger 1994), of so many a minute in all."""
+    brought = compress(course.saccades, random.random(len(course.saccades)) < _chances(profile, course, rate))
+    times_s = [shift.onset_s + random.uniform(-WITH_SHIFT_S, WITH_SHIFT_S) for shift in brought]
     return [blinks.draw_blink(profile, max(time_s, 0.0), random) for time_s in times_s]
 
 
-def _chances(profile: BlinkProfile, shifts: Sequence[Saccade]) -> list[float]:
-    """How likely each shift brings a blink; the paper's blinks heed nothing."""
-    if profile.window_s is not None:
-        return [0.0] * len(shifts)
-    return [blinks.evoked_probability(math.dist(shift.start_rad, shift.end_rad)) for shift in shifts]
+def _chances(profile: BlinkProfile, course: Course, rate: float) -> Float[ndarray, " N"]:
+    """How likely each shift brings a blink; the paper's blinks heed nothing. Some blinks are left to come without."""
+    chances = [blinks.evoked_probability(math.dist(shift.start_rad, shift.end_rad)) for shift in course.saccades]
+    most = 0.0 if profile.window_s is not None else MOST_BROUGHT * rate * course.seconds / 60.0
+    return np.array(chances) * min(1.0, most / max(sum(chances), 1e-9))
 
 
 def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:

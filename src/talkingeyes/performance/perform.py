@@ -28,7 +28,7 @@ from talkingeyes.learning.trained import Generator, load_generator, needs
 from talkingeyes.models.condition.conditioner import Given
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.course import Course
-from talkingeyes.performance.direct import Asked, blinks_of, blinks_with, directed
+from talkingeyes.performance.direct import Asked, blinks_of, blinks_per_min, blinks_with, directed
 from talkingeyes.performance.direction import NEUTRAL_FACE, Direction
 from talkingeyes.performance.events import resample
 from talkingeyes.performance.face import FacePerformer, beside, with_face
@@ -192,17 +192,20 @@ class Performer:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
         space = rotation.gaze_in_space(head, gaze)
+        course = self._course(head, space, asked, [seed, index])
         blinked: tuple[Blink, ...] = ()
-        blinks_too, profile = asked.direction.parts.models_give("blinks"), self.blink_profiles[asked.direction.blinks]
-        if blinks_too:
-            shifts = find_saccades(space.mean(1), self.fps)
-            blinked = blinks_of(profile, asked, len(head) / self.fps, random, shifts)
-            space = held_over(blinked, space, self.fps)
-        course = Course(self.fps, head, space, find_saccades(space.mean(1), self.fps))
-        course = directed(course, asked, [seed, index])
-        if blinks_too:  # gaze moves in those that it brings
-            blinked = blinks.without_overlap(blinked, blinks_with(course.saccades, profile, asked, random))
+        if asked.direction.parts.models_give("blinks"):
+            profile = self.blink_profiles[asked.direction.blinks]
+            rate = blinks_per_min(profile, asked, random)
+            blinked = blinks_of(profile, asked, course, rate, random)
+            course = self._course(head, held_over(blinked, space, self.fps), asked, [seed, index])
+            blinked = blinks.without_overlap(blinked, blinks_with(profile, course, rate, random))
         return played(course, blinked, fps)
+
+    def _course(
+        self, head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2 2"], asked: Asked, seeds: Sequence[int]
+    ) -> Course:
+        return directed(Course(self.fps, head, space_rad, find_saccades(space_rad.mean(1), self.fps)), asked, seeds)
 
 
 def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
