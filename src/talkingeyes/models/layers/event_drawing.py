@@ -71,7 +71,7 @@ def _heading(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
     return np.concatenate([step / length, np.log(length)], axis=1)
 
 
-def _latest(new: Float[ndarray, S * N], past: Float[ndarray, "S R *N"]) -> Float[ndarray, "S R *N"]:
+def _latest(new: Float[ndarray, "S ..."], past: Float[ndarray, "S R ..."]) -> Float[ndarray, "S R ..."]:
     """As many as before: the new one first, without the oldest."""
     return np.concatenate([new[:, None], past[:, :-1]], axis=1)
 
