@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,19 @@ SETTINGS = {
 def made(**changes: object) -> EventProcess:
     torch.manual_seed(0)
     return EventProcess(EventProcessSettings.model_validate({**SETTINGS, **changes}), 3, (1.0, 0.5)).eval()
+
+
+def learn(process: EventProcess, batch: Callable[[], EventSequence], steps: int, rate: float, bins: int) -> None:
+    """The likelihood of events under a silent condition."""
+    process.train()
+    optimiser = torch.optim.Adam(process.parameters(), lr=rate)
+    for _ in range(steps):
+        events = batch()
+        terms = process.terms(events, torch.zeros(len(events.bins), bins, 3))
+        optimiser.zero_grad()
+        (terms["when"] + terms["where"]).backward()
+        optimiser.step()
+    process.eval()
 
 
 def test_events_of_frames() -> None:
@@ -79,8 +93,7 @@ def test_it_learns_when_and_where() -> None:
 def test_it_learns_by_how_much_events_are_drawn_back() -> None:
     """Each event lies halfway from the last one to the middle; a free run stays as near to it as what was learnt."""
     torch.manual_seed(2)
-    process = made(fixed=0, relative=3).train()
-    optimiser = torch.optim.Adam(process.parameters(), lr=2e-2)
+    process = made(fixed=0, relative=3)
 
     def batch() -> EventSequence:
         places = [torch.randn(32, 2)]
@@ -89,12 +102,7 @@ def test_it_learns_by_how_much_events_are_drawn_back() -> None:
         bins = (3 * torch.arange(13)).expand(32, -1).contiguous()
         return EventSequence(bins, torch.stack(places, 1), torch.ones(32, 13, dtype=torch.bool))
 
-    for _ in range(200):
-        terms = process.terms(batch(), torch.zeros(32, 40, 3))
-        optimiser.zero_grad()
-        (terms["when"] + terms["where"]).backward()
-        optimiser.step()
-    process.eval()
+    learn(process, batch, 200, 2e-2, 40)
     drawn = process.sample(torch.zeros(200, 90, 3), torch.rand(200, 90, 5), 1.0)
     before, after = drawn.place[:, 30:-3].reshape(-1, 2), drawn.place[:, 33:].reshape(-1, 2)
     moved = (after != before).all(-1)
@@ -118,8 +126,7 @@ def test_the_last_steps_are_told_by_direction_and_length() -> None:
 def test_it_learns_to_go_on_the_same_way_as_far() -> None:
     """Each sequence has a direction, and a length of step between .1 and 3; free runs keep to theirs."""
     torch.manual_seed(3)
-    process = made(fixed=0, relative=4, steps=1).train()
-    optimiser = torch.optim.Adam(process.parameters(), lr=1e-2)
+    process = made(fixed=0, relative=4, steps=1)
     bins = (2 * torch.arange(9)).expand(64, -1).contiguous()
 
     def batch() -> EventSequence:
@@ -128,12 +135,7 @@ def test_it_learns_to_go_on_the_same_way_as_far() -> None:
         places = F.pad(steps, (0, 0, 1, 0)).cumsum(1)
         return EventSequence(bins, places, torch.ones(64, 9, dtype=torch.bool))
 
-    for _ in range(250):
-        terms = process.terms(batch(), torch.zeros(64, 18, 3))
-        optimiser.zero_grad()
-        (terms["when"] + terms["where"]).backward()
-        optimiser.step()
-    process.eval()
+    learn(process, batch, 250, 1e-2, 18)
     drawn = process.sample(torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
     steps = [np.diff(place[event], axis=0)[1:] for event, place in zip(drawn.event, drawn.place, strict=True)]
     last, following = (np.concatenate([each[part] for each in steps]) for part in (slice(-1), slice(1, None)))
@@ -147,18 +149,14 @@ def test_what_is_drawn_does_without_the_noise_of_what_was_learnt() -> None:
     """Places that jump between -1 and 1 and are seen with noise: drawn ones lie nearer to -1 and 1 than those seen."""
     torch.manual_seed(4)
     noise = 0.2
-    process = made(relative=4).train()
-    process.noise.fill_(noise)
-    optimiser = torch.optim.Adam(process.parameters(), lr=1e-2)
+    process = made(relative=4)
     bins = (2 * torch.arange(9)).expand(64, -1).contiguous()
-    for _ in range(300):
+
+    def batch() -> EventSequence:
         places = torch.stack([2.0 * torch.randint(0, 2, (64, 9)) - 1, torch.zeros(64, 9)], -1)
-        seen = places + noise * torch.randn_like(places)
-        terms = process.terms(EventSequence(bins, seen, torch.ones(64, 9, dtype=torch.bool)), torch.zeros(64, 18, 3))
-        optimiser.zero_grad()
-        (terms["when"] + terms["where"]).backward()
-        optimiser.step()
-    process.eval()
+        return EventSequence(bins, places + noise * torch.randn_like(places), torch.ones(64, 9, dtype=torch.bool))
+
+    learn(process, batch, 300, 1e-2, 18)
     off = []
     for process.noise[:] in (noise, 0.0):
         drawn = process.sample(torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
