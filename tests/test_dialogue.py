@@ -14,6 +14,7 @@ from talkingeyes.audio.waveform import read_dialogue
 from talkingeyes.errors import InputError
 from talkingeyes.performance.contact import share_of_contact
 from talkingeyes.performance.dialogue import converse
+from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import listening, turns
 from talkingeyes.performance.perform import Performance
 
@@ -51,7 +52,7 @@ def looks(made: Performance, who: int) -> float:
     return share_of_contact(head[listens], space[listens], ahead[listens])
 
 
-def test_listeners_look_at_the_speaker_nod_and_blink_at_ends() -> None:
+def test_listeners_look_at_the_speaker_and_nod() -> None:
     sounds = talk()
     pairs = converse(PERFORMER, sounds, 8, 0, 25.0)
     alone = PERFORMER.perform(sounds[0], 8, 0, 25.0)
@@ -61,8 +62,15 @@ def test_listeners_look_at_the_speaker_nod_and_blink_at_ends() -> None:
     assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.7
     nodded = [np.abs(pair.first.motion.head - each.motion.head).max() for pair, each in zip(pairs, alone, strict=True)]
     assert np.median(nodded) > np.radians(1.0)
+
+
+def test_listeners_blink_at_the_ends_of_phrases() -> None:
+    """Gaze is calm here: large shifts of it would bring most blinks."""
+    sounds, calm = talk(), Direction(liveliness=Liveliness(gaze=0.25))
+    pairs = converse(PERFORMER, sounds, 24, 0, 25.0, (calm, calm))
+    alone = PERFORMER.perform(sounds[0], 24, 0, 25.0, calm)
     ends = [span.end_s for span in turns(*sounds).partner]
-    near = [_near_ends(each, ends) for each in [pair.first for pair in pairs]]
+    near = [_near_ends(pair.first, ends) for pair in pairs]
     assert np.mean(near) > 1.3 * np.mean([_near_ends(each, ends) for each in alone])
 
 
