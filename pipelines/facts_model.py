@@ -143,7 +143,7 @@ def of_pool(pool: Pool) -> Figures:
     found = figures.of_gaze(pool) | figures.of_head(pool) | figures.of_speech(pool)
     found |= figures.of_blinks(pool) | figures.of_shifts(pool)
     found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
-    return {name: each for name, each in found.items() if not name.startswith("icc_") and name != "look_sd"}
+    return {name: each for name, each in found.items() if not name.startswith("icc_")}
 
 
 def markdown(columns: Sequence[Figures], sounds: int, words: str) -> str:

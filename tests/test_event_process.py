@@ -178,7 +178,7 @@ def test_a_codebook_finds_the_places_that_events_lead_to(codebook: str) -> None:
             terms["codebook"].backward()  # type: ignore[no-untyped-call]
             optimiser.step()
     found = process.means().detach().clone()
-    assert torch.cdist(targets, found[:8]).min(1).values.max() < 0.2
+    assert torch.cdist(targets, found[:8]).min(1).values.max() < 0.1
     process.zero_grad()
     process.eval().terms(events, torch.zeros(8, 20, 3))["where"].backward()  # type: ignore[no-untyped-call]
     assert process.steps.grad is not None and process.steps.grad.abs().sum() > 0
