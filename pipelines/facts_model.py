@@ -33,6 +33,7 @@ from talkingeyes.metrics.facts.figures import Figures
 from talkingeyes.metrics.facts.source import Source
 from talkingeyes.metrics.table import line
 from talkingeyes.motion import Motion
+from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.perform import Performer
 from talkingeyes.run import Workspace, clip_parallel, each, shell
 
@@ -98,9 +99,11 @@ def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performe
     number, clip = numbered
     embedding = np.array(Recordings([clip], source.fit, source.embed)[0].speech)
     performer, sound = _performer(model), source.corpus.speech(clip)
+    direction = Direction(partner=source.corpus.partner(clip))
     made = {
         fps: [
-            each.motion for each in performer.perform_embedded(embedding, SAMPLES, SAMPLES * number, fps, sound=sound)
+            each.motion
+            for each in performer.perform_embedded(embedding, SAMPLES, SAMPLES * number, fps, direction, sound)
         ]
         for fps in RATES_FPS
     }

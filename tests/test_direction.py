@@ -131,14 +131,14 @@ def test_the_same_alone_or_in_a_batch() -> None:
 
 @pytest.mark.parametrize(("name", "manner"), [("ann", QUIET), ("bob", LIVELY)])
 def test_a_style_imposes_what_was_measured(name: str, manner: Manner) -> None:
-    got = [measured(each.motion) for each in performed(8, style=name)]
-    for each in got:
+    got = [measured(each.motion) for each in performed(32, style=name)]
+    for each in got[:8]:
         np.testing.assert_allclose(each.head_mean_rad, manner.head_mean_rad, atol=1e-3)
         np.testing.assert_allclose(each.head_sd_rad, manner.head_sd_rad, rtol=0.02)
         np.testing.assert_allclose(each.gaze_mean_rad, manner.gaze_mean_rad, atol=0.01)
         np.testing.assert_allclose(each.gaze_sd_rad, manner.gaze_sd_rad, rtol=0.1)
     assert np.mean([each.saccades_per_min for each in got]) == pytest.approx(manner.saccades_per_min, rel=0.15)
-    assert np.mean([each.blinks_per_min for each in got]) == pytest.approx(manner.blinks_per_min, rel=0.35)
+    assert np.mean([each.blinks_per_min for each in got]) == pytest.approx(manner.blinks_per_min, rel=0.25)
 
 
 def test_a_reference_clip_is_a_style_at_any_frame_rate() -> None:

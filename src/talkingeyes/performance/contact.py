@@ -17,10 +17,9 @@ from numpy import ndarray
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.audio.annotation import Span
-from talkingeyes.motion import HeadMove
 from talkingeyes.performance import sight
-from talkingeyes.performance.course import Course, fixations, reaimed, split, turned
-from talkingeyes.physiology import eye_head, saccades
+from talkingeyes.performance.course import Course, fixations, reaimed, split, taken_along
+from talkingeyes.physiology import saccades
 from talkingeyes.world.looking import FACE_RAD, octant_shares
 
 # Gaze within this of the point between the listener's eyes is contact (as metrics.detectors.gaze_states has it).
@@ -127,23 +126,10 @@ def _moved(
             if found.start_s[index] > aversion_end or looking[index - 1]:
                 away, aversion_end = _away_rad(random), found.start_s[index] + AVERSION_S
             offsets[index] = away  # what it looked at within the face is kept as a scan about the place
-    return turned(reaimed(course, offsets), _head_along_rad(course, found.start_s, offsets))
+    return taken_along(reaimed(course, offsets), found.start_s, offsets, HEAD_THRESHOLD_RAD, HEAD_GAIN)
 
 
 def _away_rad(random: np.random.Generator) -> Float[ndarray, " 2"]:
     size = saccades.draw_amplitudes_rad(1, random, LEAST_AVERSION_DEG, MOST_AVERSION_DEG)
     step = saccades.draw_directions(1, random, octant_shares("intimacy"))[0]
     return np.asarray(size * step / np.hypot(*step))
-
-
-def _head_along_rad(
-    course: Course, onsets_s: Float[ndarray, " K"], offsets_rad: Float[ndarray, "K 2"]
-) -> Float[ndarray, "T 2"]:
-    """The head's part in the offsets."""
-    levels = eye_head.head_contribution(offsets_rad, HEAD_THRESHOLD_RAD, HEAD_GAIN)
-    moves = []
-    for onset, step in zip(onsets_s, np.diff(levels, axis=0, prepend=np.zeros((1, 2))), strict=True):
-        if size := float(np.hypot(*step)):
-            lag = eye_head.ONSET_LAG_S[0] if onset else -1.0
-            moves.append(HeadMove(float(onset) + lag, float(eye_head.head_duration_s(size)), (step[0], step[1], 0.0)))
-    return np.asarray(eye_head.head_path(moves, course.times_s)[:, :2])

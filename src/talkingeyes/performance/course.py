@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes import rotation
-from talkingeyes.motion import Saccade
+from talkingeyes.motion import HeadMove, Saccade
 from talkingeyes.performance.events import staircase
 from talkingeyes.physiology import eye_head, saccades
 
@@ -47,6 +47,11 @@ class Course:
         return np.asarray(self.space_rad.mean(axis=1))
 
     @property
+    def steps_rad(self) -> Float[ndarray, "N 2"]:
+        """How far each saccade goes."""
+        return np.array([np.subtract(each.end_rad, each.start_rad) for each in self.saccades]).reshape(-1, 2)
+
+    @property
     def smooth_rad(self) -> Float[ndarray, "T 2 2"]:
         """Gaze without its saccades: drift, and what the eyes differ by."""
         return np.asarray(self.space_rad - staircase(self.saccades, self.times_s)[:, None])
@@ -76,14 +81,13 @@ def fixations(course: Course, gaze_rad: Float[ndarray, "T 2"]) -> Fixations:
 
 def reaimed(course: Course, offsets_rad: Float[ndarray, "K 2"]) -> Course:
     """The course with each fixation moved by an offset; the saccades between take what their offsets differ by."""
-    steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
     smooth = course.smooth_rad + offsets_rad[0]
-    return with_steps(course, smooth, steps + np.diff(offsets_rad, axis=0))
+    return with_steps(course, smooth, course.steps_rad + np.diff(offsets_rad, axis=0))
 
 
 def without(course: Course, indices: Iterable[int]) -> Course:
     """The course without some of its saccades: gaze stays where it was, and the next saccade takes their steps too."""
-    steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
+    steps = course.steps_rad
     offsets = np.zeros((len(steps) + 1, 2))
     for index in sorted(indices):
         offsets[index + 1] = offsets[index] - steps[index]
@@ -129,14 +133,30 @@ def scaled(
     smooth = course.smooth_rad
     drift = smooth.mean(axis=1)
     moved = new_centre_rad + gain * (drift - centre_rad)
-    steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
-    return with_steps(course, smooth - drift[:, None] + moved[:, None], steps * gain)
+    return with_steps(course, smooth - drift[:, None] + moved[:, None], course.steps_rad * gain)
 
 
 def turned(course: Course, along_rad: Float[ndarray, "T 2"]) -> Course:
     """The head turned further by (yaw, pitch); gaze in space stays."""
     extra = np.stack([-along_rad[:, 1], along_rad[:, 0], np.zeros(len(along_rad))], axis=-1)
     return replace(course, head=course.head + extra)
+
+
+def taken_along(
+    course: Course,
+    onsets_s: Float[ndarray, " K"],
+    eccentricity_rad: Float[ndarray, "K 2"],
+    threshold_rad: float,
+    gain: float,
+) -> Course:
+    """The head turned further by its part in where gaze is from each onset on (physiology.eye_head)."""
+    levels = eye_head.head_contribution(eccentricity_rad, threshold_rad, gain)
+    moves = []
+    for onset, step in zip(onsets_s, np.diff(levels, axis=0, prepend=np.zeros((1, 2))), strict=True):
+        if size := float(np.hypot(*step)):
+            lag = eye_head.ONSET_LAG_S[0] if onset else -1.0
+            moves.append(HeadMove(float(onset) + lag, float(eye_head.head_duration_s(size)), (step[0], step[1], 0.0)))
+    return turned(course, eye_head.head_path(moves, course.times_s)[:, :2])
 
 
 def within_reach(course: Course, own: Course) -> Course:

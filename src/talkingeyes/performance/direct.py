@@ -25,6 +25,7 @@ from talkingeyes.performance.course import Course, scaled, within_reach
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import Listening
 from talkingeyes.performance.manner import in_manner
+from talkingeyes.performance.oculomotor import capped, scanned
 from talkingeyes.performance.targets import LISTENER, TargetTrack
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
@@ -41,13 +42,6 @@ class Asked:
     manner: Manner | None = None
     listening: Listening | None = None
     spoken: Annotation | None = None
-
-    @property
-    def nothing(self) -> bool:
-        """Whether head and gaze are the model's own."""
-        asked = self.direction
-        still = (asked.targets, asked.contact, self.manner, self.listening) == (None, None, None, None)
-        return still and (asked.liveliness.head, asked.liveliness.gaze) == (1.0, 1.0)
 
 
 def blinks_per_min(profile: BlinkProfile, asked: Asked, random: np.random.Generator) -> float:
@@ -83,11 +77,10 @@ def _chances(profile: BlinkProfile, course: Course, rate: float) -> Float[ndarra
 
 def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     """The course as it is asked for; `seeds` are those of this sample."""
-    if asked.nothing:
-        return course
     own, direction = course, asked.direction
     if asked.manner:
         course = in_manner(course, asked.manner, [*seeds, 1])
+    course = scanned(course, [*seeds, 4])
     course = lively(course, direction.liveliness)
     listener = (direction.targets or TargetTrack()).place(LISTENER).at(course.times_s)
     if asked.listening:
@@ -98,6 +91,7 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     elif asked.listening:
         listens = asked.listening.annotation.listening
         course = contacted(course, listener, asked.listening.look, [*seeds, 2], listens)
+    course = capped(course)
     if direction.targets:
         course = aimed(course, direction.targets)
     return within_reach(course, own)

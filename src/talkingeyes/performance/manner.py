@@ -55,8 +55,9 @@ def _at_rate(course: Course, per_min: float, seeds: Sequence[int]) -> Course:
 
 
 def _with_fewer(course: Course, wanted: int) -> Course:
-    steps = np.array([np.subtract(each.end_rad, each.start_rad) for each in course.saccades]).reshape(-1, 2)
-    return without(course, np.argsort(np.hypot(*steps.T), kind="stable")[: len(steps) - wanted].tolist())
+    return without(
+        course, np.argsort(np.hypot(*course.steps_rad.T), kind="stable")[: len(course.saccades) - wanted].tolist()
+    )
 
 
 def _with_more(course: Course, wanted: int, seeds: Sequence[int]) -> Course:

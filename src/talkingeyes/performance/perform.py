@@ -35,6 +35,7 @@ from talkingeyes.performance.face import FacePerformer, beside, with_face
 from talkingeyes.performance.keys import save_keys
 from talkingeyes.performance.listening import listening, turns
 from talkingeyes.performance.model_file import opened
+from talkingeyes.performance.oculomotor import accompanied
 from talkingeyes.performance.parts import recast_events, recast_motion
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
@@ -192,6 +193,7 @@ class Performer:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
         space = rotation.gaze_in_space(head, gaze)
+        head = accompanied(self._own(head, space)).head
         course = self._course(head, space, asked, [seed, index])
         blinked: tuple[Blink, ...] = ()
         if asked.direction.parts.models_give("blinks"):
@@ -205,7 +207,10 @@ class Performer:
     def _course(
         self, head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2 2"], asked: Asked, seeds: Sequence[int]
     ) -> Course:
-        return directed(Course(self.fps, head, space_rad, find_saccades(space_rad.mean(1), self.fps)), asked, seeds)
+        return directed(self._own(head, space_rad), asked, seeds)
+
+    def _own(self, head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2 2"]) -> Course:
+        return Course(self.fps, head, space_rad, find_saccades(space_rad.mean(1), self.fps))
 
 
 def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
