@@ -81,6 +81,7 @@ def _network(workspace: Workspace, name: str, settings: TranslationSettings, see
     progress = _progress(workspace, name, settings, seed, place)
     history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
     place.leave_unless_first()
+    task.equalise()
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
     with workspace.output("train", name) as folder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -16,11 +17,14 @@ from talkingeyes.learning.loop import LoopSettings
 from talkingeyes.learning.start import start_from
 from talkingeyes.learning.telling import Beside, Teller, motion_numbers
 from talkingeyes.learning.windows import Windows, WindowSettings, statistics
-from talkingeyes.models.condition.conditioner import NOTHING, Seen
+from talkingeyes.models.condition.conditioner import NOTHING, Given, Seen
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.pace import tell_steps
 from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
 from talkingeyes.settings import Settings
+
+ENOUGH_TO_EQUALISE = 256  # clips
 
 
 class TrainSettings(Settings):
@@ -91,6 +95,20 @@ class TranslationTask:
         """The same figures of the watched clips themselves."""
         return {f"truth/{name}": value for name, value in asdict(self.truth).items()}
 
+    def equalise(self) -> None:
+        """Give heads drawn for the train split the spectrum of its own, if this head has a filter for it."""
+        equaliser = getattr(self.module.head, "equaliser", None)
+        if not isinstance(equaliser, Equaliser):
+            return
+        recordings = self.windows.recordings
+        some = recordings[:: math.ceil(len(recordings) / ENOUGH_TO_EQUALISE)]
+        equaliser.reset()
+        drawn = [
+            self.module.turn(torch.from_numpy(np.array(each.speech)), [index], self._told(each))[0].numpy()
+            for index, each in enumerate(some)
+        ]
+        equaliser.match([each.head for each in some], drawn)
+
     def choose_temperature(self) -> dict[str, float]:
         """Take the temperature whose free-running motion on val is nearest to the truth's aliveness."""
         distances = {each: self._alive(each).distance(self.truth) for each in self.settings.temperatures}
@@ -100,13 +118,16 @@ class TranslationTask:
     def _alive(self, temperature: float) -> Aliveness:
         motions = []
         for index, each in enumerate(self.watched):
-            told = self.teller.whole(each.clip, len(each)) if self.teller else NOTHING
-            motions.append(self.module.generate(torch.from_numpy(np.array(each.speech)), [index], temperature, told))
+            speech = torch.from_numpy(np.array(each.speech))
+            motions.append(self.module.generate(speech, [index], temperature, self._told(each)))
         return aliveness(
             [each.head[0].cpu().numpy() for each in motions],
             [each.gaze[0].cpu().numpy() for each in motions],
             self._fps,
         )
+
+    def _told(self, recording: Recording) -> Given:
+        return self.teller.whole(recording.clip, len(recording)) if self.teller else NOTHING
 
     def _normalise(self, train: Sequence[Recording]) -> None:
         head = statistics(np.concatenate([each.head for each in train]))

@@ -210,6 +210,11 @@ class SpeechToMotion(nn.Module):
         return Generated(head, self._gaze(speech, head, seeds, temperature))
 
     @torch.no_grad()
+    def turn(self, embedding: Float[Tensor, "T C"], seeds: list[int], given: Given = NOTHING) -> Float[Tensor, "B T 3"]:
+        """Heads alone, a seed each."""
+        return self.head.sample(self._heard(embedding, given).expand(len(seeds), -1, -1), seeds)
+
+    @torch.no_grad()
     def look(
         self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int], given: Given = NOTHING
     ) -> Float[Tensor, "B T 2 3"]:

@@ -14,14 +14,15 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.interpolate import CubicHermiteSpline
 from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings
+from talkingeyes.settings import PartSettings, out_of_bounds
 
 SPREAD = (1.0, 1.0, 0.6)
 # Strokes are drawn so many bins beyond the end, so that the last frames lie between two of them.
@@ -37,7 +38,15 @@ class EventHeadSettings(PartSettings):
     kind: Literal["events"]
     # Of the choice of a pose and of the Gaussians when strokes are drawn; 1: as learnt. Chosen on val by the benchmark.
     temperature: Annotated[float, Field(ge=0)]
+    # Of the filter that gives drawn heads the spectrum of true ones (layers/equaliser.py); odd, or 0: none.
+    equaliser_frames: Annotated[int, Field(ge=0)]
     process: EventProcessSettings
+
+    @model_validator(mode="after")
+    def _has_a_middle(self) -> EventHeadSettings:
+        if self.equaliser_frames and self.equaliser_frames % 2 == 0:
+            raise out_of_bounds("equaliser_frames should be odd, or 0", self.equaliser_frames)
+        return self
 
 
 class EventHead(nn.Module):
@@ -50,6 +59,7 @@ class EventHead(nn.Module):
         self.normal = Normal(3)
         self.bin_frames, self.temperature = settings.process.bin_frames, settings.temperature
         self.process = EventProcess(settings.process, speech, SPREAD)
+        self.equaliser = Equaliser(settings.equaliser_frames)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
@@ -67,7 +77,7 @@ class EventHead(nn.Module):
             [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
         )
         drawn = self.process.sample(within, uniform.to(within), self.temperature)
-        made = joined(drawn.event, drawn.place, self.bin_frames)[:, : speech.shape[1]]
+        made = self.equaliser(joined(drawn.event, drawn.place, self.bin_frames))[:, : speech.shape[1]]
         return self.normal.back(torch.from_numpy(made.astype(np.float32)).to(within))
 
 

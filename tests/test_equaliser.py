@@ -1,0 +1,58 @@
+"""The filter that gives drawn motion the spectrum of true motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.signal import lfilter, welch
+
+from talkingeyes.models.layers.equaliser import Equaliser
+
+
+def swaying(pole: float, seed: int, clips: int = 24, frames: int = 250) -> list[Float[ndarray, "T 2"]]:
+    """Noise through one pole: the nearer it is to 1, the slower."""
+    random = np.random.default_rng(seed)
+    return [lfilter([1.0], [1.0, -pole], random.standard_normal((frames, 2)), axis=0) for _ in range(clips)]
+
+
+def power(motions: list[Float[ndarray, "T 2"]]) -> Float[ndarray, " F"]:
+    return np.asarray(np.mean([welch(each, nperseg=64, axis=0)[1].mean(axis=1) for each in motions], axis=0))
+
+
+def test_drawn_motion_gets_the_spectrum_of_true_motion() -> None:
+    true, drawn = swaying(0.8, 0), swaying(0.2, 1)
+    equaliser = Equaliser(65)
+    equaliser.match(true, drawn)
+    fresh = swaying(0.2, 2)
+    made = [equaliser(each[None])[0] for each in fresh]
+    before, after = (np.abs(np.log(power(each) / power(true)))[1:].mean() for each in (fresh, made))
+    assert before > 5 * after, (before, after)
+    assert after < 0.15, after
+
+
+def test_until_it_has_learnt_nothing_changes() -> None:
+    equaliser = Equaliser(33)
+    motion = np.stack(swaying(0.8, 3, clips=2))
+    np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
+    equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
+    assert np.abs(equaliser(motion) - motion).max() > 0.1
+    equaliser.reset()
+    np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
+
+
+def test_a_row_is_the_same_alone_and_what_it_does_has_no_delay() -> None:
+    equaliser = Equaliser(33)
+    equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
+    motion = np.stack(swaying(0.8, 3, clips=4))
+    np.testing.assert_array_equal(equaliser(motion)[2], equaliser(motion[2:3])[0])
+    np.testing.assert_allclose(equaliser(motion[:, ::-1])[:, ::-1], equaliser(motion), atol=1e-9)
+
+
+@pytest.mark.parametrize("frames", [0, 33])
+def test_short_motion_teaches_nothing_and_no_filter_does_nothing(frames: int) -> None:
+    equaliser = Equaliser(frames)
+    equaliser.match(swaying(0.9, 0, frames=10), swaying(0.5, 1, frames=10))
+    motion = np.stack(swaying(0.8, 3, clips=2))
+    np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
