@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from scipy.signal import welch
 from test_gaze_models import GAZE, TRANSFORMER, VAE
 from torch import Tensor, nn
 from toy import CHANNELS, recordings
@@ -203,6 +204,32 @@ def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path:
     direct = task.module.generate(torch.from_numpy(speech), [5])
     np.testing.assert_allclose(again.gaze, direct.gaze.numpy(), atol=1e-6)
     np.testing.assert_allclose(again.head, direct.head.numpy(), atol=1e-6)
+
+
+def test_a_head_of_events_learns_the_spectrum_of_its_drawn_heads_last() -> None:
+    strokes = GAZE["events"]["process"] | {"fixed": 0}
+    head = {"kind": "events", "temperature": 1.0, "equaliser_frames": 65, "process": strokes}
+    asked = translation("events", steps=2, validate_every=2).model_dump()
+    weights = {f"{part}_{term}": 1.0 for part in ("head", "gaze") for term in ("when", "where")}
+    settings = TranslationSettings.model_validate(asked | {"head": head, "weights": weights})
+    clips = recordings(12, seed=1)
+    task = TranslationTask(settings, 0, clips, recordings(3, seed=2), NORMALISER, None)
+    train(task, settings.loop, "joint")
+
+    def apart() -> float:
+        drawn = [task.module.turn(torch.from_numpy(clip.speech), [50 + i])[0].numpy() for i, clip in enumerate(clips)]
+        powers = [
+            np.mean([welch(each, nperseg=64, axis=0)[1].mean(axis=1) for each in motions], axis=0)
+            for motions in (drawn, [clip.head for clip in clips])
+        ]
+        return float(np.abs(np.log(powers[0] / powers[1]))[1:20].mean())
+
+    before = apart()
+    task.equalise()
+    assert apart() < before - 1  # nats; toy heads are pure sines, farther apart than a filter of gains up to 3 can mend
+    taps = task.module.head.equaliser.taps.clone()
+    task.equalise()  # from the same draws, not from equalised ones
+    torch.testing.assert_close(task.module.head.equaliser.taps, taps)
 
 
 def baseline(kind: str, tmp_path: Any) -> Any:
