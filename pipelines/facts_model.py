@@ -4,7 +4,8 @@ Run     python -m pipelines.facts_model [MODEL]       (default talkingeyes; afte
 Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was trained on
 Writes  docs/facts_model.md; of another model than the default build/facts/MODEL.md
 
-Each sound is performed SAMPLES times, blinks included, and rendered at both rates, and at 500 for the law of saccades.
+Each sound is performed SAMPLES times, blinks included, with its partner's voice where it has one (or nobody would know
+when to listen), and rendered at both rates, and at 500 for the law of saccades.
 Beside it stands the true motion of the same sounds at 25: what is out there as well is for want of motion. No stage:
 nothing reads it. Rows of people's own styles, of jaws, lids and of the fit are not a model's of head and gaze.
 """
@@ -44,11 +45,13 @@ RATES_FPS = (25.0, 120.0, 500.0)
 INTRODUCTION = """# Facts of the default model
 
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
-{samples} samples each, against the bands of [facts.md](facts.md), at 25 and at 120 frames a second; the law of saccades
-at 500. Beside it the true motion of the same sounds at 25 (its own rows of the law: [facts.md](facts.md)).
+{samples} samples each, with the partner's voice where there is one, against the bands of [facts.md](facts.md), at 25 and
+at 120 frames a second; the law of saccades at 500. Beside it the true motion of the same sounds at 25 (its own rows of
+the law: [facts.md](facts.md)).
 
-**At 25 frames a second {slow}; at 120 {fast}; of the truth {truth}.** Left out: rows of personal style, which a model
-that is told no speaker cannot have, and what is not head, gaze or blinks.
+**At 25 frames a second {slow}; at 120 {fast}; of the truth {truth}.** Left out: correlations
+of personal style, which a model that is told no speaker cannot have, and what is not head, gaze or blinks. Listening,
+small saccades, blinks, and the head's part in far gaze are laws laid over what the model draws ([whole.md](whole.md)).
 
 """
 
