@@ -36,6 +36,7 @@ from talkingeyes.settings import PartSettings
 # Fitted gaze rests between steps: what moves by less than EDGE a frame rests; what lands nearer than LEAST never left.
 EDGE_RAD = np.radians(0.2)
 LEAST_RAD = np.radians(0.7)
+LONGEST_S = 1.0  # no saccade takes so long
 # Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.
 SPREAD = (1.0, 0.7, 0.15)
 
@@ -97,11 +98,7 @@ class EventGaze(nn.Module):
         drawn = self.process.sample(within, uniform, temperature)
         times_s = np.arange(condition.speech.shape[1]) / self.fps
         starts_s = (np.arange(count) + drawn.phase) * self.bin_frames / self.fps
-        made = [
-            shown(start_s[event], self.radians(places[event]), times_s)
-            for event, start_s, places in zip(drawn.event, starts_s, drawn.place, strict=True)
-        ]
-        return _eyes(condition.head, np.stack(made))
+        return _eyes(condition.head, shown(drawn.event, starts_s, self.radians(drawn.place), times_s))
 
     @property
     def step_frames(self) -> int:
@@ -203,12 +200,23 @@ class SaccadeChain:
 
 
 def shown(
-    onsets_s: Float[ndarray, " K"], places_rad: Float[ndarray, "K 3"], times_s: Float[ndarray, " T"]
-) -> Float[ndarray, "T 4"]:
-    """Yaw and pitch of both eyes at any times; the first place is where gaze begins."""
-    chain = SaccadeChain(places_rad[0])
-    chain.go(onsets_s[1:], places_rad[1:])
-    return chain.at(times_s)
+    event: Bool[ndarray, "B N"],
+    onsets_s: Float[ndarray, "B N"],
+    places_rad: Float[ndarray, "B N 3"],
+    times_s: Float[ndarray, " T"],
+) -> Float[ndarray, "B T 4"]:
+    """Yaw and pitch of both eyes at any times; the first event of a row is where its gaze begins.
+
+    All rows are one chain, one after the other, for many small steps of numpy cost more than one long one.
+    """
+    row, index = np.nonzero(event)
+    # Between two rows there is more time than all saccades of one take, should they wait for each other.
+    begins_s = np.arange(len(event)) * (times_s[-1] + LONGEST_S * (event.shape[1] + 1))
+    onset_s = begins_s[row] + np.where(index, onsets_s[row, index], -LONGEST_S)
+    chain = SaccadeChain(places_rad[0, 0])
+    chain.go(onset_s, places_rad[row, index])
+    signal = chain.at((begins_s[:, None] + times_s).ravel())
+    return signal.reshape(len(event), len(times_s), 4)
 
 
 class EventGazeStream:
