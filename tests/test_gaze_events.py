@@ -46,9 +46,24 @@ def test_what_is_over_may_be_forgotten() -> None:
         parts.append(chain.at(frames))
         chain.forget(frames[-1])
         most = max(most, len(chain))
-    np.testing.assert_allclose(np.concatenate(parts), shown(onsets_s, places, times_s), atol=1e-12)
+    every = np.ones((1, len(onsets_s)), bool)
+    np.testing.assert_allclose(
+        np.concatenate(parts), shown(every, onsets_s[None], places[None], times_s)[0], atol=1e-12
+    )
     assert len(chain) == 1
     assert most < 25
+
+
+def test_rows_that_are_shown_together_know_nothing_of_each_other() -> None:
+    onsets_s, places = crowded()
+    event = np.random.default_rng(5).random((4, len(onsets_s))) < 0.7
+    event[:, 0] = True
+    onsets, rows = np.tile(onsets_s, (4, 1)), np.stack([places, -places, 2 * places, places[::-1]])
+    times_s = np.arange(0, 4, 0.04)
+    together = shown(event, onsets, rows, times_s)
+    for index in range(4):
+        only = slice(index, index + 1)
+        np.testing.assert_allclose(together[index], shown(event[only], onsets[only], rows[only], times_s)[0], atol=1e-9)
 
 
 def gaze(**changes: object) -> EventGaze:
