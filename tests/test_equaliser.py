@@ -38,6 +38,7 @@ def test_until_it_has_learnt_nothing_changes() -> None:
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
     equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
     assert np.abs(equaliser(motion) - motion).max() > 0.1
+    np.testing.assert_allclose(equaliser(np.full((1, 40, 2), 3.0)), 3.0, atol=1e-9)  # a mean pose stays
     equaliser.reset()
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
 

@@ -40,9 +40,10 @@ class Equaliser(nn.Module):
         if not len(self.taps) or not any(len(each) >= LEAST_FRAMES for each in true):
             return
         gain = np.sqrt(self._power(true) / self._power(drawn)).clip(1 / MOST_GAIN, MOST_GAIN)
-        gain[0] = gain[1]  # spectra are those of deviations from the mean
-        count = len(self.taps)
-        taps = np.fft.fftshift(np.fft.irfft(gain, count)) * hann(count + 2)[1:-1]
+        gain[0] = 1.0  # spectra are those of deviations from a clip's mean, which stays, whatever the window blurs
+        window = hann(len(self.taps) + 2)[1:-1]
+        taps = np.fft.fftshift(np.fft.irfft(gain, len(self.taps))) * window
+        taps += (1.0 - taps.sum()) * window / window.sum()
         self.taps.copy_(torch.from_numpy(taps))
 
     def _power(self, motions: Sequence[Float[ndarray, "_ D"]]) -> Float[ndarray, " F"]:
@@ -53,7 +54,7 @@ class Equaliser(nn.Module):
         return np.asarray(np.average(spectra, axis=0, weights=[len(each) for each in long]))
 
     def forward(self, motion: Float[ndarray, "B T D"]) -> Float[ndarray, "B T D"]:
-        """Motion about 0 with another spectrum; before its beginning and after its end it is still."""
+        """The same motion with another spectrum; before its beginning and after its end it is still."""
         if not len(self.taps):
             return motion
         half = len(self.taps) // 2
