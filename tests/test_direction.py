@@ -21,8 +21,9 @@ from talkingeyes.performance.course import Course
 from talkingeyes.performance.direct import Asked, blinks_of, blinks_with
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.manner import manner_of
+from talkingeyes.performance.perform import sample_seeds
 from talkingeyes.performance.targets import Place, TargetTrack
-from talkingeyes.physiology import saccades
+from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.blinks import PAPER, PHYSIO
 
 
@@ -108,6 +109,15 @@ def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: floa
     assert len(brought) <= 0.9 * rate * course.seconds / 60
     drawn = [*brought, *blinks_of(PHYSIO, Asked(Direction()), course, rate, random)]
     assert 60 * len(drawn) / course.seconds == pytest.approx(rate, rel=0.2)
+
+
+def test_as_drawn_head_and_gaze_are_the_models_own() -> None:
+    blinkless = Liveliness(blinks=0.0)
+    made, laid_over = (motion(3, as_drawn=each, liveliness=blinkless) for each in (True, False))
+    drawn = PERFORMER.generator.generate(np.zeros((len(made), 1)), sample_seeds(3, 1), 25.0)
+    np.testing.assert_allclose(made.head, drawn.head[0], atol=1e-9)
+    np.testing.assert_allclose(made.gaze, eye_head.within_range(drawn.gaze[0]), atol=1e-6)
+    assert np.abs(laid_over.gaze - drawn.gaze[0]).max() > np.radians(0.3)
 
 
 def test_nothing_asked_nothing_changed() -> None:

@@ -35,6 +35,7 @@ def direct(
     blinking: float = 1.0,
     partner: Path | str | None = None,
     style: Path | str | None = None,
+    as_drawn: bool = False,
     emotion: str = "neutral",
     intensity: int | None = None,
     speaker: str | None = None,
@@ -43,7 +44,8 @@ def direct(
 ) -> Direction:
     """A direction: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or a motion.
 
-    `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `emotion`, `intensity` (1 to 3) and
+    `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `as_drawn`: nothing is laid over the
+    model's head and gaze but what is asked (docs/whole.md). `emotion`, `intensity` (1 to 3) and
     `speaker` are of the face. Parts (head, gaze, blinks, face) are switched off by `without`, or taken from motions.
     Raises InputError (one line) for a mistake.
     """
@@ -58,6 +60,7 @@ def direct(
         liveliness=Liveliness(head, gaze, blinking),
         partner=None if partner is None else _heard(partner),
         style=None if style is None else _manner(style),
+        as_drawn=as_drawn,
         face=(StyleKey(0.0, Style(speaker, emotion, strength(emotion, intensity))),),
         parts=Parts(tuple(without), {part: Motion.load(Path(path)) for part, path in replaced.items()}),
     )

@@ -45,6 +45,10 @@ def animate(
     style: Annotated[
         str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
     ] = None,
+    as_drawn: Annotated[
+        bool,
+        typer.Option("--as-drawn", help="Head and gaze as the model draws them: no laws laid over (docs/whole.md)."),
+    ] = False,
     emotion: Annotated[
         str, typer.Option(help="Of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt.")
     ] = "neutral",
@@ -85,6 +89,7 @@ def animate(
         blinking=blink_liveliness,
         partner=partner,
         style=style,
+        as_drawn=as_drawn,
         emotion=emotion,
         intensity=intensity,
         speaker=speaker,

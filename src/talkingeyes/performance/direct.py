@@ -80,7 +80,8 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     own, direction = course, asked.direction
     if asked.manner:
         course = in_manner(course, asked.manner, [*seeds, 1])
-    course = scanned(course, [*seeds, 4])
+    if not direction.as_drawn:
+        course = scanned(course, [*seeds, 4])
     course = lively(course, direction.liveliness)
     listener = (direction.targets or TargetTrack()).place(LISTENER).at(course.times_s)
     if asked.listening:
@@ -91,7 +92,8 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     elif asked.listening:
         listens = asked.listening.annotation.listening
         course = contacted(course, listener, asked.listening.look, [*seeds, 2], listens)
-    course = capped(course)
+    if not direction.as_drawn:
+        course = capped(course)
     if direction.targets:
         course = aimed(course, direction.targets)
     return within_reach(course, own)

@@ -193,7 +193,8 @@ class Performer:
         head, gaze = drawn.head[index], drawn.gaze[index]
         random = np.random.default_rng([seed, index])
         space = rotation.gaze_in_space(head, gaze)
-        head = accompanied(self._own(head, space)).head
+        if not asked.direction.as_drawn:
+            head = accompanied(self._own(head, space)).head
         course = self._course(head, space, asked, [seed, index])
         blinked: tuple[Blink, ...] = ()
         if asked.direction.parts.models_give("blinks"):
