@@ -45,9 +45,9 @@ RATES_FPS = (25.0, 120.0, 500.0)
 INTRODUCTION = """# Facts of the default model
 
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
-{samples} samples each, with the partner's voice where there is one, against the bands of [facts.md](facts.md), at 25 and
-at 120 frames a second; the law of saccades at 500. Beside it the true motion of the same sounds at 25 (its own rows of
-the law: [facts.md](facts.md)).
+{samples} samples each, with the partner's voice where there is one, against the bands of [facts.md](facts.md), at 25
+and at 120 frames a second; the law of saccades at 500. Beside it the true motion of the same sounds at 25 (its own rows
+of the law: [facts.md](facts.md)).
 
 **At 25 frames a second {slow}; at 120 {fast}; of the truth {truth}.** Left out: correlations
 of personal style, which a model that is told no speaker cannot have, and what is not head, gaze or blinks. Listening,
