@@ -7,8 +7,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from test_gaze_events import row_shown
 
-from talkingeyes.models.gaze.events import both_eyes, fixations, shown
+from talkingeyes.models.gaze.events import both_eyes, fixations
 from talkingeyes.models.head.events import dips, joined
 from talkingeyes.physiology import saccades
 
@@ -20,7 +21,7 @@ def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
     random = np.random.default_rng(seed)
     onsets = np.concatenate([[0.0], np.cumsum(random.integers(8, 20, size=8))])
     places = np.concatenate([random.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
-    signal = shown(onsets / FPS, places, np.arange(200) / FPS)
+    signal = row_shown(onsets / FPS, places, np.arange(200) / FPS)
     found = fixations(both_eyes(torch.from_numpy(signal[None])))
     at = np.flatnonzero(found.onset[0].numpy())
     amplitudes = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
@@ -38,7 +39,7 @@ def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
         amplitude = np.radians(degrees)
         places = np.array([[0.0, 0.0, 0.0], [amplitude, 0.0, 0.0]])
         times = np.arange(0, 1, 1 / fps)
-        eye = shown(np.array([0.0, 0.5]), places, times)[:, 0]
+        eye = row_shown(np.array([0.0, 0.5]), places, times)[:, 0]
         peak = np.abs(np.diff(eye)).max() * fps
         law = float(saccades.peak_speed(amplitude))
         assert eye[-1] == pytest.approx(amplitude)
@@ -49,7 +50,7 @@ def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
 
 def test_a_saccade_waits_for_the_one_before() -> None:
     places = np.array([[0.0, 0.0, 0.02], [0.3, 0.0, 0.02], [-0.3, 0.0, 0.03]])
-    signal = shown(np.array([0.0, 0.5, 0.51]), places, np.arange(0, 1, 0.002))
+    signal = row_shown(np.array([0.0, 0.5, 0.51]), places, np.arange(0, 1, 0.002))
     assert signal[:, 0].max() > 0.3  # it arrives before it leaves again
     np.testing.assert_allclose(signal[-1], [-0.27, 0.0, -0.33, 0.0], atol=1e-9)
     assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and never jumps

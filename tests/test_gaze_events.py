@@ -28,6 +28,11 @@ PROCESS = {
 }
 
 
+def row_shown(onsets_s: ndarray, places: ndarray, times_s: ndarray) -> ndarray:
+    """Gaze that is at each place from its onset on."""
+    return shown(np.ones((1, len(onsets_s)), bool), onsets_s[None], places[None], times_s)[0]
+
+
 def crowded() -> tuple[ndarray, ndarray]:
     """Onsets every 50 ms and large steps: most saccades have to wait for the one before."""
     random = np.random.default_rng(0)
@@ -46,10 +51,7 @@ def test_what_is_over_may_be_forgotten() -> None:
         parts.append(chain.at(frames))
         chain.forget(frames[-1])
         most = max(most, len(chain))
-    every = np.ones((1, len(onsets_s)), bool)
-    np.testing.assert_allclose(
-        np.concatenate(parts), shown(every, onsets_s[None], places[None], times_s)[0], atol=1e-12
-    )
+    np.testing.assert_allclose(np.concatenate(parts), row_shown(onsets_s, places, times_s), atol=1e-12)
     assert len(chain) == 1
     assert most < 25
 
