@@ -5,7 +5,7 @@ Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was train
 Writes  docs/facts_model.md; of another model than the default build/facts/MODEL.md
 
 Each sound is performed SAMPLES times, blinks included, with its partner's voice where it has one (or nobody would know
-when to listen), and rendered at both rates, and at 500 for the law of saccades.
+when to listen), and rendered at both rates, and at 500 for the law of saccades; once more as the model alone draws it.
 Beside it stands the true motion of the same sounds at 25: what is out there as well is for want of motion. No stage:
 nothing reads it. Rows of people's own styles, of jaws, lids and of the fit are not a model's of head and gaze.
 """
@@ -41,7 +41,7 @@ from talkingeyes.run import Workspace, clip_parallel, each, shell
 UNHEARD = ("val", "test", "unseen")
 SAMPLES = 8
 # The model's own rate, that of a screen, and that of the law of saccades.
-RATES_FPS = (25.0, 120.0, 500.0)
+OWN_FPS, SCREEN_FPS, LAW_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Facts of the default model
 
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
@@ -49,19 +49,22 @@ Written by `python -m pipelines.facts_model{words}`: motion of the model for {so
 and at 120 frames a second; the law of saccades at 500. Beside it the true motion of the same sounds at 25 (its own rows
 of the law: [facts.md](facts.md)).
 
-**At 25 frames a second {slow}; at 120 {fast}; of the truth {truth}.** Left out: correlations
-of personal style, which a model that is told no speaker cannot have, and what is not head, gaze or blinks. Listening,
-small saccades, blinks, and the head's part in far gaze are laws laid over what the model draws ([whole.md](whole.md)).
+**At 25 frames a second {slow}; at 120 {fast}; as drawn {drawn}; of the truth {truth}.** Left out: correlations of
+personal style, which a model that is told no speaker cannot have, and what is not head, gaze or blinks. Listening,
+small saccades, blinks, and the head's part in far gaze are laws laid over what the model draws ([whole.md](whole.md)):
+the column "as drawn" has none of them but blinks, and no partner (`--as-drawn`).
 
 """
 
 
 @dataclass(frozen=True)
 class Performed:
-    """What is read off the performances of one sound at 25 and at 120 frames a second, and off the truth."""
+    """What is read off the performances of one sound at 25 and at 120 frames a second, off those of the model alone at
+    25, and off the truth."""
 
     slow: Pool
     fast: Pool
+    drawn: Pool
     true: Pool
 
 
@@ -78,8 +81,10 @@ def main() -> None:
     clips = [clip for clip in source.corpus.clips if clip.split in UNHEARD and clip.take == 0]
     with clip_parallel(workspace.params.get("machine", {})):
         found = list(each(partial(observe, source, model), list(enumerate(clips)), workspace.jobs, f"facts of {name}"))
-    slow, fast, true = (joined(pools) for pools in zip(*((one.slow, one.fast, one.true) for one in found), strict=True))
-    columns = [of_pool(slow) | figures.of_rates(slow) | figures.of_courses(slow), of_pool(fast), of_pool(true)]
+    slow, fast, drawn, true = (
+        joined(pools) for pools in zip(*((one.slow, one.fast, one.drawn, one.true) for one in found), strict=True)
+    )
+    columns = [with_law(slow), of_pool(fast), with_law(drawn), of_pool(true)]
     text = markdown(columns, len(clips), f" {name}" if sys.argv[1:] else "")
     out = Path("docs/facts_model.md") if name == "talkingeyes" else Path("build/facts", f"{name}.md")
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
@@ -102,17 +107,21 @@ def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performe
     number, clip = numbered
     embedding = np.array(Recordings([clip], source.fit, source.embed)[0].speech)
     performer, sound = _performer(model), source.corpus.speech(clip)
-    direction = Direction(partner=source.corpus.partner(clip))
-    made = {
-        fps: [
-            each.motion
-            for each in performer.perform_embedded(embedding, SAMPLES, SAMPLES * number, fps, direction, sound)
-        ]
-        for fps in RATES_FPS
-    }
-    slow, fast = (joined(figures.observe(see(source, clip, motion)) for motion in made[fps]) for fps in (25, 120))
-    law = joined(of_law(*motions) for motions in zip(made[500], made[25], strict=True))
-    return Performed(slow | law, fast, observe_sound(source, [clip]))
+
+    def made(fps: float, direction: Direction) -> list[Motion]:
+        drawn = performer.perform_embedded(embedding, SAMPLES, SAMPLES * number, fps, direction, sound)
+        return [each.motion for each in drawn]
+
+    def seen(motions: list[Motion]) -> Pool:
+        return joined(figures.observe(see(source, clip, motion)) for motion in motions)
+
+    def with_finest(direction: Direction) -> Pool:
+        coarse, finest = made(OWN_FPS, direction), made(LAW_FPS, direction)
+        return seen(coarse) | joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))
+
+    asked = Direction(partner=source.corpus.partner(clip))
+    alone = with_finest(Direction(as_drawn=True))
+    return Performed(with_finest(asked), seen(made(SCREEN_FPS, asked)), alone, observe_sound(source, [clip]))
 
 
 def see(source: Source, clip: Clip, motion: Motion) -> Seen:
@@ -152,15 +161,22 @@ def of_pool(pool: Pool) -> Figures:
     return {name: each for name, each in found.items() if not name.startswith("icc_")}
 
 
+def with_law(pool: Pool) -> Figures:
+    """The same, and the rows of the law of saccades and of the course of blinks."""
+    return of_pool(pool) | figures.of_rates(pool) | figures.of_courses(pool)
+
+
 def markdown(columns: Sequence[Figures], sounds: int, words: str) -> str:
     """The page: rows of the acceptance table, a column a rate, and the truth."""
-    rows = [line(["", "band", "25 fps", "120 fps", "truth, 25 fps"]), line(["---"] * 5)]
+    rows = [line(["", "band", "25 fps", "120 fps", "25 fps, as drawn", "truth, 25 fps"]), line(["---"] * 6)]
     for fact in FACTS:
         if any(fact.name in each for each in columns):
             cells = [cell(fact, each.get(fact.name)) for each in columns]
             rows.append(line([page.named(fact), page.band(fact), *cells]))
-    slow, fast, truth = map(counts, columns)
-    introduction = INTRODUCTION.format(words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, truth=truth)
+    slow, fast, drawn, truth = map(counts, columns)
+    introduction = INTRODUCTION.format(
+        words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, drawn=drawn, truth=truth
+    )
     return introduction + "\n".join([*rows, ""])
 
 

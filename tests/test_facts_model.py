@@ -14,7 +14,7 @@ def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, c
     said = capsys.readouterr().out.removesuffix("\n")
     assert said == (tiny / "build/facts/vae.md").read_text()
     rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[2:] for row in said.splitlines() if " | " in row}
-    slow, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
+    slow, _, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
     assert slow.split()[0] != truth.split()[0], "an untrained model is not the truth"
     # The same motion at two rates: the head is as wide.
     wide = rows["within a clip of speech: yaw SD, deg"]
