@@ -117,7 +117,7 @@ def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performe
 
     def with_finest(direction: Direction) -> Pool:
         coarse, finest = made(OWN_FPS, direction), made(LAW_FPS, direction)
-        return seen(coarse) | joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))
+        return {**seen(coarse), **joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))}
 
     asked = Direction(partner=source.corpus.partner(clip))
     alone = with_finest(Direction(as_drawn=True))
