@@ -26,6 +26,7 @@ from talkingeyes.audio.prosody import prosody
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recordings
 from talkingeyes.errors import InputError
+from talkingeyes.learning.telling import who_moves
 from talkingeyes.metrics.benchmark.behaviour import behaviour
 from talkingeyes.metrics.facts import blinks, figures, head, page, saccades
 from talkingeyes.metrics.facts.acceptance import FACTS, Fact
@@ -119,8 +120,10 @@ def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performe
         coarse, finest = made(OWN_FPS, direction), made(LAW_FPS, direction)
         return {**seen(coarse), **joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))}
 
-    asked = Direction(partner=source.corpus.partner(clip))
-    alone = with_finest(Direction(as_drawn=True))
+    known = performer.persons
+    person = known[who_moves(known, clip.speaker)] if known else None
+    asked = Direction(partner=source.corpus.partner(clip), person=person)
+    alone = with_finest(Direction(person=person, as_drawn=True))
     return Performed(with_finest(asked), seen(made(SCREEN_FPS, asked)), alone, observe_sound(source, [clip]))
 
 

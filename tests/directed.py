@@ -9,6 +9,7 @@ from toy import recordings
 
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.manner import Manner
+from talkingeyes.models.condition.conditioner import NOTHING, Given
 from talkingeyes.motion import Motion
 from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.perform import Performance, Performer
@@ -28,7 +29,7 @@ class Encoder:
 
 
 class Generator:
-    def generate(self, embedding: Any, seeds: list[int], fps: float) -> Samples:
+    def generate(self, embedding: Any, seeds: list[int], fps: float, given: Given = NOTHING) -> Samples:
         clips = [recordings(1, seed, len(embedding))[0] for seed in seeds]
         heads, gazes = (np.stack([getattr(clip, name) for clip in clips]).astype(float) for name in ("head", "gaze"))
         return Samples(fps, heads, gazes)

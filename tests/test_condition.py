@@ -17,7 +17,7 @@ from talkingeyes.corpus.windows import Recording
 from talkingeyes.errors import InputError
 from talkingeyes.learning import checkpoint
 from talkingeyes.learning.loop import train
-from talkingeyes.learning.telling import Beside, Teller, given, motion_numbers
+from talkingeyes.learning.telling import Beside, Teller, given, motion_numbers, who_moves
 from talkingeyes.learning.trained import load_generator, needs, network_config, speakers_of
 from talkingeyes.learning.translation import TranslationSettings, TranslationTask
 from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
@@ -149,8 +149,29 @@ def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time
     assert known[places[0]].clip.speaker == own.clip.speaker
     stranger = teller.whole(replace(own.clip, speaker="nobody"), 50)
     assert stranger.reference is None
-    assert stranger.speaker is not None
-    assert stranger.speaker.tolist() == [-1]
+
+
+def test_whoever_was_in_no_training_is_always_the_same_one_of_those_who_were() -> None:
+    known = [f"s{number}" for number in range(9)]
+    strangers = [who_moves(known, f"stranger {number}") for number in range(200)]
+    assert set(strangers) == set(range(9))
+    assert strangers == [who_moves(known, f"stranger {number}") for number in range(200)]
+    assert [who_moves(known, name) for name in known] == list(range(9))
+    clip = replace(people(1, seed=4)[0].clip, speaker="stranger 7")
+    told = Teller({"speaker"}, known, (), None).whole(clip, 50)
+    assert told.speaker is not None
+    assert told.speaker.tolist() == [strangers[7]]
+
+
+def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides() -> None:
+    clip, teller = people(1, seed=4)[0].clip, Teller({"speaker"}, ["a", "b"], (), None)
+    upright, turned = (int(teller.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True))
+    assert (upright, turned) == (1, 3)
+    made = conditioner("speaker")
+    found = made(Given(torch.tensor([1, 3, -1])), 3)[:, 0]
+    torch.testing.assert_close(found[0] + found[1], 2 * made.upright.weight[1])
+    torch.testing.assert_close(found[0] - found[1], 2 * made.leaning.weight[1])
+    torch.testing.assert_close(found[2], made.upright.weight[2])
 
 
 def conversation(root: Path) -> Beside:

@@ -38,7 +38,7 @@ class Encoder:
 class Heads:
     """Heads and eyes that wander, by their seeds."""
 
-    def generate(self, embedding, seeds, fps):
+    def generate(self, embedding, seeds, fps, given=None):
         frames = len(embedding)
         wander = [np.cumsum(np.random.default_rng(seed).normal(0, 0.004, (frames, 3)), axis=0) for seed in seeds]
         head = np.stack(wander)

@@ -10,6 +10,7 @@ from talkingeyes import rotation
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.kinematics import space_speed_deg_s
+from talkingeyes.models.condition.conditioner import NOTHING, Given
 from talkingeyes.motion import Blink, Saccade
 from talkingeyes.performance.direction import Direction
 from talkingeyes.performance.events import resample
@@ -90,7 +91,7 @@ class FakeEncoder:
 
 
 class FakeGenerator:
-    def generate(self, embedding: Any, seeds: list[int], fps: float) -> Samples:
+    def generate(self, embedding: Any, seeds: list[int], fps: float, given: Given = NOTHING) -> Samples:
         frames = len(embedding)
         walks = [np.random.default_rng(seed).normal(0, 0.01, (frames, 3)).cumsum(0) * 0.1 for seed in seeds]
         head = np.stack(walks)

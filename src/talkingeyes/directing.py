@@ -34,6 +34,7 @@ def direct(
     gaze: float = 1.0,
     blinking: float = 1.0,
     partner: Path | str | None = None,
+    person: str | None = None,
     style: Path | str | None = None,
     as_drawn: bool = False,
     emotion: str = "neutral",
@@ -44,6 +45,7 @@ def direct(
 ) -> Direction:
     """A direction: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or a motion.
 
+    `person` is who moves, a speaker whom the model knows; by default one of them, drawn by the seed.
     `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `as_drawn`: nothing is laid over the
     model's head and gaze but what is asked (docs/whole.md). `emotion`, `intensity` (1 to 3) and
     `speaker` are of the face. Parts (head, gaze, blinks, face) are switched off by `without`, or taken from motions.
@@ -59,6 +61,7 @@ def direct(
         contact=contact,
         liveliness=Liveliness(head, gaze, blinking),
         partner=None if partner is None else _heard(partner),
+        person=person,
         style=None if style is None else _manner(style),
         as_drawn=as_drawn,
         face=(StyleKey(0.0, Style(speaker, emotion, strength(emotion, intensity))),),

@@ -42,6 +42,9 @@ def animate(
     dialogue: Annotated[
         bool, typer.Option("--dialogue", help="Two people who talk: two sounds, or one with a channel each.")
     ] = False,
+    person: Annotated[
+        str | None, typer.Option(help="Who moves: a speaker whom the model knows. Default: one of them, by the seed.")
+    ] = None,
     style: Annotated[
         str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
     ] = None,
@@ -88,6 +91,7 @@ def animate(
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
+        person=person,
         style=style,
         as_drawn=as_drawn,
         emotion=emotion,

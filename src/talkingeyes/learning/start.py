@@ -12,7 +12,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.learning.checkpoint import Checkpoint
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 
-TAKEN = ("head.", "gaze.", "speech.stack.")
+TAKEN = ("head.", "gaze.", "speech.stack.", "conditions.")
 HEARS = "speech.stack.enter.weight"
 
 

@@ -1,7 +1,8 @@
 """What windows and whole clips come with besides their speech (models/condition/), for the models that need it.
 
-Who moves and the partner's channel are the clip's own; a reference is another clip of the same speaker, of the train
-split: in training a window of it, as long as the window itself, else the whole.
+Who moves and the partner's channel are the clip's own; whoever was in no training is one of those who were, always the
+same. A reference is another clip of the same speaker, of the train split: in training a window of it, as long as the
+window itself, else the whole.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class Teller:
         """Of some frames of a clip; the same window is always told the same."""
         length = frames.stop - frames.start
         found = self._own(clip, frames)
+        if "speaker" in found and mirror:
+            found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # his mirror image
         if "reference" in self.needs:
             drawn = np.random.default_rng([*clip.id.encode(), frames.start])
             found["reference"] = self._reference(clip, length, mirror, drawn)
@@ -70,7 +73,7 @@ class Teller:
     def _own(self, clip: Clip, frames: slice) -> dict[str, ndarray]:
         found: dict[str, ndarray] = {}
         if "speaker" in self.needs:
-            found["speaker"] = np.array(self.speakers.index(clip.speaker) if clip.speaker in self.speakers else -1)
+            found["speaker"] = np.array(who_moves(self.speakers, clip.speaker))
         if "partner" in self.needs:
             found["partner"] = self._partner(clip, frames)
         if "sound" in self.needs:
@@ -104,6 +107,16 @@ class Teller:
         step = SAMPLE_RATE / clip.fps
         start, count = round(frames.start * step), round((frames.stop - frames.start) * step)
         return of_samples(self.beside.corpus.speech(clip)[start:], count)
+
+
+def who_moves(speakers: Sequence[str], name: str) -> int:
+    """A speaker's number; whom no training saw is one of those whom it saw, drawn by the name."""
+    return list(speakers).index(name) if name in speakers else somebody(speakers, list(name.encode()))
+
+
+def somebody(speakers: Sequence[str], seeds: Sequence[int]) -> int:
+    """The number of one of the training speakers, drawn by seeds."""
+    return int(np.random.default_rng(seeds).integers(len(speakers)))
 
 
 def of_samples(sound: Float[ndarray, " N"], count: int) -> Float[ndarray, " M"]:

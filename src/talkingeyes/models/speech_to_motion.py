@@ -130,8 +130,9 @@ class SpeechToMotion(nn.Module):
             heard = heard.model_copy(update={"channels": (*own, *self.wave.channels)})
             names = (*names, *self.wave.channels)
         self.speech = SpeechInput(heard, names)
-        self.head: HeadGenerator = HEAD_GENERATORS.make(settings.head, settings.speech.width)
-        self.gaze: GazeGenerator = GAZE_GENERATORS.make(settings.gaze, settings.speech.width, codebook)
+        width = settings.speech.width * (1 + len(settings.conditions))
+        self.head: HeadGenerator = HEAD_GENERATORS.make(settings.head, width)
+        self.gaze: GazeGenerator = GAZE_GENERATORS.make(settings.gaze, width, codebook)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
         known = Known(tuple(channels), self.speakers)
         self.conditions = nn.ModuleList(
@@ -157,15 +158,15 @@ class SpeechToMotion(nn.Module):
             each.learn_from(seen)
 
     def hear(self, embedding: Float[Tensor, "B T C"], given: Given) -> Float[Tensor, "B T S"]:
-        """Speech features, with all that is told added. Raises InputError if the waveform is heard and is not there."""
+        """Speech features, and beside them all that is told. Raises InputError if the waveform is heard and missing."""
         if self.wave is not None:
             if given.sound is None:
                 raise InputError("speech.wave: a model that hears the waveform needs the sound, got none")
             embedding = torch.cat([embedding, self.wave(given.sound, embedding.shape[1])], dim=-1)
         features: Tensor = self.speech(embedding)
-        for each in self.conditioners:
-            features = features + each.forward(given, len(features))
-        return features
+        told = [each.forward(given, len(features)) for each in self.conditioners]
+        rows = max(map(len, (features, *told)))
+        return torch.cat([each.expand(rows, features.shape[1], -1) for each in (features, *told)], dim=-1)
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported.

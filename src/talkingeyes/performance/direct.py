@@ -36,17 +36,26 @@ WITH_SHIFT_S = 0.03  # a blink that comes with a shift starts at most so much ea
 
 @dataclass(frozen=True)
 class Asked:
-    """A direction whose style has been found and whose partner has been listened to; one's own phrases."""
+    """A direction whose style has been found and whose partner has been listened to; one's own phrases.
+
+    `blinks_less` is the share of people who blink less often than this person, if that is known.
+    """
 
     direction: Direction
     manner: Manner | None = None
+    blinks_less: float | None = None
     listening: Listening | None = None
     spoken: Annotation | None = None
 
 
 def blinks_per_min(profile: BlinkProfile, asked: Asked, random: np.random.Generator) -> float:
-    """The rate of the profile or of the manner, times the dial."""
-    rate = asked.manner.blinks_per_min if asked.manner else blinks.draw_rate_per_min(profile, random)
+    """The rate of the manner, or of the person in the profile, or of anybody in it; times the dial."""
+    if asked.manner:
+        rate = asked.manner.blinks_per_min
+    elif asked.blinks_less is not None:
+        rate = blinks.rate_at_per_min(profile, asked.blinks_less)
+    else:
+        rate = blinks.draw_rate_per_min(profile, random)
     return rate * asked.direction.liveliness.blinks
 
 

@@ -41,7 +41,8 @@ class Direction:
 
     `blinks` names the profile of their rate (physio, paper or corpus), `targets` what gaze goes to and when, `contact`
     the share of time that gaze is at the listener (0 to 1; None: as the model does), `partner` the sound (16 kHz) of
-    whom the subject talks with, `style` whose habits are followed: a speaker kept with the model, or measured ones.
+    whom the subject talks with, `person` who moves, of the speakers whom the model was told in training (None: one of
+    them, by the seed), `style` whose habits are imposed: a speaker kept with the model, or measured ones.
     `as_drawn`: head and gaze are the model's alone, without what performance.oculomotor adds (to compare models).
     `face` is the style of the face from moments on (emotion, intensity, speaker), `parts` what is replaced or off.
     """
@@ -51,6 +52,7 @@ class Direction:
     contact: float | None = None
     liveliness: Liveliness = Liveliness()
     partner: Float[ndarray, " N"] | None = None
+    person: str | None = None
     style: Manner | str | None = None
     as_drawn: bool = False
     face: tuple[StyleKey, ...] = NEUTRAL_FACE

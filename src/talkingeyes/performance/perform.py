@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,8 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import SPEAKERS_FILE, Manner, load_speakers
-from talkingeyes.learning.telling import of_samples
-from talkingeyes.learning.trained import Generator, load_generator, needs
+from talkingeyes.learning.telling import of_samples, somebody
+from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
 from talkingeyes.models.condition.conditioner import Given
 from talkingeyes.motion import Blink, Events, Motion
 from talkingeyes.performance.course import Course
@@ -42,6 +42,7 @@ from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.steps import find_saccades
 
 SHUT = 0.5
+PERSON = 5  # beside a seed: for who moves
 MODELS_OWN = Direction()
 
 
@@ -99,6 +100,11 @@ class Performer:
         of_face = FacePerformer.load(face, settings, encoder) if face else None
         return cls(encoder, generator, fps, profiles, speakers, of_face)
 
+    @property
+    def persons(self) -> tuple[str, ...]:
+        """Whom the model can be told to move as."""
+        return speakers_of(self.generator) if "speaker" in needs(self.generator) else ()
+
     def perform(
         self,
         sound: Float[ndarray, " N"],
@@ -109,7 +115,7 @@ class Performer:
     ) -> list[Performance]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
 
-        Raises InputError for a profile of blinks or a style that the model does not have.
+        Raises InputError for a profile of blinks, a person or a style that the model does not have.
         """
         self._check(direction)
         embedding = self.encoder(sound, self.fps)
@@ -140,6 +146,9 @@ class Performer:
         if isinstance(direction.style, str) and direction.style not in self.speakers:
             known = ", ".join(self.speakers) or "a measured one (the model keeps no speakers)"
             raise InputError(f"style: should be one of {known}, got {direction.style}")
+        if direction.person is not None and direction.person not in self.persons:
+            known = ", ".join(self.persons) or "asked of a model that is told who moves"
+            raise InputError(f"person: should be one of {known}, got {direction.person}")
         if self.face:
             self.face.check(direction.face)
         elif direction.face != NEUTRAL_FACE:
@@ -156,26 +165,49 @@ class Performer:
     ) -> list[Performance]:
         style = direction.style
         manner = self.speakers[style] if isinstance(style, str) else style
-        drawn = self._drawn(embedding, sound, sample_seeds(seed, samples))
+        person = self._person(direction, seed)
+        drawn = self._drawn(embedding, sound, sample_seeds(seed, samples), person)
         faces = self._faces(embedding, sound, samples, seed, direction)
+        less = self._blinks_less(person)
         spoken = turns(sound, np.zeros(0)) if len(sound) else None
         performances = []
         for index in range(samples):
             heard = None if direction.partner is None else listening(sound, direction.partner, [seed, index, 3])
-            one = self._one(drawn, index, seed, fps, Asked(direction, manner, heard, spoken))
+            one = self._one(drawn, index, seed, fps, Asked(direction, manner, less, heard, spoken))
             motion = with_face(one.motion, faces, index, direction.face) if faces else one.motion
             motion = recast_motion(motion, direction.parts)
             performances.append(Performance(motion, recast_events(one.events, motion, direction.parts)))
         return performances
 
-    def _drawn(self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int]) -> Samples:
-        """Head and gaze; a model that hears the waveform is given it."""
-        if "sound" not in needs(self.generator):
-            return self.generator.generate(embedding, seeds, self.fps)
-        if not len(sound):
-            raise InputError("speech.wave: a model that hears the waveform needs the sound, got embedded speech")
-        heard = of_samples(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
-        return self.generator.generate(embedding, seeds, self.fps, Given(sound=torch.from_numpy(heard)[None]))
+    def _person(self, asked: Direction, seed: int) -> str | None:
+        """Samples are takes of one person: who is asked for, by name or by style, or one whom the seed draws."""
+        if not self.persons:
+            return None
+        for name in (asked.person, asked.style):
+            if name in self.persons:
+                return str(name)
+        return self.persons[somebody(self.persons, [seed, PERSON])]
+
+    def _blinks_less(self, person: str | None) -> float | None:
+        """The share of the speakers who blink less often than a person, who counts half."""
+        if person is None or person not in self.speakers:
+            return None
+        rates, own = [each.blinks_per_min for each in self.speakers.values()], self.speakers[person].blinks_per_min
+        return float(np.mean([0.5 * (rate <= own) + 0.5 * (rate < own) for rate in rates]))
+
+    def _drawn(
+        self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int], person: str | None
+    ) -> Samples:
+        """Head and gaze; a model is told who moves and given the waveform, if it asks for them."""
+        given, wanted = Given(), needs(self.generator)
+        if person is not None:
+            given = replace(given, speaker=torch.tensor([self.persons.index(person)]))
+        if "sound" in wanted:
+            if not len(sound):
+                raise InputError("speech.wave: a model that hears the waveform needs the sound, got embedded speech")
+            heard = of_samples(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
+            given = replace(given, sound=torch.from_numpy(heard)[None])
+        return self.generator.generate(embedding, seeds, self.fps, given)
 
     def _faces(
         self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], samples: int, seed: int, asked: Direction

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.special import betainc
+from scipy.special import betainc, ndtr, ndtri
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.motion import Blink
@@ -66,6 +66,14 @@ def draw_rate_per_min(profile: BlinkProfile, random: np.random.Generator) -> flo
     while rate <= 0:
         rate = random.normal(profile.centre_per_min, profile.spread)
     return float(rate)
+
+
+def rate_at_per_min(profile: BlinkProfile, share: float) -> float:
+    """Blinks a minute than which a share of the people (0 to 1, both left out) of a profile blink less often."""
+    if profile.law == "lognormal":
+        return float(np.clip(profile.centre_per_min * np.exp(profile.spread * ndtri(share)), *RATE_LIMITS_PER_MIN))
+    below = ndtr(-profile.centre_per_min / profile.spread)  # what is cut off at 0
+    return float(profile.centre_per_min + profile.spread * ndtri(below + (1.0 - below) * share))
 
 
 def draw_blinks(

@@ -1,7 +1,7 @@
 """What a model may be told besides its own speech: who moves, how somebody moves, what the partner says.
 
 Each kind is one file here and one section of the list `conditions` in conf/model/; `[]`: nothing (the paper). A
-conditioner gives a vector a frame that is added to the speech features, so every generator of head and gaze obeys it.
+conditioner gives a vector a frame that stands beside the speech features, so every generator of head and gaze is told.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ Need = Literal["speaker", "reference", "partner", "sound"]
 class Given:
     """What B windows of T frames come with. None: nothing; a row of NaN (speaker -1): nothing for this window.
 
-    `speaker` is a number in the list of the training speakers, `reference` head and eye-in-head (radians) of another
-    clip, `partner` the embedding of the partner's channel, `sound` the speech itself, N / T samples a frame.
+    `speaker` is a number in the list of the training speakers (their mirror images come after them), `reference` head
+    and eye-in-head (radians) of another clip, `partner` the embedding of the partner's channel, `sound` the speech
+    itself, N / T samples a frame.
     """
 
     speaker: Int[Tensor, " B"] | None = None
@@ -83,7 +84,7 @@ class Conditioner(Protocol):
         ...
 
     def forward(self, given: Given, rows: int) -> Float[Tensor, "B _ S"]:
-        """What is added to the speech features of so many windows, a row a frame or one for all frames."""
+        """What stands beside the speech features of so many windows, a row a frame or one for all frames."""
         ...
 
 

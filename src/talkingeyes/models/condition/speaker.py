@@ -1,4 +1,9 @@
-"""Who moves: a learnt vector for every training speaker, and one for nobody in particular."""
+"""Who moves: a learnt vector for every training speaker, and one for nobody in particular.
+
+A mirrored window is told the speaker's mirror image: one half of the vector, by which somebody leans to a side, is
+turned round. Told the same speaker for both, a model learns that everybody sits upright and looks to no side more than
+to the other (docs/log.md).
+"""
 
 from __future__ import annotations
 
@@ -12,6 +17,9 @@ from torch import Tensor, nn
 from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, told_nothing
 from talkingeyes.settings import PartSettings
 
+# Standard deviation of the vectors that learning starts from.
+START = 0.3
+
 
 class SpeakerTableSettings(PartSettings):
     """The table."""
@@ -22,23 +30,27 @@ class SpeakerTableSettings(PartSettings):
 
 
 class SpeakerTable(nn.Module):
-    """A vector a speaker; the last one is for whoever is not known."""
+    """A vector a speaker: what his mirror image has too, and what it has turned round. The last is for nobody."""
 
     configured_by = SpeakerTableSettings
     needs: tuple[Need, ...] = ("speaker",)
 
     def __init__(self, settings: SpeakerTableSettings, width: int, known: Known) -> None:
         super().__init__()
-        self.hidden, self.nobody = settings.hidden, len(known.speakers)
-        self.vectors = nn.Embedding(self.nobody + 1, width)
+        self.hidden, self.speakers = settings.hidden, len(known.speakers)
+        self.upright, self.leaning = (nn.Embedding(self.speakers + 1, width) for _ in range(2))
+        for table in (self.upright, self.leaning):
+            nn.init.normal_(table.weight, std=START)
 
     def learn_from(self, seen: Seen) -> None:
         """There is nothing to measure."""
 
     def forward(self, given: Given, rows: int) -> Float[Tensor, "B 1 S"]:
         """The vector of each window's speaker."""
-        device = self.vectors.weight.device
+        device = self.upright.weight.device
         who = torch.full((rows,), -1, device=device) if given.speaker is None else given.speaker
-        hidden = told_nothing(len(who), self.hidden, self.training, device) | (who < 0)
-        found: Tensor = self.vectors(torch.where(hidden, self.nobody, who))
+        nobody = told_nothing(len(who), self.hidden, self.training, device) | (who < 0)
+        side = torch.where(nobody, 0.0, torch.where(who < self.speakers, 1.0, -1.0))
+        index = torch.where(nobody, self.speakers, who % self.speakers)
+        found: Tensor = self.upright(index) + side[:, None] * self.leaning(index)
         return found[:, None]

@@ -1,0 +1,100 @@
+"""Who moves in a performance: the person who is asked for, or one whom the seed draws; the same in all samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from test_learning import NAMES, translation
+from toy import CHANNELS
+from toy_model import EMBED
+
+from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.errors import InputError
+from talkingeyes.fitting.manner import Manner
+from talkingeyes.learning.trained import NetworkGenerator
+from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.performance.direction import Direction
+from talkingeyes.performance.perform import Performance, Performer
+from talkingeyes.physiology.blinks import PAPER, PHYSIO, rate_at_per_min
+
+PERSONS = ("anna", "bert", "cleo")
+SPEECH = np.random.default_rng(0).standard_normal((1500, CHANNELS)).astype(np.float32)
+
+
+def performer(conditions: list[dict[str, Any]]) -> Performer:
+    """A network that has learnt nothing but to hold the head where its speaker does."""
+    torch.manual_seed(0)
+    node = translation("events").model_dump(mode="json") | {"conditions": conditions}
+    network = SpeechToMotion(TranslationSettings.model_validate(node), NAMES, None, PERSONS).eval()
+    network.head.normal.set(torch.zeros(3), 0.1)
+    network.gaze.normalise_by(torch.zeros(6), 0.1)
+    habits = Manner((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), (0.0, 0.0), (0.1, 0.1), 60.0, 20.0)
+    rates = {"anna": 9.0, "bert": 12.0, "cleo": 31.0}
+    manners = {name: replace(habits, blinks_per_min=rate) for name, rate in rates.items()}
+    encoder = make_encoder(EmbedSettings.model_validate(EMBED))
+    return Performer(encoder, NetworkGenerator(network), 25.0, speakers=manners)
+
+
+TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0}]), performer([])
+
+
+def made(samples: int = 1, seed: int = 0, by: Performer = TOLD, **asked: Any) -> list[Performance]:
+    return by.perform_embedded(SPEECH, samples, seed, 25.0, Direction(**asked))
+
+
+def head(seed: int = 0, **asked: Any) -> np.ndarray:
+    return made(1, seed, as_drawn=True, **asked)[0].motion.head
+
+
+def test_the_model_is_told_who_moves_by_name_or_by_a_kept_style() -> None:
+    assert TOLD.persons == PERSONS
+    assert UNTOLD.persons == ()
+    anna, bert = head(person="anna"), head(person="bert")
+    assert np.abs(anna - bert).max() > 1e-4
+    np.testing.assert_array_equal(anna, head(person="anna"))
+    habits = TOLD.speakers["bert"]
+    named, same = (head(style=style, person=person) for style, person in (("bert", None), (habits, "bert")))
+    np.testing.assert_array_equal(named, same)
+
+
+def test_nobody_asked_for_is_a_person_whom_the_seed_draws() -> None:
+    as_each = {name: [head(seed, person=name) for seed in range(12)] for name in PERSONS}
+    drawn = [head(seed) for seed in range(12)]
+    who = [
+        next(name for name in PERSONS if np.array_equal(as_each[name][seed], each)) for seed, each in enumerate(drawn)
+    ]
+    assert len(set(who)) > 1
+
+
+def test_samples_are_takes_of_one_person() -> None:
+    five = made(5, seed=3, as_drawn=True)
+    (again,) = made(1, seed=3, as_drawn=True)
+    np.testing.assert_allclose(five[0].motion.head, again.motion.head, atol=1e-6)
+    assert np.abs(five[0].motion.head - five[1].motion.head).max() > 1e-3
+
+
+@pytest.mark.parametrize("profile", [PHYSIO, PAPER])
+def test_a_share_of_people_blinks_less_often(profile: Any) -> None:
+    shares = (np.arange(2000) + 0.5) / 2000
+    rates = np.array([rate_at_per_min(profile, share) for share in shares])
+    assert (np.diff(rates) >= 0).all()
+    assert rates.min() > 0
+    middle = rates.mean() if profile is PAPER else np.median(rates)
+    assert middle == pytest.approx(profile.centre_per_min, rel=0.02)
+
+
+def test_a_person_blinks_as_often_among_people_as_among_the_speakers() -> None:
+    for rank, name in enumerate(PERSONS):
+        counts = [len(each.events.blinks) for each in made(24, person=name)]
+        assert np.mean(counts) == pytest.approx(rate_at_per_min(PHYSIO, (rank + 0.5) / 3), rel=0.12)
+
+
+@pytest.mark.parametrize(("by", "said"), [(TOLD, "anna, bert, cleo"), (UNTOLD, "asked of a model that is told")])
+def test_a_person_whom_the_model_does_not_know_is_one_line(by: Performer, said: str) -> None:
+    with pytest.raises(InputError, match=rf"^person: should be .*{said}.*, got dora$"):
+        made(by=by, person="dora")
