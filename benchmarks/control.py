@@ -11,7 +11,7 @@ Reads   data/train/talkingeyes, or the folder that is named
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,6 @@ from talkingeyes import rotation
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
-from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.manner import Manner, measured
 from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
 from talkingeyes.motion import Motion
@@ -29,7 +28,7 @@ from talkingeyes.performance.contact import share_of_contact
 from talkingeyes.performance.dialogue import converse
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import turns
-from talkingeyes.performance.perform import Performance, Performer, sample_seeds
+from talkingeyes.performance.perform import Performance, Performer
 from talkingeyes.performance.targets import Place, Target, TargetTrack
 from talkingeyes.physiology import saccades
 from talkingeyes.run import quiet, shell
@@ -47,17 +46,6 @@ PLACES_M = {
 TURN_S = 7.0
 PAUSE_S = 0.6
 SEAM_S = 0.5
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What a model gave once; each table directs it anew."""
-
-    samples: Samples
-
-    def generate(self, embedding: np.ndarray, seeds: list[int], fps: float) -> Samples:
-        """The same again."""
-        return self.samples
 
 
 def made(performer: Performer, speech: np.ndarray, fps: float = 25.0, **asked: object) -> list[Performance]:
@@ -157,32 +145,30 @@ def dials(performer: Performer, speech: np.ndarray) -> None:
 
 
 def styles(performer: Performer, speech: np.ndarray) -> None:
-    """The kept speakers: how far the habits of performances are from theirs, without and with the style."""
-    plain = [measured(each.motion) for each in made(performer, speech)]
-    off: dict[str, list[np.ndarray]] = {"without": [], "by name": []}
-    right = 0
+    """The kept speakers: how far the habits of performances are from theirs, by what is asked."""
+    asked = {"somebody": (), "as the person": ("person",), "in the style": ("style",)}
     names = list(performer.speakers)
     kept = np.array([_numbers(manner) for manner in performer.speakers.values()])
-    for index, (name, manner) in enumerate(performer.speakers.items()):
-        got = [measured(each.motion) for each in made(performer, speech, style=name)]
-        off["without"] += [np.abs(_numbers(each) - _numbers(manner)) for each in plain]
-        off["by name"] += [np.abs(_numbers(each) - _numbers(manner)) for each in got]
-        for each in got:
-            right += int(np.argmin((((kept - _numbers(each)) / kept.std(axis=0)) ** 2).sum(axis=1)) == index)
-    print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
-    print("         head mean  head SD  gaze mean  gaze SD (degrees)  saccades/min  blinks/min")
-    for kind, rows in off.items():
-        mean = np.mean(rows, axis=0)
-        print(
-            f"{kind:9s}  {mean[:3].mean():6.2f}   {mean[3:6].mean():6.2f}   {mean[6:8].mean():6.2f}"
-            f"   {mean[8:10].mean():6.2f}             {mean[10]:6.1f}       {mean[11]:6.1f}"
-        )
     spread = kept.std(axis=0)
+    print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
     print(
-        f"(speakers differ by SD {spread[:3].mean():.2f}, {spread[3:6].mean():.2f}, {spread[6:8].mean():.2f},"
-        f" {spread[8:10].mean():.2f}, {spread[10]:.1f}, {spread[11]:.1f})"
+        "               head mean  head SD  gaze mean  gaze SD (degrees)  saccades/min  blinks/min  right one nearest"
     )
-    print(f"whose habits are nearest: the right speaker in {right} of {SAMPLES * len(names)}, by chance {SAMPLES}")
+    for kind, by in asked.items():
+        off, right = [], 0
+        for index, name in enumerate(names):
+            for each in made(performer, speech, **dict.fromkeys(by, name)):
+                got = _numbers(measured(each.motion))
+                off.append(np.abs(got - kept[index]))
+                right += int(np.argmin((((kept - got) / spread) ** 2).sum(axis=1)) == index)
+        print(f"{kind:13s}  {_line(np.mean(off, axis=0))}   {right} of {SAMPLES * len(names)}")
+    print(f"{'SD of speakers':13s} {_line(spread)}   by chance {SAMPLES}")
+
+
+def _line(numbers: np.ndarray) -> str:
+    """Degrees, a mean of each kind; and the two rates."""
+    degrees = " ".join(f"{numbers[part].mean():6.2f}  " for part in np.split(np.arange(10), (3, 6, 8)))
+    return f"{degrees}            {numbers[10]:6.1f}       {numbers[11]:6.1f}"
 
 
 def _numbers(manner: Manner) -> np.ndarray:
@@ -273,9 +259,8 @@ def main() -> None:
     performer = Performer.load(Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL)
     speech = read_speech(packaged(SPEECH))
     embedded = performer.encoder(speech, performer.fps)
-    drawn = performer.generator.generate(embedded, sample_seeds(0, SAMPLES), performer.fps)
     for table in (targets, contact, dials, styles):
-        table(replace(performer, generator=Drawn(drawn)), embedded)
+        table(performer, embedded)
     dialogue(performer, speech)
     windows(performer, speech)
 

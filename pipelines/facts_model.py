@@ -7,7 +7,7 @@ Writes  docs/facts_model.md; of another model than the default build/facts/MODEL
 Each sound is performed SAMPLES times, blinks included, with its partner's voice where it has one (or nobody would know
 when to listen), and rendered at both rates, and at 500 for the law of saccades; once more as the model alone draws it.
 Beside it stands the true motion of the same sounds at 25: what is out there as well is for want of motion. No stage:
-nothing reads it. Rows of people's own styles, of jaws, lids and of the fit are not a model's of head and gaze.
+nothing reads it. Rows of jaws, lids and of the fit are not a model's of head and gaze.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ INTRODUCTION = """# Facts of the default model
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
 {samples} samples each, with the partner's voice where there is one, against the bands of [facts.md](facts.md), at 25
 and at 120 frames a second; the law of saccades at 500. Beside it the true motion of the same sounds at 25 (its own rows
-of the law: [facts.md](facts.md)).
+of the law: [facts.md](facts.md)). A model that knows speakers is told who speaks; whom it does not know is one of them,
+always the same.
 
-**At 25 frames a second {slow}; at 120 {fast}; as drawn {drawn}; of the truth {truth}.** Left out: correlations of
-personal style, which a model that is told no speaker cannot have, and what is not head, gaze or blinks. Listening,
-small saccades, blinks, and the head's part in far gaze are laws laid over what the model draws ([whole.md](whole.md)):
-the column "as drawn" has none of them but blinks, and no partner (`--as-drawn`).
+**At 25 frames a second {slow}; at 120 {fast}; as drawn {drawn}; of the truth {truth}.** Left out is what is not head,
+gaze or blinks. Listening, small saccades, blinks, and the head's part in far gaze are laws laid over what the model
+draws ([whole.md](whole.md)): the column "as drawn" has none of them but blinks, and no partner (`--as-drawn`).
 
 """
 
@@ -161,7 +161,7 @@ def of_pool(pool: Pool) -> Figures:
     found = figures.of_gaze(pool) | figures.of_head(pool) | figures.of_speech(pool)
     found |= figures.of_blinks(pool) | figures.of_shifts(pool)
     found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
-    return {name: each for name, each in found.items() if not name.startswith("icc_")}
+    return found
 
 
 def with_law(pool: Pool) -> Figures:
