@@ -11,7 +11,7 @@ import pytest
 from toy import CHANNELS, recordings
 from toy_workspace import toy_workspace, train_random
 
-from pipelines import critic, rows, tables
+from pipelines import critic, rows, table_rows, tables
 from talkingeyes.config import compose
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.errors import InputError
@@ -173,11 +173,11 @@ def workspace(tmp_path_factory):
 def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     figures = {}
     for row in ("truth", "random", "mismatched"):
-        tables._measure(Call("table_row", row, (), (), ()), workspace)
+        table_rows.measure(Call("table_row", row, (), (), ()), workspace)
         figures[row] = json.loads(workspace.data("table_row", row, "figures.json").read_text())
     random, truth = (figures_of([figures[name]], "test") for name in ("random", "truth"))
     assert random["gaze/l2"].count == 4
-    assert len(figures["random"]["long"]["test"]) == tables.LONG_MOTIONS
+    assert len(figures["random"]["long"]["test"]) == table_rows.LONG_MOTIONS
     assert truth["gaze/range_ratio"].estimate(BOOTSTRAP).value == pytest.approx(1.0)
     assert 0 < random["head/fast_share"].estimate(BOOTSTRAP).value < 1
     assert "gaze/diversity" in random
