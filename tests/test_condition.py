@@ -23,7 +23,7 @@ from talkingeyes.learning.translation import TranslationSettings, TranslationTas
 from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
 
 KINDS: dict[str, dict[str, Any]] = {
-    "speaker": {"hidden": 0.0},
+    "speaker": {"hidden": 0.0, "emphasis": 1.5},
     "reference": {"numbers": 4, "hidden": 0.0},
     "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
 }
@@ -123,7 +123,7 @@ def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Pa
 
 
 def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
-    task = task_of({"kind": "speaker", "hidden": 0.1}, **LONG | {"steps": 200, "validate_every": 200})
+    task = task_of({"kind": "speaker", "hidden": 0.1, "emphasis": 1.0}, **LONG | {"steps": 200, "validate_every": 200})
     train(task, task.settings.loop, "speaker")
     straight, turned = (Given(speaker=torch.tensor([index])) for index in (0, 1))
     assert aside_rad(task, turned) > aside_rad(task, straight) + 0.02
@@ -167,11 +167,20 @@ def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides()
     clip, teller = people(1, seed=4)[0].clip, Teller({"speaker"}, ["a", "b"], (), None)
     upright, turned = (int(teller.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True))
     assert (upright, turned) == (1, 3)
-    made = conditioner("speaker")
+    made = conditioner("speaker").train()
     found = made(Given(torch.tensor([1, 3, -1])), 3)[:, 0]
     torch.testing.assert_close(found[0] + found[1], 2 * made.upright.weight[1])
     torch.testing.assert_close(found[0] - found[1], 2 * made.leaning.weight[1])
     torch.testing.assert_close(found[2], made.upright.weight[2])
+
+
+def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
+    made, who = conditioner("speaker"), Given(torch.tensor([0, 1, 3, -1]))
+    used, learnt = made.eval()(who, 4)[:, 0], made.train()(who, 4)[:, 0]
+    torch.testing.assert_close(used[0] - used[1], 1.5 * (learnt[0] - learnt[1]))
+    torch.testing.assert_close(used[1] - used[2], 1.5 * (learnt[1] - learnt[2]))
+    torch.testing.assert_close(used[3], learnt[3])
+    torch.testing.assert_close(used[:2].mean(0) - learnt[:2].mean(0), 0.5 * made.leaning.weight[:2].mean(0))
 
 
 def conversation(root: Path) -> Beside:

@@ -40,7 +40,7 @@ def performer(conditions: list[dict[str, Any]]) -> Performer:
     return Performer(encoder, NetworkGenerator(network), 25.0, speakers=manners)
 
 
-TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0}]), performer([])
+TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}]), performer([])
 
 
 def made(samples: int = 1, seed: int = 0, by: Performer = TOLD, **asked: Any) -> list[Performance]:
