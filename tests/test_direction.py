@@ -82,10 +82,10 @@ def test_dials_rise_with_what_they_name() -> None:
     np.testing.assert_allclose(np.array(blinks) / blinks[2], dials, rtol=0.25)
 
 
-def course_of(shifts: int, amplitude_deg: float) -> Course:
-    """2,000 seconds of a still head, with shifts of gaze every ten."""
-    random, to = np.random.default_rng(0), np.radians([amplitude_deg, 0.0])
-    made = [saccades.saccade(10.0 * k, np.zeros(2), to, random) for k in range(shifts)]
+def course_of(shifts: int, *amplitudes_deg: float) -> Course:
+    """2,000 seconds of a still head, with shifts of gaze every ten, of these sizes in turn."""
+    random, to = np.random.default_rng(0), np.radians([[size, 0.0] for size in amplitudes_deg])
+    made = [saccades.saccade(10.0 * k, np.zeros(2), to[k % len(to)], random) for k in range(shifts)]
     return Course(25.0, np.zeros((50_000, 3)), np.zeros((50_000, 2, 2)), tuple(made))
 
 
@@ -99,6 +99,15 @@ def test_large_shifts_of_gaze_bring_blinks() -> None:
     assert not blinks_with(PHYSIO, course_of(200, 4.0), 20.0, random)
     assert not blinks_with(PHYSIO, course_of(200, 25.0), 0.0, random)
     assert not blinks_with(PAPER, course_of(200, 25.0), 20.0, random)
+
+
+def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
+    """By Evinger 69 and 17 of 100 each would, of 67 that there are, a quarter of them without a shift: 50."""
+    random, course = np.random.default_rng(2), course_of(200, 25.0, 10.0)
+    brought = [blink.onset_s for _ in range(10) for blink in blinks_with(PHYSIO, course, 2.0, random)]
+    large = np.round(np.array(brought) / 10.0) % 2 == 0
+    assert len(brought) / 10 == pytest.approx(50, rel=0.1)
+    assert large.all()
 
 
 @pytest.mark.parametrize("rate", [3.0, 20.0])

@@ -78,10 +78,16 @@ def blinks_with(profile: BlinkProfile, course: Course, rate: float, random: np.r
 
 
 def _chances(profile: BlinkProfile, course: Course, rate: float) -> Float[ndarray, " N"]:
-    """How likely each shift brings a blink; the paper's blinks heed nothing. Some blinks are left to come without."""
-    chances = [blinks.evoked_probability(math.dist(shift.start_rad, shift.end_rad)) for shift in course.saccades]
+    """How likely each shift brings a blink; the paper's blinks heed nothing.
+
+    Some blinks are left to come without. Where there are not enough for all shifts, the largest keep theirs.
+    """
+    chances = np.array([blinks.evoked_probability(math.dist(each.start_rad, each.end_rad)) for each in course.saccades])
     most = 0.0 if profile.window_s is not None else MOST_BROUGHT * rate * course.seconds / 60.0
-    return np.array(chances) * min(1.0, most / max(sum(chances), 1e-9))
+    largest_first = np.argsort(-chances, kind="stable")
+    before = np.cumsum(chances[largest_first]) - chances[largest_first]
+    chances[largest_first] = np.clip(most - before, 0.0, chances[largest_first])
+    return chances
 
 
 def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
