@@ -121,7 +121,7 @@ def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performe
         return {**seen(coarse), **joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))}
 
     known = performer.persons
-    person = known[who_moves(known, clip.speaker)] if known else None
+    person = known[who_moves(known, clip.speaker, clip.speaker)] if known else None
     asked = Direction(partner=source.corpus.partner(clip), person=person)
     alone = with_finest(Direction(person=person, as_drawn=True))
     return Performed(with_finest(asked), seen(made(SCREEN_FPS, asked)), alone, observe_sound(source, [clip]))

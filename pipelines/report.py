@@ -54,7 +54,7 @@ INTRODUCTION = """# Table III
 Beside each figure stands its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds
 with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.: read both beside truth, fitted and
 mismatched motion. The paper's numbers are of another corpus and another critic. `TalkingEyes` is told who speaks, of
-unseen speakers that it is somebody it knows; all others are told nobody.
+unseen speakers that it is somebody it knows, drawn for each sound; all others are told nobody.
 """
 FACES = """# The face
 

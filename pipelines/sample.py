@@ -2,8 +2,8 @@
 
 Run: python -m pipelines.sample talkingeyes
 Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model that hears the waveform. A model that
-knows speakers is told who speaks (whom it does not know is one of them, always the same), one that hears the partner
-what the partner says; no reference is given.
+knows speakers is told who speaks (whom it does not know is one of them, drawn for each sound), one that hears the
+partner what the partner says; no reference is given.
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
 

@@ -37,8 +37,8 @@ revision: the store keeps what was made from other code under other names.
 Why the paper's order is not found in the columns of the eyes: its own eyes stand still here after 400 steps (Tables III
 and V to VII); predictions, and the experiment that tested them, are in the [log](log.md), "why the paper's order is not
 ours"; what ten times the steps, free running and mixed heads give: "the experiments that were left". The default model
-is told who speaks, of unseen speakers that it is somebody it knows; the paper's models and the baselines are told
-nobody.
+is told who speaks, of unseen speakers that it is somebody it knows, drawn for each sound; the paper's models and the
+baselines are told nobody.
 
 Seeds of training and sampling: {seeds}. Each figure (bold) is their mean; small, its {level:.0%} interval over clips
 (seeds averaged) and, of several seeds, their range. Under it the paper's, of another corpus, encoder and critic, and of

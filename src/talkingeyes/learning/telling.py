@@ -1,8 +1,8 @@
 """What windows and whole clips come with besides their speech (models/condition/), for the models that need it.
 
-Who moves and the partner's channel are the clip's own; whoever was in no training is one of those who were, always the
-same. A reference is another clip of the same speaker, of the train split: in training a window of it, as long as the
-window itself, else the whole.
+Who moves and the partner's channel are the clip's own; whoever was in no training is one of those who were, drawn for
+each sound. A reference is another clip of the same speaker, of the train split: in training a window of it, as long as
+the window itself, else the whole.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Teller:
     def _own(self, clip: Clip, frames: slice) -> dict[str, ndarray]:
         found: dict[str, ndarray] = {}
         if "speaker" in self.needs:
-            found["speaker"] = np.array(who_moves(self.speakers, clip.speaker))
+            found["speaker"] = np.array(who_moves(self.speakers, clip.speaker, clip.sound))
         if "partner" in self.needs:
             found["partner"] = self._partner(clip, frames)
         if "sound" in self.needs:
@@ -109,9 +109,9 @@ class Teller:
         return of_samples(self.beside.corpus.speech(clip)[start:], count)
 
 
-def who_moves(speakers: Sequence[str], name: str) -> int:
-    """A speaker's number; whom no training saw is one of those whom it saw, drawn by the name."""
-    return list(speakers).index(name) if name in speakers else somebody(speakers, list(name.encode()))
+def who_moves(speakers: Sequence[str], name: str, drawn_by: str) -> int:
+    """A speaker's number; whom no training saw is one of those whom it saw, by a text always the same."""
+    return list(speakers).index(name) if name in speakers else somebody(speakers, list(drawn_by.encode()))
 
 
 def somebody(speakers: Sequence[str], seeds: Sequence[int]) -> int:
