@@ -1,7 +1,8 @@
 """Speech becomes a performance: head and gaze, face, blinks from a profile, joined at any frame rate.
 
-Blinks follow the paper (section IV-E): a rate drawn for the performance, intervals from it; gaze is held while the lids
-are shut, as in the paper's post-processing. The face has a model of its own (`face`); without one it is neutral.
+Blinks follow the paper (section IV-E): a rate drawn for the performance, or the person's in the profile, intervals from
+it; gaze is held while the lids are shut, as in the paper's post-processing. The face has a model of its own (`face`);
+without one it is neutral.
 """
 
 from __future__ import annotations
