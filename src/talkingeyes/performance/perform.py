@@ -233,9 +233,10 @@ class Performer:
         if asked.direction.parts.models_give("blinks"):
             profile = self.blink_profiles[asked.direction.blinks]
             rate = blinks_per_min(profile, asked, random)
-            blinked = blinks_of(profile, asked, course, rate, random)
-            course = self._course(head, held_over(blinked, space, self.fps), asked, [seed, index])
-            blinked = blinks.without_overlap(blinked, blinks_with(profile, course, rate, random))
+            brought = blinks_with(profile, course, rate, random)
+            blinked = blinks.without_overlap(brought, blinks_of(profile, asked, course, rate, random))
+            spontaneous = [each for each in blinked if each not in brought]
+            course = self._course(head, held_over(spontaneous, space, self.fps), asked, [seed, index])
         return played(course, blinked, fps)
 
     def _course(
