@@ -12,6 +12,7 @@ import pytest
 from directed import LIVELY, PERFORMER, QUIET, SOUND, motion, performed
 
 from talkingeyes import rotation
+from talkingeyes.corpus.samples import Samples
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import Manner, in_all, load_speakers, measured, save_speakers
 from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
@@ -99,6 +100,26 @@ def test_large_shifts_of_gaze_bring_blinks() -> None:
     assert not blinks_with(PHYSIO, course_of(200, 4.0), 20.0, random)
     assert not blinks_with(PHYSIO, course_of(200, 25.0), 0.0, random)
     assert not blinks_with(PAPER, course_of(200, 25.0), 20.0, random)
+
+
+def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
+    """Gaze goes 25 degrees aside and back every two seconds, of somebody who blinks much."""
+
+    class Aside:
+        def generate(self, embedding: Any, seeds: list[int], fps: float, given: Any = None) -> Samples:
+            gaze = np.zeros((len(seeds), len(embedding), 2, 3))
+            gaze[..., 1] = np.radians(25.0) * (np.arange(len(embedding)) // 50 % 2)[:, None]
+            return Samples(fps, np.zeros((len(seeds), len(embedding), 3)), gaze)
+
+    aside = replace(PERFORMER, generator=Aside())
+    asked = Direction(liveliness=Liveliness(blinks=2.0), as_drawn=True)
+    brought, shifts = 0, 0
+    for made in aside.perform(SOUND, 40, 0, 25.0, asked):
+        onsets_s = np.array([blink.onset_s for blink in made.events.blinks])
+        shifts += len(made.events.saccades)
+        brought += sum(np.abs(onsets_s - each.onset_s).min() < 0.04 for each in made.events.saccades)
+    assert shifts > 400
+    assert brought / shifts == pytest.approx(0.7, abs=0.06)
 
 
 def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:

@@ -1,8 +1,8 @@
 """A model's course is directed: whose manner, how lively, listening to whom, at whom gaze is, what it goes to.
 
 Each step changes the course only where it is asked to, in an order in which the later ones have the last word: targets
-over eye contact, eye contact over liveliness and manner. Blinks that come with large shifts of gaze (`blinks_with`) are drawn first;
-in the others (`blinks_of`), which give way to them, gaze holds.
+over eye contact, eye contact over liveliness and manner. Blinks that come with large shifts of gaze (`blinks_with`)
+are drawn first; in the others (`blinks_of`), which give way to them, gaze holds.
 """
 
 from __future__ import annotations
