@@ -50,7 +50,7 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
     node = WITH_GAZE[gaze] | {"speech": SPEECH, "head": WITH_HEAD[head]["head"], "weights": weights}
     settings = TranslationSettings.model_validate(node)
     torch.manual_seed(0)
-    made = SpeechToMotion(settings, NAMES, codebook(settings.prior))
+    made = SpeechToMotion(settings, NAMES, codebook(settings.prior), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made

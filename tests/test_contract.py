@@ -55,7 +55,7 @@ def network(name: str) -> SpeechToMotion:
     settings = TranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
-    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior))
+    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()
@@ -71,7 +71,9 @@ def batch() -> Batch:
 def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
     raw = content(CONF / "model" / "talkingeyes.yaml")
     raw["weights"]["gaze_velocity"] = 1.0
-    made = SpeechToMotion(TranslationSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None)
+    made = SpeechToMotion(
+        TranslationSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
+    )
     with pytest.raises(InputError, match=r"weights: should be among gaze_when, .*; got 'gaze_velocity'"):
         made.terms(batch())
 
