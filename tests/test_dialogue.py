@@ -65,8 +65,8 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
 
 
 def test_listeners_blink_at_the_ends_of_phrases() -> None:
-    """Gaze is calm here: large shifts of it would bring most blinks."""
-    sounds, calm = talk(), Direction(liveliness=Liveliness(gaze=0.25))
+    """Gaze is calm here: shifts of it beyond 5 degrees would bring most blinks."""
+    sounds, calm = talk(), Direction(liveliness=Liveliness(gaze=0.1))
     pairs = converse(PERFORMER, sounds, 24, 0, 25.0, (calm, calm))
     alone = PERFORMER.perform(sounds[0], 24, 0, 25.0, calm)
     ends = [span.end_s for span in turns(*sounds).partner]

@@ -137,7 +137,7 @@ def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: floa
     course, random = course_of(200, 25.0), np.random.default_rng(1)
     brought = blinks_with(PHYSIO, course, rate, random)
     assert len(brought) <= 0.9 * rate * course.seconds / 60
-    drawn = [*brought, *blinks_of(PHYSIO, Asked(Direction()), course, rate, random)]
+    drawn = [*brought, *blinks_of(PHYSIO, Asked(Direction()), course.seconds, rate, brought, random)]
     assert 60 * len(drawn) / course.seconds == pytest.approx(rate, rel=0.2)
 
 

@@ -33,6 +33,7 @@ NO_STAGE |= {
     "track",
     "real",
     "rows",
+    "table_rows",
     "tables",
     "store",
     "until",

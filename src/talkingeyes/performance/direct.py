@@ -59,22 +59,30 @@ def blinks_per_min(profile: BlinkProfile, asked: Asked, random: np.random.Genera
     return rate * asked.direction.liveliness.blinks
 
 
-def blinks_of(
-    profile: BlinkProfile, asked: Asked, course: Course, rate: float, random: np.random.Generator
-) -> tuple[Blink, ...]:
-    """Blinks where talk has them; with those that the shifts of gaze bring (`blinks_with`), so many a minute."""
-    spontaneous = rate - 60.0 * sum(_chances(profile, course, rate)) / course.seconds
-    if spontaneous <= 0:
-        return ()
-    annotation = asked.listening.annotation if asked.listening else asked.spoken
-    return blinks.draw_blinks(profile, course.seconds, random, annotation, spontaneous)
-
-
-def blinks_with(profile: BlinkProfile, course: Course, rate: float, random: np.random.Generator) -> list[Blink]:
+def blinks_with(profile: BlinkProfile, course: Course, rate: float, random: np.random.Generator) -> tuple[Blink, ...]:
     """Blinks that large shifts of gaze bring (Evinger 1994), of so many a minute in all."""
     brought = compress(course.saccades, random.random(len(course.saccades)) < _chances(profile, course, rate))
     times_s = [shift.onset_s + random.uniform(-WITH_SHIFT_S, WITH_SHIFT_S) for shift in brought]
-    return [blinks.draw_blink(profile, max(time_s, 0.0), random) for time_s in times_s]
+    return blinks.without_overlap([blinks.draw_blink(profile, max(time_s, 0.0), random) for time_s in times_s])
+
+
+def blinks_of(
+    profile: BlinkProfile,
+    asked: Asked,
+    seconds: float,
+    rate: float,
+    brought: Sequence[Blink],
+    random: np.random.Generator,
+) -> tuple[Blink, ...]:
+    """Blinks where talk has them; with those that the shifts of gaze bring (`blinks_with`), so many a minute."""
+    # Where they would run into one that was brought, they are left out: so many more are drawn.
+    taken_s = sum(blinks.end_s(each) - each.onset_s + blinks.USUAL_BLINK_S for each in brought)
+    left = rate * seconds / 60.0 - len(brought)
+    if left <= 0 or taken_s >= seconds:
+        return ()
+    annotation = asked.listening.annotation if asked.listening else asked.spoken
+    drawn = blinks.draw_blinks(profile, seconds, random, annotation, 60.0 * left / (seconds - taken_s))
+    return tuple(each for each in blinks.without_overlap(brought, drawn) if each not in brought)
 
 
 def _chances(profile: BlinkProfile, course: Course, rate: float) -> Float[ndarray, " N"]:

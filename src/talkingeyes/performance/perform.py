@@ -234,8 +234,8 @@ class Performer:
             profile = self.blink_profiles[asked.direction.blinks]
             rate = blinks_per_min(profile, asked, random)
             brought = blinks_with(profile, course, rate, random)
-            blinked = blinks.without_overlap(brought, blinks_of(profile, asked, course, rate, random))
-            spontaneous = [each for each in blinked if each not in brought]
+            spontaneous = blinks_of(profile, asked, course.seconds, rate, brought, random)
+            blinked = blinks.without_overlap(brought, spontaneous)
             course = self._course(head, held_over(spontaneous, space, self.fps), asked, [seed, index])
         return played(course, blinked, fps)
 
