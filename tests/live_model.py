@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,19 +50,19 @@ def embedding_settings() -> EmbedSettings:
     return EmbedSettings.model_validate(node)
 
 
-def write_live_model(folder: Path, **changes: Any) -> Path:
-    """Write one with other values at the top of its section."""
+def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any) -> Path:
+    """Write one with other values at the top of its section, trained on these speakers."""
     torch.manual_seed(3)
     settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     prior = codebook() if settings.prior else None
-    network = SpeechToMotion(settings, channels, prior)
+    network = SpeechToMotion(settings, channels, prior, speakers)
     network.speech.standardise_by(torch.full((len(channels),), -20.0), torch.full((len(channels),), 10.0))
     network.head.normal.set(torch.tensor([0.05, 0.0, 0.0]), 0.1)
     network.gaze.normalise_by(torch.zeros(6), 0.2)
     folder.mkdir(parents=True)
-    save(folder, network.state_dict(), network_config(settings, channels, prior))
+    save(folder, network.state_dict(), network_config(settings, channels, prior, network))
     (folder / "embedding.json").write_text(
         json.dumps({"fps": 25.0, "channels": channels, "settings": embedding.model_dump(mode="json")})
     )

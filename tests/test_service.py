@@ -42,7 +42,7 @@ from pathlib import Path
 from talkingeyes.hosting import LIMITS, host_service
 more = dict(stream_s=30, speech_s=4, work_s=60, kept=3)
 limits = replace(LIMITS, streams={STREAMS}, upload_bytes=300_000, idle_s={IDLE_S}, **more)
-host_service(model=sys.argv[1], live=sys.argv[1], port=0, limits=limits, started=lambda each: print(each, flush=True))
+host_service(model=sys.argv[1], live=sys.argv[2], port=0, limits=limits, started=lambda each: print(each, flush=True))
 """
 
 
@@ -63,7 +63,7 @@ class Service:
     """One that runs."""
 
     address: str
-    model: Path
+    live: Path
     place: Path
 
     def ask(self, path: str, body: bytes | None = None, **headers: str) -> Answer:
@@ -88,14 +88,20 @@ class Service:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     place = tmp_path_factory.mktemp("service")
-    model = write_live_model(place / "talkingeyes_live")
+    told = {"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}
+    model = write_live_model(place / "talkingeyes", ("anna", "bert"), conditions=[told])
+    live = write_live_model(place / "talkingeyes_live")
     (place / "temporary").mkdir()
     environment = {**os.environ, "TMPDIR": str(place / "temporary")}
     process = subprocess.Popen(
-        [sys.executable, "-c", LIMITED, str(model)], stdout=subprocess.PIPE, text=True, cwd=place, env=environment
+        [sys.executable, "-c", LIMITED, str(model), str(live)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=place,
+        env=environment,
     )
     assert process.stdout is not None
-    found = Service(process.stdout.readline().strip(), model, place)
+    found = Service(process.stdout.readline().strip(), live, place)
     yield found
     process.terminate()
     process.wait(timeout=120)
@@ -161,6 +167,9 @@ class TestFiles:
         assert poses("seed=3") == first
         for asked in ("seed=4", "seed=3&lively_head=2", "seed=3&lively_gaze=0", "seed=3&fps=50", "seed=3&contact=1"):
             assert poses(asked) != first, asked
+        as_each = [poses(f"seed=3&person={name}") for name in service.ask("service.json").told["persons"]]
+        assert as_each.count(first) == 1  # whom the seed draws
+        assert len(as_each) == 2
 
     def test_other_formats_and_rates_are_heard(self, service: Service) -> None:
         for format, rate in (("FLAC", 44_100), ("OGG", 48_000), ("MP3", 22_050)):
@@ -188,7 +197,7 @@ class TestFiles:
 
 class TestStreams:
     def test_a_stream_gives_every_frame_in_order(self, service: Service) -> None:
-        live, sound = LiveModel.load(service.model), speech(SECONDS)
+        live, sound = LiveModel.load(service.live), speech(SECONDS)
         with service.stream() as connection:
             connection.send('{"seed": 5}')
             rows, end = spoken(connection, sound)
@@ -296,6 +305,7 @@ class TestMistakes:
             ("fps=1000", b"0", 422, "wish.fps: Input should be less than or equal to 120"),
             ("contact=nan", b"0", 422, "wish.contact"),
             ("emotion=glee&intensity=1", wav(speech(0.4)), 422, "emotion: should be one of"),
+            ("person=dora", wav(speech(0.4)), 422, "person: should be one of anna, bert, got dora"),
         ],
     )
     def test_one_line_and_a_status(self, service: Service, query: str, body: bytes, status: int, reason: str) -> None:
@@ -375,7 +385,7 @@ class TestMistakes:
 
     def test_it_still_works_after_all_that_and_wrote_only_in_its_folder(self, service: Service) -> None:
         well(service)
-        assert {each.name for each in service.place.iterdir()} == {"talkingeyes_live", "temporary"}
+        assert {each.name for each in service.place.iterdir()} == {"talkingeyes", "talkingeyes_live", "temporary"}
 
 
 @pytest.mark.browser
@@ -395,6 +405,10 @@ class TestPage:
             assert browser.value("document.querySelectorAll('#downloads a').length") == len(conversion.FORMATS)
             browser.value("document.getElementById('another').click()")
             browser.until(f"document.getElementById('sound').src !== {json.dumps(first)}")
+            browser.until("document.body.dataset.state === 'playing'")
+            browser.value("document.getElementById('wish').person.value = 'bert'")
+            browser.value("document.getElementById('wish').person.dispatchEvent(new Event('change', {bubbles: true}))")
+            browser.until("performance.getEntriesByType('resource').some((each) => each.name.includes('person=bert'))")
             browser.until("document.body.dataset.state === 'playing'")
             browser.picture(tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 20_000

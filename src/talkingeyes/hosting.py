@@ -51,7 +51,7 @@ def host_service(
 
     beside = Path(model).parent / LIVE
     streamed = Path(live) if live is not None else beside if beside.is_dir() else None
-    Performer.load(Path(model))
+    persons = Performer.load(Path(model)).persons
     speakers = None
     if streamed is not None:
         LiveModel.load(streamed)
@@ -60,7 +60,7 @@ def host_service(
     formats = {name: each.suffix for name, each in conversion.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
-        equipment = Equipment(studio, speakers, head_glb(open_head()), formats)
+        equipment = Equipment(studio, speakers, head_glb(open_head()), persons, formats)
         serve(service_app(equipment, limits, Path(folder), host), host, port, started)
 
 

@@ -10,7 +10,7 @@ ids are drawn here, and files lie in the one folder that the service made for it
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +48,7 @@ class Equipment:
     studio: Workers
     speakers: Workers | None
     head: bytes
+    persons: Sequence[str]  # whom the model of files can move as
     formats: Mapping[str, str]  # what can be downloaded, and the suffix of such a file
 
 
@@ -170,7 +171,8 @@ def _pages(app: FastAPI, equipment: Equipment) -> None:
 
     @app.get("/service.json")
     async def about() -> dict[str, Any]:
-        return {"formats": list(equipment.formats), "live": equipment.speakers is not None}
+        live = equipment.speakers is not None
+        return {"formats": list(equipment.formats), "live": live, "persons": list(equipment.persons)}
 
     @app.get("/{name:path}")
     async def page(name: str) -> Response:

@@ -15,9 +15,10 @@ Dial = Annotated[float, Field(ge=0, le=MOST_LIVELY)]
 
 
 class Wish(Settings):
-    """A performance, live or of a file; contact, emotion and intensity are those of a file."""
+    """A performance, live or of a file; person, contact, emotion and intensity are those of a file."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    person: Annotated[str, Field(max_length=100)] | None = None
     fps: Annotated[float, Field(ge=10, le=120)] = 25.0
     blinks: Literal["physio", "paper", "corpus"] = "physio"
     lively_head: Dial = 1.0
@@ -34,9 +35,11 @@ class Wish(Settings):
 
     @property
     def direction(self) -> Direction:
-        """All of it. Raises InputError for an emotion or an intensity that there is not."""
+        """All of it but seed and rate. Raises InputError for an emotion or an intensity that there is not."""
         face = (StyleKey(0.0, Style(None, self.emotion, self.intensity)),)
-        return Direction(blinks=self.blinks, contact=self.contact, liveliness=self.liveliness, face=face)
+        return Direction(
+            blinks=self.blinks, person=self.person, contact=self.contact, liveliness=self.liveliness, face=face
+        )
 
 
 @dataclass(frozen=True)

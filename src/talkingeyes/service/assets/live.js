@@ -13,6 +13,8 @@ let asked = 0;
 async function open() {
   about = await answer(await fetch("service.json"));
   stage = await Stage.open($("head"), "head.glb", [$("head")]);
+  $("wish").person.append(...about.persons.map((name) => new Option(name)));
+  $("who").hidden = !about.persons.length;
   $("record").disabled = !about.live;
   $("record").title = about.live ? "" : "no model for streams is loaded";
   $("record").onclick = () => (recording ? recording.stop() : record()).catch?.(failed);
@@ -64,7 +66,9 @@ function wish() {
     lively_gaze: Number(form.lively_gaze.value),
     lively_blinks: Number(form.lively_blinks.value),
   };
-  return $("own").checked ? asks : { ...asks, contact: Number(form.contact.value) };
+  if (form.person.value) asks.person = form.person.value;
+  if (!$("own").checked) asks.contact = Number(form.contact.value);
+  return asks;
 }
 
 // A whole performance of a sound. Only the newest one that was asked for is shown.
