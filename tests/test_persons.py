@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from live_model import write_live_model
 from test_learning import NAMES, translation
 from toy import CHANNELS
-from toy_model import EMBED
+from toy_model import EMBED, sound_file
 
+from talkingeyes.animation import Order, carry_out_dialogue
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
+from talkingeyes.audio.waveform import read_speech
 from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import Manner
 from talkingeyes.learning.trained import NetworkGenerator
@@ -98,3 +103,20 @@ def test_a_person_blinks_as_often_among_people_as_among_the_speakers() -> None:
 def test_a_person_whom_the_model_does_not_know_is_one_line(by: Performer, said: str) -> None:
     with pytest.raises(InputError, match=rf"^person: should be .*{said}.*, got dora$"):
         made(by=by, person="dora")
+
+
+def test_two_who_talk_are_two_persons(tmp_path: Path) -> None:
+    model = write_live_model(
+        tmp_path / "model", PERSONS, conditions=[{"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}]
+    )
+    sounds = [read_speech(sound_file(tmp_path / f"{seed}.wav", 1.0, seed)) for seed in range(2)]
+    order = Order(1, 0, 25.0, Direction(), pictures=False)
+    one, same, other = (
+        carry_out_dialogue(sounds, tmp_path / f"out{index}", order, model, persons=persons)[0]
+        for index, persons in enumerate((("anna", "cleo"), ("anna", "bert"), ("bert", "cleo")))
+    )
+    np.testing.assert_array_equal(one.first.motion.head, same.first.motion.head)
+    np.testing.assert_array_equal(one.second.motion.head, other.second.motion.head)
+    assert np.abs(one.first.motion.head - other.first.motion.head).max() > 1e-4
+    asked = [json.loads((tmp_path / "out0" / name / "made_of.json").read_text()) for name in ("first", "second")]
+    assert [each["direction"]["person"] for each in asked] == ["anna", "cleo"]

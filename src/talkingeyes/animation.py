@@ -147,18 +147,19 @@ def carry_out_dialogue(
     order: Order,
     model: Path | str = MODEL,
     force: bool = False,
+    persons: tuple[str | None, str | None] = (None, None),
 ) -> list[Dialogue]:
-    """An order for two people who talk with each other, as the folders `first` and `second`."""
+    """An order for two people (`persons`) who talk with each other, as the folders `first` and `second`."""
     from talkingeyes.performance.dialogue import converse
 
     target = output.target(Path(out), DIALOGUE, force)
-    directions = (order.direction, order.direction)
-    dialogues = converse(performer(Path(model)), sounds, order.samples, order.seed, order.fps, directions)
+    first, second = (replace(order.direction, person=each) for each in persons)
+    dialogues = converse(performer(Path(model)), sounds, order.samples, order.seed, order.fps, (first, second))
     origin = origin_of(Path(model))
     with output.appearing(target) as folder:
-        for index, name in enumerate(("first", "second")):
-            own, other = sounds[index], sounds[1 - index]
-            made = made_of(own, origin, replace(order, direction=replace(order.direction, partner=other)))
+        pairs = (("first", first, sounds), ("second", second, sounds[::-1]))
+        for name, direction, (own, other) in pairs:
+            made = made_of(own, origin, replace(order, direction=replace(direction, partner=other)))
             write(folder / name, [getattr(each, name) for each in dialogues], own, order, made)
     return dialogues
 

@@ -43,7 +43,10 @@ def animate(
         bool, typer.Option("--dialogue", help="Two people who talk: two sounds, or one with a channel each.")
     ] = False,
     person: Annotated[
-        str | None, typer.Option(help="Who moves: a speaker whom the model knows. Default: one of them, by the seed.")
+        str | None,
+        typer.Option(
+            help="Who moves: a speaker whom the model knows (two in a dialogue: A,B). Default: somebody, by the seed."
+        ),
     ] = None,
     style: Annotated[
         str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
@@ -133,7 +136,11 @@ def _animate_dialogue(sounds: list[Path], out: Path, order: Order, model: Path, 
     if len(sounds) not in (1, 2) or order.direction.partner is not None:
         raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
     heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
-    dialogues = carry_out_dialogue(heard, out, order, model, force)
+    asked = order.direction.person
+    persons = (None, None) if asked is None else asked.split(",")
+    if len(persons) != 2:
+        raise InputError(f"person: should be two in a dialogue (A,B), got {asked}")
+    dialogues = carry_out_dialogue(heard, out, order, model, force, (persons[0], persons[1]))
     first = dialogues[0].first.motion
     typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {order.fps:g} frames a second")
 
