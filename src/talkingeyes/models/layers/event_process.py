@@ -30,6 +30,9 @@ from talkingeyes.settings import Settings, out_of_bounds
 
 OLDEST = 63  # bins since the last event are told apart up to this many
 FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
+# How wide Gaussians are at first, of the spread. One in the middle is wide: seldom gone places, to every side, have no
+# other near them that would learn them (docs/log.md).
+NARROW, WIDE = 0.2, 1.5
 LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
 LEAST_CLEAN = 0.05  # of the variance of a Gaussian that is left without noise
 
@@ -140,10 +143,13 @@ class EventProcess(nn.Module):
         self.weigh = nn.Linear(width, settings.fixed + settings.relative)
         far, near = settings.fixed, settings.relative
         start = _quantiles(far + near, numbers) * torch.tensor(spread)
+        wide = torch.full((far + near, 1), NARROW)
+        if far:
+            start[0], wide[0] = 0.0, WIDE
         self.codebook = CODEBOOKS[settings.codebook](start[:far].clone())
         self.steps = nn.Parameter(0.3 * start[far:])
         self.follow = nn.Parameter(torch.linspace(*FOLLOW, near)[:, None].repeat(1, numbers))
-        self.log_sds = nn.Parameter((0.2 * torch.tensor(spread)).log().expand(start.shape).clone())
+        self.log_sds = nn.Parameter((wide * torch.tensor(spread)).log())
         self.adapt = nn.Linear(width, numbers + 1) if settings.adaptive else None
         if self.adapt is not None:
             nn.init.zeros_(self.adapt.weight)
