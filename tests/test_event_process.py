@@ -59,6 +59,26 @@ def test_events_of_frames() -> None:
     assert found.real.all()
 
 
+def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
+    """One event in twenty lands on a wide ring, where no Gaussian stands at first."""
+    random, bins = torch.Generator().manual_seed(2), 16
+
+    def batch() -> EventSequence:
+        angle = 2 * math.pi * torch.rand(32, bins, generator=random)
+        ring = 3.0 * torch.stack([angle.cos(), 0.5 * angle.sin()], -1)
+        near = 0.1 * torch.randn(32, bins, 2, generator=random)
+        far = torch.rand(32, bins, 1, generator=random) < 0.05
+        event = torch.zeros(32, 2 * bins, dtype=torch.bool)
+        event[:, ::2] = True
+        return EventSequence.of_frames(event, torch.where(far, ring, near).repeat_interleave(2, dim=1), 2)
+
+    process = made()
+    learn(process, batch, 150, 1e-2, bins)
+    drawn = process.sample(torch.zeros(64, 32, 3), torch.rand(64, 32, 5, generator=random), 1.0)
+    gone = np.abs(np.asarray(drawn.place)[np.asarray(drawn.event)] / (1.0, 0.5)).max(axis=1) > 1.5
+    assert np.mean(gone) == pytest.approx(0.05, abs=0.02)
+
+
 def test_it_learns_when_and_where() -> None:
     """Events where the condition says so, which lead to its side."""
     torch.manual_seed(1)
