@@ -76,7 +76,7 @@ def released(gaze: RegressedGaze, heard: Heard, from_frame: int, frames: int) ->
 def heard_by(network: SpeechToMotion, gaze: RegressedGaze, recording) -> Heard:
     """A recording, with its true head as condition."""
     head, eyes, speech = (torch.from_numpy(np.array(each)).float()[None] for each in recording[:3])
-    condition = Condition(network.hear(speech, NOTHING), head, network.head.normal(head))
+    condition = Condition(network.hear(speech, NOTHING).gaze, head, network.head.normal(head))
     memory = gaze.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
     signal = signal_of(gaze.codebook.settings.signal, head, eyes)
     return Heard(memory, (signal - gaze.codebook.mean) / gaze.codebook.scale, head)

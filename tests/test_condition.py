@@ -23,7 +23,7 @@ from talkingeyes.learning.translation import TranslationSettings, TranslationTas
 from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
 
 KINDS: dict[str, dict[str, Any]] = {
-    "speaker": {"hidden": 0.0, "emphasis": 1.5},
+    "speaker": {"hidden": 0.0, "emphasis": {"head": 1.5, "gaze": 2.0}},
     "reference": {"numbers": 4, "hidden": 0.0},
     "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
 }
@@ -50,26 +50,28 @@ def told(rows: int, frames: int = 40) -> Given:
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestContract:
-    def test_it_gives_a_vector_a_frame_that_depends_on_what_is_told(self, kind: str) -> None:
+    def test_it_gives_vectors_that_depend_on_what_is_told(self, kind: str) -> None:
         made = conditioner(kind)
-        found = made(told(3), 3)
-        assert found.shape[0] == 3
-        assert found.shape[1] in (1, 40)
-        assert found.shape[2] == 12
-        assert torch.isfinite(found).all()
-        assert (found[0] - found[1]).abs().max() > 1e-3
+        both = made(told(3), 3)
+        for found in (both.head, both.gaze):
+            assert found.shape[0] == 3
+            assert found.shape[1] in (1, 40)
+            assert found.shape[2] == 12
+            assert torch.isfinite(found).all()
+            assert (found[0] - found[1]).abs().max() > 1e-3
         assert set(made.needs) == {kind}
 
     def test_a_window_that_is_told_nothing_is_as_one_of_a_batch_that_is(self, kind: str) -> None:
         made = conditioner(kind)
-        nothing = made(NOTHING, 2)
-        torch.testing.assert_close(made(told(3), 3)[2:].mean(1), nothing[:1].mean(1))
+        nothing, beside = made(NOTHING, 2), made(told(3), 3)
+        torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
+        torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
         if kind == "partner":
-            assert nothing.abs().max() == 0
+            assert nothing.head.abs().max() == nothing.gaze.abs().max() == 0
 
     def test_gradients_reach_it_and_stay_finite_beside_rows_of_nothing(self, kind: str) -> None:
         made = conditioner(kind).train()
-        made(told(3), 3).square().sum().backward()
+        made(told(3), 3).gaze.square().sum().backward()
         found = [each.grad for each in made.parameters() if each.grad is not None]
         assert any(each.abs().sum() > 0 for each in found)
         assert all(torch.isfinite(each).all() for each in found)
@@ -78,7 +80,7 @@ class TestContract:
 def test_a_hidden_speaker_is_nobody() -> None:
     made = conditioner("speaker").train()
     made.hidden = 1.0
-    assert torch.equal(made(told(3), 3), made(NOTHING, 3))
+    assert torch.equal(made(told(3), 3).head, made(NOTHING, 3).head)
 
 
 def people(count: int, seed: int) -> list[Recording]:
@@ -123,7 +125,10 @@ def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Pa
 
 
 def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
-    task = task_of({"kind": "speaker", "hidden": 0.1, "emphasis": 1.0}, **LONG | {"steps": 200, "validate_every": 200})
+    task = task_of(
+        {"kind": "speaker", "hidden": 0.1, "emphasis": {"head": 1.0, "gaze": 1.0}},
+        **LONG | {"steps": 200, "validate_every": 200},
+    )
     train(task, task.settings.loop, "speaker")
     straight, turned = (Given(speaker=torch.tensor([index])) for index in (0, 1))
     assert aside_rad(task, turned) > aside_rad(task, straight) + 0.02
@@ -168,7 +173,7 @@ def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides()
     upright, turned = (int(teller.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True))
     assert (upright, turned) == (1, 3)
     made = conditioner("speaker").train()
-    found = made(Given(torch.tensor([1, 3, -1])), 3)[:, 0]
+    found = made(Given(torch.tensor([1, 3, -1])), 3).head[:, 0]
     torch.testing.assert_close(found[0] + found[1], 2 * made.upright.weight[1])
     torch.testing.assert_close(found[0] - found[1], 2 * made.leaning.weight[1])
     torch.testing.assert_close(found[2], made.upright.weight[2])
@@ -176,11 +181,13 @@ def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides()
 
 def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
     made, who = conditioner("speaker"), Given(torch.tensor([0, 1, 3, -1]))
-    used, learnt = made.eval()(who, 4)[:, 0], made.train()(who, 4)[:, 0]
-    torch.testing.assert_close(used[0] - used[1], 1.5 * (learnt[0] - learnt[1]))
-    torch.testing.assert_close(used[1] - used[2], 1.5 * (learnt[1] - learnt[2]))
-    torch.testing.assert_close(used[3], learnt[3])
-    torch.testing.assert_close(used[:2].mean(0) - learnt[:2].mean(0), 0.5 * made.leaning.weight[:2].mean(0))
+    used, learnt = made.eval()(who, 4), made.train()(who, 4).head[:, 0]
+    for size, part in ((1.5, used.head[:, 0]), (2.0, used.gaze[:, 0])):
+        torch.testing.assert_close(part[0] - part[1], size * (learnt[0] - learnt[1]))
+        torch.testing.assert_close(part[1] - part[2], size * (learnt[1] - learnt[2]))
+        torch.testing.assert_close(part[3], learnt[3])
+        leaning = made.leaning.weight[:2].mean(0)
+        torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * leaning)
 
 
 def conversation(root: Path) -> Beside:

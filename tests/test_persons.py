@@ -45,7 +45,7 @@ def performer(conditions: list[dict[str, Any]]) -> Performer:
     return Performer(encoder, NetworkGenerator(network), 25.0, speakers=manners)
 
 
-TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}]), performer([])
+TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}]), performer([])
 
 
 def made(samples: int = 1, seed: int = 0, by: Performer = TOLD, **asked: Any) -> list[Performance]:
@@ -83,6 +83,15 @@ def test_samples_are_takes_of_one_person() -> None:
     assert np.abs(five[0].motion.head - five[1].motion.head).max() > 1e-3
 
 
+def test_where_people_look_is_told_apart_by_a_size_of_its_own() -> None:
+    same, more = (
+        performer([{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": size}}]) for size in (1.0, 3.0)
+    )
+    one, other = (made(1, 3, by, person="anna", as_drawn=True)[0].motion for by in (same, more))
+    np.testing.assert_array_equal(one.head, other.head)
+    assert np.abs(one.gaze - other.gaze).max() > 1e-3
+
+
 @pytest.mark.parametrize("profile", [PHYSIO, PAPER])
 def test_a_share_of_people_blinks_less_often(profile: Any) -> None:
     shares = (np.arange(2000) + 0.5) / 2000
@@ -105,15 +114,20 @@ def test_a_person_whom_the_model_does_not_know_is_one_line(by: Performer, said: 
         made(by=by, person="dora")
 
 
+def dialogue_of(persons: str) -> Order:
+    return Order(1, 0, 25.0, Direction(person=persons), pictures=False)
+
+
 def test_two_who_talk_are_two_persons(tmp_path: Path) -> None:
     model = write_live_model(
-        tmp_path / "model", PERSONS, conditions=[{"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}]
+        tmp_path / "model",
+        PERSONS,
+        conditions=[{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}],
     )
     sounds = [read_speech(sound_file(tmp_path / f"{seed}.wav", 1.0, seed)) for seed in range(2)]
-    order = Order(1, 0, 25.0, Direction(), pictures=False)
     one, same, other = (
-        carry_out_dialogue(sounds, tmp_path / f"out{index}", order, model, persons=persons)[0]
-        for index, persons in enumerate((("anna", "cleo"), ("anna", "bert"), ("bert", "cleo")))
+        carry_out_dialogue(sounds, tmp_path / f"out{index}", dialogue_of(persons), model)[0]
+        for index, persons in enumerate(("anna,cleo", "anna,bert", "bert,cleo"))
     )
     np.testing.assert_array_equal(one.first.motion.head, same.first.motion.head)
     np.testing.assert_array_equal(one.second.motion.head, other.second.motion.head)

@@ -88,7 +88,7 @@ class Service:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     place = tmp_path_factory.mktemp("service")
-    told = {"kind": "speaker", "hidden": 0.0, "emphasis": 1.0}
+    told = {"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}
     model = write_live_model(place / "talkingeyes", ("anna", "bert"), conditions=[told])
     live = write_live_model(place / "talkingeyes_live")
     (place / "temporary").mkdir()

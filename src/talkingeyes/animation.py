@@ -147,12 +147,18 @@ def carry_out_dialogue(
     order: Order,
     model: Path | str = MODEL,
     force: bool = False,
-    persons: tuple[str | None, str | None] = (None, None),
 ) -> list[Dialogue]:
-    """An order for two people (`persons`) who talk with each other, as the folders `first` and `second`."""
+    """An order for two people who talk with each other, as the folders `first` and `second`.
+
+    Whom it asks for by name are two: `A,B`.
+    """
     from talkingeyes.performance.dialogue import converse
 
     target = output.target(Path(out), DIALOGUE, force)
+    asked = order.direction.person
+    persons = (None, None) if asked is None else asked.split(",")
+    if len(persons) != 2:
+        raise InputError(f"person: should be two in a dialogue (A,B), got {asked}")
     first, second = (replace(order.direction, person=each) for each in persons)
     dialogues = converse(performer(Path(model)), sounds, order.samples, order.seed, order.fps, (first, second))
     origin = origin_of(Path(model))

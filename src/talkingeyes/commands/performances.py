@@ -136,11 +136,7 @@ def _animate_dialogue(sounds: list[Path], out: Path, order: Order, model: Path, 
     if len(sounds) not in (1, 2) or order.direction.partner is not None:
         raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
     heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
-    asked = order.direction.person
-    persons = (None, None) if asked is None else asked.split(",")
-    if len(persons) != 2:
-        raise InputError(f"person: should be two in a dialogue (A,B), got {asked}")
-    dialogues = carry_out_dialogue(heard, out, order, model, force, (persons[0], persons[1]))
+    dialogues = carry_out_dialogue(heard, out, order, model, force)
     first = dialogues[0].first.motion
     typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {order.fps:g} frames a second")
 

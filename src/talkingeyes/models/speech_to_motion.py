@@ -25,6 +25,7 @@ from talkingeyes.models.condition.conditioner import (
     Known,
     Need,
     Seen,
+    Told,
 )
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -157,16 +158,18 @@ class SpeechToMotion(nn.Module):
         for each in self.conditioners:
             each.learn_from(seen)
 
-    def hear(self, embedding: Float[Tensor, "B T C"], given: Given) -> Float[Tensor, "B T S"]:
-        """Speech features, and beside them all that is told. Raises InputError if the waveform is heard and missing."""
+    def hear(self, embedding: Float[Tensor, "B T C"], given: Given) -> Told:
+        """Speech features, and beside them all that is told, a row a frame. Raises InputError if the waveform is heard
+        and missing."""
         if self.wave is not None:
             if given.sound is None:
                 raise InputError("speech.wave: a model that hears the waveform needs the sound, got none")
             embedding = torch.cat([embedding, self.wave(given.sound, embedding.shape[1])], dim=-1)
         features: Tensor = self.speech(embedding)
         told = [each.forward(given, len(features)) for each in self.conditioners]
-        rows = max(map(len, (features, *told)))
-        return torch.cat([each.expand(rows, features.shape[1], -1) for each in (features, *told)], dim=-1)
+        head = _beside(features, [each.head for each in told])
+        alike = all(each.gaze is each.head for each in told)
+        return Told(head, head if alike else _beside(features, [each.gaze for each in told]))
 
     def terms(self, batch: Batch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported.
@@ -175,9 +178,9 @@ class SpeechToMotion(nn.Module):
         """
         batch = batch.to(self.temperature.device)
         speech = self.hear(batch.speech, batch.given)
-        predicted = self.head.predict(speech, batch.head)
-        seen = self._seen(speech, batch.head, predicted.head)
-        condition = Condition(speech, batch.head, self.head.normal(seen))
+        predicted = self.head.predict(speech.head, batch.head)
+        seen = self._seen(speech.head, batch.head, predicted.head)
+        condition = Condition(speech.gaze, batch.head, self.head.normal(seen))
         terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
         if unknown := self.settings.weights.keys() - terms.keys():
             raise InputError(f"weights: should be among {', '.join(sorted(terms))}; got {min(unknown)!r}")
@@ -206,29 +209,35 @@ class SpeechToMotion(nn.Module):
         given: Given = NOTHING,
     ) -> Generated:
         """Motions of one speech, a seed each; `given` is one window, the whole speech."""
-        speech = self._heard(embedding, given).expand(len(seeds), -1, -1)
-        head = self.head.sample(speech, seeds)
-        return Generated(head, self._gaze(speech, head, seeds, temperature))
+        speech = self._heard(embedding, given, len(seeds))
+        head = self.head.sample(speech.head, seeds)
+        return Generated(head, self._gaze(speech.gaze, head, seeds, temperature))
 
     @torch.no_grad()
     def turn(self, embedding: Float[Tensor, "T C"], seeds: list[int], given: Given = NOTHING) -> Float[Tensor, "B T 3"]:
         """Heads alone, a seed each."""
-        return self.head.sample(self._heard(embedding, given).expand(len(seeds), -1, -1), seeds)
+        return self.head.sample(self._heard(embedding, given, len(seeds)).head, seeds)
 
     @torch.no_grad()
     def look(
         self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int], given: Given = NOTHING
     ) -> Float[Tensor, "B T 2 3"]:
         """Gaze for heads that another model moves, a seed each."""
-        speech = self._heard(embedding, given).expand(len(seeds), -1, -1)
+        speech = self._heard(embedding, given, len(seeds)).gaze
         return self._gaze(speech, head.to(speech.device), seeds, None)
 
-    def _heard(self, embedding: Float[Tensor, "T C"], given: Given) -> Float[Tensor, "1 T S"]:
+    def _heard(self, embedding: Float[Tensor, "T C"], given: Given, rows: int) -> Told:
         device = self.temperature.device
-        return self.hear(embedding[None].to(device), given.to(device))
+        one = self.hear(embedding[None].to(device), given.to(device))
+        return Told(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
 
     def _gaze(
         self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None
     ) -> Float[Tensor, "B T 2 3"]:
         chosen = float(self.temperature) if temperature is None else temperature
         return self.gaze.sample(Condition(speech, head, self.head.normal(head)), seeds, chosen)
+
+
+def _beside(features: Float[Tensor, "_ T S"], told: list[Float[Tensor, "_ _ S"]]) -> Float[Tensor, "B T F"]:
+    rows = max(map(len, (features, *told)))
+    return torch.cat([each.expand(rows, features.shape[1], -1) for each in (features, *told)], dim=-1)

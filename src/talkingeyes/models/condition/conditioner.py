@@ -1,7 +1,7 @@
 """What a model may be told besides its own speech: who moves, how somebody moves, what the partner says.
 
 Each kind is one file here and one section of the list `conditions` in conf/model/; `[]`: nothing (the paper). A
-conditioner gives a vector a frame that stands beside the speech features, so every generator of head and gaze is told.
+conditioner gives vectors that stand beside the speech features, so every generator of head and gaze is told.
 """
 
 from __future__ import annotations
@@ -71,6 +71,19 @@ class Seen:
     motions: Sequence[Float[Tensor, "R 9"]]
 
 
+@dataclass(frozen=True)
+class Told:
+    """What the head's and the gaze's generator are told of B windows: vectors, a row a frame or one for all frames."""
+
+    head: Float[Tensor, "B _ S"]
+    gaze: Float[Tensor, "B _ S"]
+
+    @classmethod
+    def alike(cls, both: Float[Tensor, "B _ S"]) -> Told:
+        """The same for both."""
+        return cls(both, both)
+
+
 @runtime_checkable
 class Conditioner(Protocol):
     """The role: a torch module made as `Class(settings, width, known)`, `width` that of the speech features."""
@@ -83,8 +96,8 @@ class Conditioner(Protocol):
         """Take the statistics of the train split."""
         ...
 
-    def forward(self, given: Given, rows: int) -> Float[Tensor, "B _ S"]:
-        """What stands beside the speech features of so many windows, a row a frame or one for all frames."""
+    def forward(self, given: Given, rows: int) -> Told:
+        """What stands beside the speech features of so many windows."""
         ...
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import torch
-from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen
+from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
 from talkingeyes.settings import PartSettings
 
@@ -39,10 +38,10 @@ class PartnerSpeech(nn.Module):
         """Both channels are heard in the same units."""
         self.speech.standardise_by(seen.mean, seen.std)
 
-    def forward(self, given: Given, rows: int) -> Float[Tensor, "B _ S"]:
+    def forward(self, given: Given, rows: int) -> Told:
         """A row a frame."""
         if given.partner is None:
-            return self.speech.mean.new_zeros(rows, 1, self.speech.stack.enter.out_features)
+            return Told.alike(self.speech.mean.new_zeros(rows, 1, self.speech.stack.enter.out_features))
         missing = given.partner.isnan().flatten(1).any(1)
         heard: Tensor = self.speech(given.partner.nan_to_num())
-        return torch.where(missing[:, None, None], 0.0, heard)
+        return Told.alike(torch.where(missing[:, None, None], 0.0, heard))

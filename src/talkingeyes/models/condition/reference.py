@@ -14,7 +14,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, told_nothing
+from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
 from talkingeyes.settings import PartSettings
 
 MOTION = 9
@@ -58,16 +58,16 @@ class ReferenceStyle(nn.Module):
         self.mean.copy_(described.mean(0))
         self.std.copy_(torch.where(std > SMALLEST, std, torch.inf))
 
-    def forward(self, given: Given, rows: int) -> Float[Tensor, "B 1 S"]:
+    def forward(self, given: Given, rows: int) -> Told:
         """The vector of each window's reference."""
         if given.reference is None:
-            return self.nobody.expand(rows, 1, -1)
+            return Told.alike(self.nobody.expand(rows, 1, -1))
         missing = given.reference.isnan().flatten(1).any(1)
         described = (described_motion(given.reference.nan_to_num()) - self.mean) / self.std
         described = described.clamp(-FARTHEST, FARTHEST)
         found = self.vector(self.style(described).tanh())
         hidden = missing | told_nothing(len(missing), self.settings.hidden, self.training, missing.device)
-        return torch.where(hidden[:, None], self.nobody, found)[:, None]
+        return Told.alike(torch.where(hidden[:, None], self.nobody, found)[:, None])
 
 
 def described_motion(motion: Float[Tensor, "B R 9"]) -> Float[Tensor, "B 27"]:

@@ -10,15 +10,23 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import torch
-from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, told_nothing
-from talkingeyes.settings import PartSettings
+from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
+from talkingeyes.settings import PartSettings, Settings
 
 # Standard deviation of the vectors that learning starts from.
 START = 0.3
+
+
+class EmphasisSettings(Settings):
+    """How many times as far from the mean of all as it was learnt a vector is in use: people learnt from a few clips
+    each come out too much alike, by how much is not the same for their heads and for where they look (docs/log.md). As
+    a guidance scale (Ho & Salimans 2022), with everybody for nobody."""
+
+    head: Annotated[float, Field(gt=0)]
+    gaze: Annotated[float, Field(gt=0)]
 
 
 class SpeakerTableSettings(PartSettings):
@@ -27,9 +35,7 @@ class SpeakerTableSettings(PartSettings):
     kind: Literal["speaker"]
     # Share of the training windows that are not told who moves.
     hidden: Annotated[float, Field(ge=0, lt=1)]
-    # How many times as far from the mean of all as it was learnt a vector is in use: people learnt from a few clips
-    # each come out too much alike. As a guidance scale (Ho & Salimans 2022), with everybody for nobody.
-    emphasis: Annotated[float, Field(gt=0)]
+    emphasis: EmphasisSettings
 
 
 class SpeakerTable(nn.Module):
@@ -48,7 +54,7 @@ class SpeakerTable(nn.Module):
     def learn_from(self, seen: Seen) -> None:
         """There is nothing to measure."""
 
-    def forward(self, given: Given, rows: int) -> Float[Tensor, "B 1 S"]:
+    def forward(self, given: Given, rows: int) -> Told:
         """The vector of each window's speaker."""
         device = self.upright.weight.device
         who = torch.full((rows,), -1, device=device) if given.speaker is None else given.speaker
@@ -56,7 +62,9 @@ class SpeakerTable(nn.Module):
         side = torch.where(nobody, 0.0, torch.where(who < self.speakers, 1.0, -1.0))
         index = torch.where(nobody, self.speakers, who % self.speakers)
         found: Tensor = self.upright(index) + side[:, None] * self.leaning(index)
-        if not self.training:
-            everybody = self.upright.weight[:-1].mean(0)
-            found = torch.where(nobody[:, None], found, everybody + self.emphasis * (found - everybody))
-        return found[:, None]
+        if self.training:
+            return Told.alike(found[:, None])
+        everybody = torch.where(nobody[:, None], found, self.upright.weight[:-1].mean(0))
+        own = found - everybody
+        head, gaze = ((everybody + size * own)[:, None] for size in (self.emphasis.head, self.emphasis.gaze))
+        return Told(head, gaze)
