@@ -52,8 +52,8 @@ of the law: [facts.md](facts.md)). A model that knows speakers is told who speak
 always the same.
 
 **At 25 frames a second {slow}; at 120 {fast}; as drawn {drawn}; of the truth {truth}.** Left out is what is not head,
-gaze or blinks. Listening, small saccades, blinks, and the head's part in far gaze are laws laid over what the model
-draws ([whole.md](whole.md)): the column "as drawn" has none of them but blinks, and no partner (`--as-drawn`).
+gaze or blinks. Listening, saccadic intrusions, blinks, and the head's part in far gaze are laws laid over what the
+model draws ([whole.md](whole.md)): the column "as drawn" has none of them but blinks, and no partner (`--as-drawn`).
 
 """
 

@@ -15,7 +15,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.performance.contact import share_of_contact
 from talkingeyes.performance.dialogue import converse
 from talkingeyes.performance.direction import Direction, Liveliness
-from talkingeyes.performance.listening import listening, turns
+from talkingeyes.performance.listening import MORE_AVERTED, listening, taken, turns
 from talkingeyes.performance.perform import Performance
 
 RATE = 16_000
@@ -62,6 +62,33 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
     assert np.mean([looks(pair.second, 1) for pair in pairs]) > 0.7
     nodded = [np.abs(pair.first.motion.head - each.motion.head).max() for pair, each in zip(pairs, alone, strict=True)]
     assert np.median(nodded) > np.radians(1.0)
+
+
+def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
+    sounds = talk()
+    starts_s = taken(turns(*sounds))
+    np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
+    heard = [listening(*sounds, [0, index, 3]) for index in range(200)]
+    assert np.mean([len(each.averted) for each in heard]) == pytest.approx(2 * MORE_AVERTED, abs=0.15)
+    made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Direction(partner=sounds[1]))
+    times = np.arange(750) / 25
+    contact: dict[bool, list[float]] = {True: [], False: []}
+    for one, each in zip(made, heard, strict=False):
+        head, space = one.motion.head, rotation.gaze_in_space(one.motion.head, one.motion.gaze)
+        for start_s in starts_s:
+            begins = (times >= start_s - 0.5) & (times < start_s)
+            asked = any(span.start_s < start_s - 0.6 and start_s < span.end_s for span in each.averted)
+            ahead = np.tile([0.0, 0.0, 1.0], (begins.sum(), 1))
+            contact[asked].append(share_of_contact(head[begins], space[begins], ahead))
+    assert np.mean(contact[True]) < 0.4 * np.mean(contact[False])
+
+
+def test_whoever_answers_in_a_word_does_not_take_the_turn() -> None:
+    one, other = talk()
+    word = np.zeros_like(one)
+    word[int(8 * RATE) : int(8.8 * RATE)] = one[: int(0.8 * RATE)]
+    assert taken(turns(word, other)) == []
+    assert taken(turns(one, np.zeros(0, np.float32))) == []
 
 
 def test_listeners_blink_at_the_ends_of_phrases() -> None:

@@ -40,6 +40,16 @@ def test_saccades_are_found_with_onset_and_amplitude(amplitude_deg: float) -> No
         np.testing.assert_allclose(one.end_rad, other.end_rad, atol=np.radians(0.3))
 
 
+def test_drift_before_a_saccade_does_not_make_it_early() -> None:
+    """Eyes at the end of their range are taken along by the head, slower than a saccade but not by much."""
+    times = np.arange(50) / 25.0
+    jump = saccades.saccade(1.0, np.zeros(2), np.radians([24.0, 7.0]), np.random.default_rng(0))
+    drift = np.radians(0.3) * 25.0 * np.clip(times - 0.7, 0.0, 0.3)
+    space = saccades.position(jump, times) + drift[:, None] * [1.0, 0.0]
+    (found,) = find_saccades(space, 25.0)
+    assert found.onset_s == pytest.approx(jump.onset_s, abs=0.012)
+
+
 def test_still_gaze_has_no_saccade() -> None:
     assert find_saccades(np.zeros((100, 2)), 25.0) == ()
 

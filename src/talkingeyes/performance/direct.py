@@ -25,7 +25,7 @@ from talkingeyes.performance.course import Course, scaled, within_reach
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import Listening
 from talkingeyes.performance.manner import in_manner
-from talkingeyes.performance.oculomotor import capped, scanned
+from talkingeyes.performance.oculomotor import capped, interrupted
 from talkingeyes.performance.targets import LISTENER, TargetTrack
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
@@ -103,8 +103,6 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     own, direction = course, asked.direction
     if asked.manner:
         course = in_manner(course, asked.manner, [*seeds, 1])
-    if not direction.as_drawn:
-        course = scanned(course, [*seeds, 4])
     course = lively(course, direction.liveliness)
     listener = (direction.targets or TargetTrack()).place(LISTENER).at(course.times_s)
     if asked.listening:
@@ -115,8 +113,9 @@ def directed(course: Course, asked: Asked, seeds: Sequence[int]) -> Course:
     elif asked.listening:
         listens = asked.listening.annotation.listening
         course = contacted(course, listener, asked.listening.look, [*seeds, 2], listens)
+        course = contacted(course, listener, 0.0, [*seeds, 5], asked.listening.averted)
     if not direction.as_drawn:
-        course = capped(course)
+        course = interrupted(capped(course), direction.liveliness.gaze, [*seeds, 4])
     if direction.targets:
         course = aimed(course, direction.targets)
     return within_reach(course, own)

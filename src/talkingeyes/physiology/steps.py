@@ -1,7 +1,7 @@
 """Saccades as steps of frames: at 25 frames a second, most take one or two of them.
 
 Each run of steps of gaze in space is one saccade, whose duration and course follow the main sequence
-(physiology.saccades), its onset placed inside the frames by how the step is split among them.
+(physiology.saccades), its onset placed inside the frames by how the steps are split among them.
 """
 
 from __future__ import annotations
@@ -43,13 +43,18 @@ def find_saccades(space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade
 
 
 def _onset_s(points: Float[ndarray, "K 2"], duration_s: float, skew: float, first_s: float, fps: float) -> float:
-    """When the saccade starts: by the share f that the first step makes up, t0 = t1 - D I^-1(f)."""
+    """When the saccade starts: by the share f that is done at a frame t1 inside it, t0 = t1 - D I^-1(f).
+
+    Of the frames, that which is nearest to half of it: there it is fastest, and drift before or after it tells least.
+    """
     step = points[-1] - points[0]
-    share = float(np.dot(points[1] - points[0], step) / np.dot(step, step))
-    if len(points) == 2 or not 0 < share < 1:
+    shares = (points[1:-1] - points[0]) @ step / np.dot(step, step)
+    within = np.flatnonzero((shares > 0) & (shares < 1))
+    if not len(within):
         return first_s + max(0.5 / fps - duration_s / 2, 0.0)
-    phase = float(betaincinv(saccades.BETA_SUM * skew + 1, saccades.BETA_SUM * (1 - skew) + 1, share))
-    return max(first_s, first_s + 1 / fps - duration_s * phase)
+    inside = int(within[np.argmin(np.abs(shares[within] - 0.5))])
+    a, b = saccades.BETA_SUM * skew + 1, saccades.BETA_SUM * (1 - skew) + 1
+    return max(first_s, first_s + (inside + 1) / fps - duration_s * float(betaincinv(a, b, shares[inside])))
 
 
 def _runs(mask: Bool[ndarray, " T"]) -> list[tuple[int, int]]:
