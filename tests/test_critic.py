@@ -65,10 +65,14 @@ def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
     return found
 
 
-def learnt(recordings: list[Recording]) -> tuple[Contrast, list[dict[str, float]]]:
+def contrast(recordings: list[Recording]) -> Contrast:
     torch.manual_seed(0)
     critic = new_critic("head", recordings, HEARING, SETTINGS)
-    task = Contrast("head", critic, recordings, divide(recordings, SETTINGS), FPS, SETTINGS)
+    return Contrast("head", critic, recordings, divide(recordings, SETTINGS), FPS, SETTINGS)
+
+
+def learnt(recordings: list[Recording]) -> tuple[Contrast, list[dict[str, float]]]:
+    task = contrast(recordings)
     return task, train(task, SETTINGS.loop, "critic")
 
 

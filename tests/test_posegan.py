@@ -329,6 +329,23 @@ class TestMeasures:
         assert set(windows_of(recordings(), ["b"], 64, 32).speaker) == {0}
 
 
+def pgface_task() -> PGFaceTask:
+    random = np.random.default_rng(0)
+    node = yaml.safe_load((CONF / "model" / "pgface.yaml").read_text())
+    node["network"] |= {"coefficients": 4, "dropout": 0.0}
+    node["network"]["speech"] |= {"width": 8, "channel_dropout": 0.0}
+    node["loop"] |= {"steps": 60, "batch": 32, "validate_every": 60}
+    node["watched"] = 20
+    found = []
+    for _ in range(3):
+        head = np.cumsum(0.02 * random.standard_normal((200, 3)), axis=0)
+        speech = random.standard_normal((200, CHANNELS)).astype(np.float32)
+        motion = Motion.of(30.0, head, np.zeros((200, 2, 3)))
+        found.append(ShapeRecording(speech, poses_of(head, np.zeros((200, 3))).astype(np.float32), motion))
+    settings = PGFaceSettings.model_validate(node)
+    return PGFaceTask(settings, 0, found[:2], found[2:], normaliser(), FaceSurface(open_head()))
+
+
 class TestPGFace:
     """The face hangs as the head is held, and PGFace learns that it does."""
 
@@ -344,21 +361,7 @@ class TestPGFace:
         assert (raised - upright)[surface.lower][:, 2].mean() < 0
 
     def test_it_learns_the_pose(self) -> None:
-        random = np.random.default_rng(0)
-        node = yaml.safe_load((CONF / "model" / "pgface.yaml").read_text())
-        node["network"] |= {"coefficients": 4, "dropout": 0.0}
-        node["network"]["speech"] |= {"width": 8, "channel_dropout": 0.0}
-        node["loop"] |= {"steps": 60, "batch": 32, "validate_every": 60}
-        node["watched"] = 20
-        found = []
-        for _ in range(3):
-            head = np.cumsum(0.02 * random.standard_normal((200, 3)), axis=0)
-            speech = random.standard_normal((200, CHANNELS)).astype(np.float32)
-            motion = Motion.of(30.0, head, np.zeros((200, 2, 3)))
-            found.append(ShapeRecording(speech, poses_of(head, np.zeros((200, 3))).astype(np.float32), motion))
-        made = PGFaceTask(
-            PGFaceSettings.model_validate(node), 0, found[:2], found[2:], normaliser(), FaceSurface(open_head())
-        )
+        made = pgface_task()
         history = train(made, made.settings.loop, "pgface")
         assert history[-1]["mm"] < 0.7 * history[-1]["mm_mean_shape"]
 

@@ -105,18 +105,19 @@ class PGFaceTask:
         """Eq. 8 on a batch."""
         chosen = self.random.integers(len(self.places), size=self.settings.loop.batch)
         cuts = [self.places[int(each)] for each in chosen]
+        window, told, device = self.settings.network.window, self.settings.network.told - 1, self.module.mean.device
         made, made_next = (
-            self.module(*windows(self.train, cuts, self.settings.network.window, later)) for later in (0, 1)
+            self.module(*(each.to(device) for each in windows(self.train, cuts, window, later))) for later in (0, 1)
         )
-        told = self.settings.network.told - 1
         true, true_next = (
-            torch.stack([self.of_train[index][start + told + later] for index, start in cuts]) for later in (0, 1)
+            torch.stack([self.of_train[index][start + told + later] for index, start in cuts]).to(device)
+            for later in (0, 1)
         )
         return self.module.terms(made, true, made_next, true_next)
 
     def validate(self) -> dict[str, float]:
         """Mean distance of vertices from the fitted ones on val; the score is its negative."""
-        speech, pose, vertices = self.watched
+        speech, pose, vertices = (each.to(self.module.mean.device) for each in self.watched)
         apart = (self.module.shapes(self.module(speech, pose)) - vertices).norm(dim=-1) * 1000
         lower = torch.from_numpy(self.surface.lower)
         still = (self.module.mean - vertices).norm(dim=-1) * 1000

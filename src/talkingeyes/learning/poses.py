@@ -131,7 +131,7 @@ class PoseTask:
         speech = np.stack([self.train[index].speech[start : start + length] for index, start in cuts])
         pose = np.stack([self.train[index].pose[start : start + length] for index, start in cuts])
         style = np.stack([self.module.style_of(self.train[index].clip.speaker) for index, _ in cuts])
-        return PoseBatch(*map(torch.from_numpy, (speech, pose, style)))
+        return PoseBatch(*(torch.from_numpy(each).to(self.module.scale.device) for each in (speech, pose, style)))
 
     def _prepare(self) -> None:
         """Statistics, poses to start at, and what the baselines draw from."""

@@ -97,14 +97,14 @@ class SpeechToPose(nn.Module):
         Without a style, each seed draws one of the training speakers.
         """
         noise = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
-        styles = torch.stack([self._style(style, each) for each in noise])
+        styles = torch.stack([self._style(style, each) for each in noise]).to(self.scale.device)
         pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, noise, strict=True)])
         length = self.head.window or max(len(speech), 2)
         for first in range(0, max(len(speech) - 1, 1), length - 1):
             made = self._window(speech[first : first + length], styles, pose, noise)
             pose = made[:, -1]
             # The first frame of a further window is the last one of the window before.
-            yield (made[:, min(first, 1) :] * self.scale).numpy()
+            yield (made[:, min(first, 1) :] * self.scale).cpu().numpy()
 
     def sample(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
@@ -124,7 +124,7 @@ class SpeechToPose(nn.Module):
         start: Float[Tensor, "S 6"],
         noise: list[torch.Generator],
     ) -> Float[Tensor, "S T 6"]:
-        part = torch.from_numpy(np.array(speech, np.float32)).expand(len(noise), -1, -1)
+        part = torch.from_numpy(np.array(speech, np.float32)).to(styles.device).expand(len(noise), -1, -1)
         return self.head.sample(self.hear(part, styles), start, noise)
 
     def _style(self, style: Float[ndarray, " K"] | None, noise: torch.Generator) -> Float[Tensor, " K"]:

@@ -81,7 +81,7 @@ class VQVAEPose(nn.Module):
             scores = self.scores(self.transformer.step(before + speech[:, position : position + 1], cache))[:, 0]
             chances = scores.softmax(-1).cpu()
             rows = [torch.multinomial(row, 1, generator=each) for row, each in zip(chances, noise, strict=True)]
-            drawn.append(torch.cat(rows))
+            drawn.append(torch.cat(rows).to(speech.device))
             before = self.from_code(drawn[-1])[:, None]
         return self._decoded(self.quantiser.codebook[torch.stack(drawn, dim=1)], heard.features.shape[1])
 
