@@ -15,7 +15,7 @@ from talkingeyes.errors import InputError
 from talkingeyes.performance.contact import share_of_contact
 from talkingeyes.performance.dialogue import converse
 from talkingeyes.performance.direction import Direction, Liveliness
-from talkingeyes.performance.listening import MORE_AVERTED, listening, taken, turns
+from talkingeyes.performance.listening import SURELY_AVERTED, listening, taken, turns
 from talkingeyes.performance.perform import Performance
 
 RATE = 16_000
@@ -69,7 +69,7 @@ def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
     starts_s = taken(turns(*sounds))
     np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
     heard = [listening(*sounds, [0, index, 3]) for index in range(200)]
-    assert np.mean([len(each.averted) for each in heard]) == pytest.approx(2 * MORE_AVERTED, abs=0.15)
+    assert np.mean([len(each.averted) for each in heard]) == pytest.approx(2 * SURELY_AVERTED, abs=0.15)
     made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Direction(partner=sounds[1]))
     times = np.arange(750) / 25
     contact: dict[bool, list[float]] = {True: [], False: []}
