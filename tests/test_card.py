@@ -19,7 +19,7 @@ from test_wave import folder, sounds, wave
 from toy import recordings
 from toy_training import toy_training
 
-from pipelines import pretrain
+from pipelines import critic, pretrain
 from pipelines import train as train_stage
 from talkingeyes.config import CONF
 from talkingeyes.corpus.windows import Normaliser
@@ -167,4 +167,6 @@ def test_stages(tmp_path: Path) -> None:
     with pretended_card():
         pretrain.run(workspace, "codes")
         train_stage.run(workspace, "joint")
+        critic.run(workspace)
     assert (tmp_path / "data/train/joint/model.safetensors").exists()
+    assert (tmp_path / "data/critic/report.json").exists()
