@@ -1,22 +1,25 @@
 """How well a performance does what it is asked: targets, eye contact, dials, styles, dialogue, and windows unseen.
 
-The packaged recording (44 s) is performed by the default model; the dialogue is its sentences dealt to two people. All
-is measured in the motion that comes out. Windows: the speed of head and gaze about the seams of the encoder's windows
-over that elsewhere; with the same sound in one window, at the same places, for comparison.
+The packaged recording (44 s) is performed by the default model; the dialogue is its sentences dealt to two people, or
+sounds that are named, two people's in turn. All is measured in the motion that comes out. Windows: the speed of head
+and gaze about the seams of the encoder's windows over that elsewhere; with the same sound in one window, at the same
+places, for comparison.
 
-Run     python benchmarks/control.py [FOLDER OF A MODEL]     (make bench, after make repro; a minute of CPU)
-Reads   data/train/talkingeyes, or the folder that is named
+Run     python benchmarks/control.py [FOLDER OF A MODEL [SOUND SOUND ...]]   (make bench, after make repro; a minute)
+Reads   data/train/talkingeyes, or the folder that is named; sounds: the dialogue's, and only that is measured
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from talkingeyes import rotation
+from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
@@ -25,12 +28,12 @@ from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
 from talkingeyes.motion import Motion
 from talkingeyes.performance import sight
 from talkingeyes.performance.contact import share_of_contact
-from talkingeyes.performance.dialogue import converse
 from talkingeyes.performance.direction import Direction, Liveliness
 from talkingeyes.performance.listening import turns
 from talkingeyes.performance.perform import Performance, Performer
 from talkingeyes.performance.targets import Place, Target, TargetTrack
 from talkingeyes.physiology import saccades
+from talkingeyes.physiology.blinks import PARTNER_END_S
 from talkingeyes.run import quiet, shell
 
 MODEL = Path("data", "train", "talkingeyes")
@@ -176,41 +179,48 @@ def _numbers(manner: Manner) -> np.ndarray:
     return np.concatenate([*np.degrees(np.concatenate(angles))[None], [manner.saccades_per_min, manner.blinks_per_min]])
 
 
-def dialogue(performer: Performer, speech: np.ndarray) -> None:
-    one, other = _dealt(speech)
+def dialogue(performer: Performer, sounds: list[np.ndarray]) -> None:
+    one, other = _dealt(sounds)
     heard = turns(one, other)
-    pairs = converse(performer, (one, other), SAMPLES, 0, 25.0)
-    alone = performer.perform(one, SAMPLES, 0, 25.0)
-    print(
-        "\ndialogue: eye contact and head speed (deg/s) in the own and in the partner's turns; blinks within .75 s of"
-    )
-    print("the ends of the partner's phrases, a phrase; the same sound alone")
-    for name, performances in (("dialogue", [pair.first for pair in pairs]), ("alone", alone)):
+    print("\ndialogue, and the same sound alone, all people: eye contact and head speed (deg/s) in the own, in the")
+    print("partner's turns; blinks a minute .25 to .5 s after the partner's phrases end, and else in those turns")
+    for name, partner in (("dialogue", other), ("alone", None)):
+        asked = [Direction(person=person, partner=partner) for person in performer.speakers]
+        performances = [each for ask in asked for each in performer.perform(one, SAMPLES, 0, 25.0, ask)]
         rows = [_by_turn(each, heard) for each in performances]
-        own, theirs, own_speed, their_speed, blinked = np.mean(rows, axis=0)
-        print(f"{name:9s} {own:.3f} {theirs:.3f}   {own_speed:5.2f} {their_speed:5.2f}   {blinked:.3f}")
+        own, theirs, own_speed, their_speed, after, else_ = np.mean(rows, axis=0)
+        print(f"{name:9s} {own:.3f} {theirs:.3f}   {own_speed:5.2f} {their_speed:5.2f}   {after:5.1f} {else_:5.1f}")
 
 
-def _dealt(speech: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _dealt(said: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """What two people say in turn, as a channel each."""
     sounds: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
-    for index, start in enumerate(range(0, len(speech), int(TURN_S * SAMPLE_RATE))):
-        part = np.append(speech[start : start + int(TURN_S * SAMPLE_RATE)], np.zeros(int(PAUSE_S * SAMPLE_RATE)))
+    for index, sound in enumerate(said):
+        part = np.append(sound, np.zeros(int(PAUSE_S * SAMPLE_RATE)))
         sounds[index % 2].append(part)
         sounds[1 - index % 2].append(np.zeros(len(part)))
     first, second = (np.concatenate(parts).astype(np.float32) for parts in sounds)
     return first, second
 
 
-def _by_turn(one: Performance, heard: object) -> tuple[float, ...]:
+def _by_turn(one: Performance, heard: Annotation) -> tuple[float, ...]:
     motion, times = one.motion, np.arange(len(one.motion)) / 25.0
-    own, theirs = (
-        np.any([(times >= span.start_s) & (times < span.end_s) for span in spans], axis=0)
-        for spans in (heard.speaking, heard.listening)  # type: ignore[attr-defined]
-    )
+    own, theirs = (_within(times, spans) for spans in (heard.speaking, heard.listening))
     speed = np.append(head_speed_deg_s(motion.head, 25.0), 0.0)
-    ends = [span.end_s for span in heard.partner]  # type: ignore[attr-defined]
-    blinked = sum(any(0 <= blink.onset_s - end <= 0.75 for end in ends) for blink in one.events.blinks) / len(ends)
-    return _share(_part(motion, own)), _share(_part(motion, theirs)), speed[own].mean(), speed[theirs].mean(), blinked
+    after = [Span(span.end_s + PARTNER_END_S[0], span.end_s + PARTNER_END_S[1]) for span in heard.partner]
+    blinks_s = np.array([blink.onset_s for blink in one.events.blinks])
+    answers, listened = (_within(blinks_s, spans) for spans in (after, heard.listening))
+    answering_s, listening_s = _within(times, after).sum() / 25.0, (theirs & ~_within(times, after)).sum() / 25.0
+    return (
+        *(_share(_part(motion, mask)) for mask in (own, theirs)),
+        *(float(speed[mask].mean()) for mask in (own, theirs)),
+        60.0 * answers.sum() / answering_s,
+        60.0 * (listened & ~answers).sum() / listening_s,
+    )
+
+
+def _within(times_s: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
+    return np.any([(times_s >= span.start_s) & (times_s < span.end_s) for span in spans], axis=0)
 
 
 def _part(motion: Motion, mask: np.ndarray) -> Motion:
@@ -255,13 +265,17 @@ def _head_jerk(motion: Motion) -> np.ndarray:
 
 
 def main() -> None:
-    """All tables."""
-    performer = Performer.load(Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL)
+    """All tables, or that of a dialogue whose turns are named."""
+    model, *sounds = sys.argv[1:] or [str(MODEL)]
+    performer = Performer.load(Path(model))
+    if sounds:
+        dialogue(performer, [read_speech(Path(each)) for each in sounds])
+        return
     speech = read_speech(packaged(SPEECH))
     embedded = performer.encoder(speech, performer.fps)
     for table in (targets, contact, dials, styles):
         table(performer, embedded)
-    dialogue(performer, speech)
+    dialogue(performer, np.split(speech, range(int(TURN_S * SAMPLE_RATE), len(speech), int(TURN_S * SAMPLE_RATE))))
     windows(performer, speech)
 
 
