@@ -70,7 +70,9 @@ sweep: setup  ## A small search with two objectives in build/sweep, in under ten
 	$(BIN)/python -m pipelines.experiment -m sweep=small
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
-	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit; done
+	@failed=; for script in benchmarks/*.py; do name=$$(basename $$script .py); \
+		echo "== $$name"; $(BIN)/python -m benchmarks.$$name || failed="$$failed $$name"; \
+	done; if [ "$$failed" ]; then echo "failed:$$failed" >&2; exit 1; fi
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table

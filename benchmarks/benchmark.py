@@ -1,6 +1,6 @@
 """Speed and memory of `talkingeyes evaluate` for 10, 100, 1,000 and more clips of ten seconds.
 
-Run: python benchmarks/benchmark.py [CLIPS ...]. The corpus is made of a few people rendered once and linked under many
+Run: python -m benchmarks.benchmark [CLIPS ...]. The corpus is made of a few people rendered once and linked under many
 names; every count runs in a process of its own, with one motion a sound and with ten samples of it. Speed is seconds
 of evaluated motion a second of CPU, the reference motion, which is measured too, not counted; then with the start of
 the process and the resamples taken off, and then with the reference counted. Memory is the peak of the process.

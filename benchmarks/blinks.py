@@ -3,7 +3,7 @@
 `blinks_by_eye.csv` beside this file names the moments: `whole` where the lids cover the pupil, `incomplete` where they
 fall and rise without; those count neither as right nor as wrong, nor do winks and narrowed eyes count as blinks.
 
-Run     python -m pipelines.real VIDEOS && python benchmarks/blinks.py
+Run     python -m pipelines.real VIDEOS && python -m benchmarks.blinks
 Reads   build/real/corpus, as pipelines/real.py leaves it
 """
 

@@ -5,7 +5,7 @@ sounds that are named, two people's in turn. All is measured in the motion that 
 and gaze about the seams of the encoder's windows over that elsewhere; with the same sound in one window, at the same
 places, for comparison.
 
-Run     python benchmarks/control.py [FOLDER OF A MODEL [SOUND SOUND ...]]   (make bench, after make repro; a minute)
+Run     python -m benchmarks.control [FOLDER OF A MODEL [SOUND SOUND ...]]   (make bench, after make repro; a minute)
 Reads   data/train/talkingeyes, or the folder that is named; sounds: the dialogue's, and only that is measured
 """
 

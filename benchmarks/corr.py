@@ -1,6 +1,6 @@
 """What Corr. catches: the critics of a finished chain on true motion made wrong in known ways.
 
-Run     python benchmarks/corr.py [DATA]     (the data folder of a finished chain: `data` by default; half a minute)
+Run     python -m benchmarks.corr [DATA]     (the data folder of a finished chain: `data` by default; half a minute)
 Writes  docs/corr.md
 """
 
@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BOOTSTRAP = BootstrapSettings(draws=1000, level=0.95, seed=0)
 PAGE = """# What Corr. catches
 
-Made by `python benchmarks/corr.py`: the {sounds} test and unseen sounds of the default corpus, a true take of each,
+Made by `python -m benchmarks.corr`: the {sounds} test and unseen sounds of the default corpus, a true take of each,
 judged by the critics of the chain as it is (column *true*, the cosine itself) and with the faults of
 [validation.md](validation.md). A cell is how far Corr. moves from the truth's, in half widths of the 95 % interval over
 sounds of that difference, negative where it falls: **bold** where the fault is told from the truth. Corr. is read as a

@@ -3,7 +3,7 @@
 The events are those of the synthetic corpus. Its takes are drawn again, which gives the same events and lets them be
 rendered at any frame rate; the motion that was fitted to what a camera saw of them comes as it is.
 
-Run     python benchmarks/detectors.py [CLIPS]     (make bench, after make repro)
+Run     python -m benchmarks.detectors [CLIPS]     (make bench, after make repro)
 Reads   data/synthesize, data/fit, params.yaml
 """
 

@@ -3,7 +3,7 @@
 The packaged recording is repeated to 10 s, 1 min and 10 min; each length is encoded in a process of its own. Printed
 are CPU seconds per 10 s of sound (one thread), how they grow, and peak memory beyond the sound and the features.
 
-Run     python benchmarks/encoder.py     (make bench)
+Run     python -m benchmarks.encoder     (make bench)
 Reads   conf/ (embed=default)
 """
 

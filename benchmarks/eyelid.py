@@ -6,7 +6,7 @@ the open head's sculpted lids, driven by its own rule. Capture: section 6, on pi
 that rule and jitter, with a model built from 34 drawn postures of it; true gaze and closure are known. Conditions are
 those that the paper's conclusion asks for. Errors are angles between true and found lines of sight, in degrees.
 
-Run     python benchmarks/eyelid.py [POSTURES]      (24 by default: about two minutes)
+Run     python -m benchmarks.eyelid [POSTURES]      (24 by default: about two minutes)
 Reads   the open head
 """
 

@@ -3,7 +3,7 @@
 The packaged recording is repeated and embedded first, which is not counted. CPU seconds of one process, after a
 warm-up; each length in a process of its own, whose peak memory stands beside.
 
-Run     python benchmarks/face.py [folder of a model of the face]     (after make repro)
+Run     python -m benchmarks.face [folder of a model of the face]     (after make repro)
 Reads   data/train/probtalk3d
 """
 

@@ -4,7 +4,7 @@ Columns  error px and ratio of speeds as in Table VIII; degrees between gaze in 
          saccades, over the true ones; law: a saccade's fastest frame over the speed of the main sequence (amplitude by
          duration, at least a frame), median and spread; found and true: saccades of 2 degrees or
          more within 80 ms of a true one.
-Run      python benchmarks/fit_variants.py [CORPUS [SPLIT [CLIPS]]]
+Run      python -m benchmarks.fit_variants [CORPUS [SPLIT [CLIPS]]]
 Reads    a corpus with truth (data/synthesize), conf/fit
 """
 

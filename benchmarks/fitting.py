@@ -3,7 +3,7 @@
 Both solve eq. 1 for the same clips from the same pupils and head poses, one clip at a time, all its frames at once,
 on one thread. Adam starts from zero and stops once the objective falls by less than 1e-6 relative in 50 steps.
 
-Run     python benchmarks/fitting.py [CLIPS]     (make bench)
+Run     python -m benchmarks.fitting [CLIPS]     (make bench)
 Reads   conf/ (fit=default); no corpus: the pupils are those of random gaze with the noise of a detector
 """
 

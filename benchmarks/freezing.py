@@ -6,7 +6,8 @@ the eyes of a free run. A decoder that has learnt to copy the last frame is as f
 a frame late, and stands still soon after it is released; then neither the number of codes nor a term of its loss can
 show in a free run, and the order of such rows in a table is chance.
 
-Run     python benchmarks/freezing.py MODEL...       (folders of the train stage, such as data/train/talkingeyes_paper)
+Run     python -m benchmarks.freezing [MODEL ...]     (make bench, after make repro; folders of the train stage, or else
+        data/train/talkingeyes_paper)
 Reads   the corpus, data/fit, data/embed, data/critic of the folder where it runs; the models
 """
 
@@ -35,6 +36,7 @@ from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.run import Workspace, shell
 
+MODEL = Path("data", "train", "talkingeyes_paper")
 SPLIT = "test"
 RELEASED_S, WATCHED_S, PART_S = 2.0, 2.0, 0.5
 MOVES_DEG = 1.0  # a frame in which the eyes move says whether it is copied
@@ -139,7 +141,7 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
 
 def main() -> None:
     """A line a figure, a column a model."""
-    workspace, models = Workspace.open(Path.cwd()), [Path(each) for each in sys.argv[1:]]
+    workspace, models = Workspace.open(Path.cwd()), [Path(each) for each in sys.argv[1:] or [str(MODEL)]]
     columns = [measure(model, workspace) for model in models]
     print("models: " + ", ".join(map(str, models)))
     for name in columns[0]:

@@ -6,7 +6,7 @@ where there is a model of it, the face. Ten samples at once are set against one.
 its prefix again for every code of 4 frames, as eq. 10 of the paper reads: the network of
 conf/model/talkingeyes_codes.yaml, untrained, for weights change nothing of its time.
 
-Run     python benchmarks/generation.py [data/train/MODEL]     (make bench, after make repro)
+Run     python -m benchmarks.generation [data/train/MODEL]     (make bench, after make repro)
 Reads   data/train/talkingeyes, or the model that is named; conf/
 """
 

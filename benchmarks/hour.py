@@ -3,7 +3,7 @@
 The packaged recording is repeated to an hour and written as a file; it is read, embedded, performed and saved, as
 `talkingeyes animate --no-pictures` does. Peaks hold everything: Python, torch, the model, inputs and outputs.
 
-Run     python benchmarks/hour.py [FOLDER OF A MODEL [FRAMES A SECOND]]     (make bench, after make repro; 4 minutes)
+Run     python -m benchmarks.hour [FOLDER OF A MODEL [FRAMES A SECOND]]     (make bench, after make repro; 4 minutes)
 Reads   data/train/talkingeyes, or the folder that is named
 """
 

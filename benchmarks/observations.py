@@ -2,7 +2,7 @@
 
 The takes are of sketched talk (no sound is spoken); seeds are fixed, so a row differs from the first by its parameter.
 
-Run     python benchmarks/observations.py [CLIPS]      (32 by default: about half a minute)
+Run     python -m benchmarks.observations [CLIPS]      (32 by default: about half a minute)
 Reads   conf/ (synthesize=default, fit=default)
 """
 

@@ -1,6 +1,6 @@
 """Speed and memory of head motion by PoseGAN: ten minutes and an hour of it, window by window.
 
-Run: python benchmarks/posegan.py [FOLDER of a trained model]        without one: an untrained network of the same size
+Run: python -m benchmarks.posegan [FOLDER of a trained model]        without one: an untrained network of the same size
 Prints CPU seconds of ten minutes (asked: under 2) and the most memory of its own (anonymous pages: the speech is mapped
 from a file) that the process holds in ten minutes and in an hour, which should be the same: one window is ever held.
 """

@@ -1,6 +1,6 @@
 """MLflow with 1,000 rows: how long a row takes to log, and the queries of the comparison page to answer.
 
-Run: python benchmarks/record.py [ROWS]
+Run: python -m benchmarks.record [ROWS]
 The rows are made up, as large as those of the chain: the parameters of the committed params.yaml, 57 metrics, no plots.
 The page asks the server for 100 rows at once; that answer holds every parameter, metric and tag of them.
 """

@@ -3,7 +3,7 @@
 Experts are those of Andersson et al. (2017), who labelled 500 Hz eye tracking sample by sample. The measures are read
 from OpenFace tables, from that eye tracking and from fixations in conversation, as far as each of them allows.
 
-Run     python benchmarks/recordings_of_people.py [FOLDER]     (make bench, after make repro)
+Run     python -m benchmarks.recordings_of_people [FOLDER]     (make bench, after make repro)
 Reads   FOLDER (../shared/data/real/gaze; without it there is nothing to do), data/synthesize and params.yaml
 """
 

@@ -1,6 +1,6 @@
 """Frames a second of films of the open head, and where the time goes. CPU seconds of one process on one core.
 
-Run: python benchmarks/render.py [FRAMES]
+Run: python -m benchmarks.render [FRAMES]
 """
 
 from __future__ import annotations

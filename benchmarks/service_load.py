@@ -1,6 +1,6 @@
 """How many live streams the service bears: real-time speech on every one, latency of every frame, and a refusal beyond.
 
-Run: python benchmarks/service_load.py [MODEL] [--streams 20] [--seconds 20] [--jobs 2]
+Run: python -m benchmarks.service_load [MODEL] [--streams 20] [--seconds 20] [--jobs 2]
 Starts `talkingeyes serve` on a free port of 127.0.0.1, feeds streams with 40 ms of sound every 40 ms, and prints, frame
 by frame over all streams, how long after its own time a frame came (its sound is spoken, heard, worked on and sent
 back), percentiles of it, frames lost, what a stream more is told, and the CPU seconds that the service used.

@@ -1,6 +1,6 @@
 """What a live stream costs: CPU seconds for a second of sound on one core, by the size of the chunks.
 
-Run: python benchmarks/streaming.py [MODEL]
+Run: python -m benchmarks.streaming [MODEL]
 Prints, for a real recording, CPU seconds a second of sound of the stream and of the whole speech at once, the stated
 latency, and the greatest difference between the two in radians.
 """

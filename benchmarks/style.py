@@ -58,6 +58,9 @@ def main() -> None:
     parser.add_argument("--speeches", type=int, default=4)
     asked = parser.parse_args()
     data = asked.workspace / "data"
+    if not (data / "train" / asked.model).exists():  # make bench
+        print(f"style: no {asked.model} in {data / 'train'}, nothing to measure")
+        return
     generator = load_generator(data / "train" / asked.model)
     clips = recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", "unseen", take=0)
     speeches = list(recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", "val", take=0))

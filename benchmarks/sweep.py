@@ -1,6 +1,6 @@
 """What a trial of a sweep costs beside its stages, and how the store and MLflow hold a thousand tiny results.
 
-Run     python benchmarks/sweep.py [ROWS]     (make bench; a thousand rows by default)
+Run     python -m benchmarks.sweep [ROWS]     (make bench; a thousand rows by default)
 Writes  a table to stdout; nothing else stays
 """
 

@@ -1,6 +1,6 @@
 """How fast the synthetic world is, in CPU time of one core: speech, motion, what the camera sees, and writing.
 
-Run     python benchmarks/synthesize.py [SOUNDS]     (make bench; with 0, only the sizes)
+Run     python -m benchmarks.synthesize [SOUNDS]     (make bench; with 0, only the sizes)
 Reads   conf/ (synthesize=default, paper, personal)
 
 Cost against size: a few sounds of every source, with one take and with several, are made; the rest is multiplied.

@@ -8,7 +8,7 @@ All at 224 x 224 under the same head poses but for distances (each method's own)
 what VoxCeleb2's have lost: .6 as many pixels a side, JPEG of quality 35. It is told the true head
 pose and where the eyes are, and its eyes differ from the clip's in skin and shape alone: an upper bound for its kind.
 
-Run     python benchmarks/table8.py [CORPUS [SPLIT [CLIPS]]]      about two minutes of one core for 4 clips
+Run     python -m benchmarks.table8 [CORPUS [SPLIT [CLIPS]]]      about two minutes of one core for 4 clips
 Reads   a corpus with truth (data/synthesize), conf/
 """
 

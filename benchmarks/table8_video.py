@@ -6,7 +6,7 @@ standard crop; speed and saccade peaks: of a pupil relative to its eye's centre,
 large video, whose own frame by frame fit is the truth; frames without blinks. Left and right yaw are correlated over
 frames whose gaze moves: within half a second it spans 2 degrees or more.
 
-Run     python benchmarks/table8_video.py VIDEO...      (extra `track`)
+Run     python -m benchmarks.table8_video VIDEO...      (extra `track`)
 Reads   conf/
 """
 

@@ -4,7 +4,7 @@ A drawn head that talks is written as a video of several lengths, then tracked a
 FaceMesh, resampling, judgement, files. Memory is the peak of a process of its own for each length, less that of the
 shortest. With a folder of videos as the argument their speed is measured too, each at its own size.
 
-Run     python benchmarks/track.py [VIDEOS]     (make bench)
+Run     python -m benchmarks.track [VIDEOS]     (make bench)
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What each measure catches: every measure of the benchmark against truth made wrong in known ways.
 
-Run     python benchmarks/validation.py [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
+Run     python -m benchmarks.validation [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
 Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are drawn from the world's laws (world/pool.py)
 Writes  docs/validation.md
 """
@@ -27,7 +27,7 @@ SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
 BOOTSTRAP = BootstrapSettings(draws=500, level=0.95, seed=0)
 PAGE = """# What each measure catches
 
-Made by `python benchmarks/validation.py`: {speakers} speakers of the synthetic world, {sounds} sounds each,
+Made by `python -m benchmarks.validation`: {speakers} speakers of the synthetic world, {sounds} sounds each,
 {minutes:.0f} minutes of truth to compare with and as much to judge: other true takes of the same sounds, as they are
 (column *true*) and with each fault. A cell is how far a measure tells it from the truth, in half widths of its 95 %
 interval: **bold** from 1 on, where the fault is caught; "gone" where nothing is left to measure, which shows too.
