@@ -12,7 +12,7 @@ Reads   data/train/talkingeyes, or the folder that is named; sounds: the dialogu
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +38,7 @@ from talkingeyes.run import quiet, shell
 
 MODEL = Path("data", "train", "talkingeyes")
 SAMPLES = 4
+PLAIN = Direction()
 PLACES_M = {
     "near": Place.fixed(0.05, -0.1, 0.35),
     "ahead": Place.fixed(0.0, 0.0, 1.0),
@@ -51,9 +52,9 @@ PAUSE_S = 0.6
 SEAM_S = 0.5
 
 
-def made(performer: Performer, speech: np.ndarray, fps: float = 25.0, **asked: object) -> list[Performance]:
+def made(performer: Performer, speech: np.ndarray, asked: Direction = PLAIN, fps: float = 25.0) -> list[Performance]:
     """Performances of embedded speech."""
-    return performer.perform_embedded(speech, SAMPLES, 0, fps, Direction(**asked))  # type: ignore[arg-type]
+    return performer.perform_embedded(speech, SAMPLES, 0, fps, asked)
 
 
 def targets(performer: Performer, speech: np.ndarray) -> None:
@@ -63,7 +64,7 @@ def targets(performer: Performer, speech: np.ndarray) -> None:
     for name, place in PLACES_M.items():
         for fps in (25.0, 120.0):
             track = TargetTrack(tuple(Target(t, t + 2.0, name) for t in np.arange(1.0, 40.0, 5.0)), {name: place})
-            rows = [_hits(each, track, name, fps) for each in made(performer, speech, fps, targets=track)]
+            rows = [_hits(each, track, name, fps) for each in made(performer, speech, Direction(targets=track), fps)]
             miss, got, asked, arrived, ratio = (np.concatenate([row[key] for row in rows]) for key in range(5))
             print(
                 f"{name:9s}  {fps:3.0f}   {miss.mean():6.3f} {np.percentile(miss, 99):6.3f}      {asked.mean():8.2f}"
@@ -111,7 +112,7 @@ def _peak(each: object, speed: np.ndarray, fps: float) -> float:
 def contact(performer: Performer, speech: np.ndarray) -> None:
     print("\neye contact: asked, measured (mean, least, most of the samples), saccades a second, their mean degrees")
     for asked in (None, 0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
-        performances = made(performer, speech, contact=asked)
+        performances = made(performer, speech, Direction(contact=asked))
         shares = [_share(each.motion) for each in performances]
         print(
             f"{'model' if asked is None else asked!s:6s} {np.mean(shares):.3f} ({min(shares):.3f} to {max(shares):.3f})"
@@ -136,7 +137,7 @@ def _size_deg(performances: list[Performance]) -> float:
 def dials(performer: Performer, speech: np.ndarray) -> None:
     print("\nliveliness: dial; head deg/s; saccades: mean degrees, a second; gaze SD (yaw, pitch); blinks a minute")
     for dial in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):
-        performances = made(performer, speech, liveliness=Liveliness(dial, dial, dial))
+        performances = made(performer, speech, Direction(liveliness=Liveliness(dial, dial, dial)))
         speed = np.mean([head_speed_deg_s(each.motion.head, 25.0).mean() for each in performances])
         spaces = [rotation.gaze_in_space(each.motion.head, each.motion.gaze) for each in performances]
         yaw, pitch = np.degrees(np.mean([rotation.conjugate(space).std(axis=0) for space in spaces], axis=0))
@@ -149,7 +150,11 @@ def dials(performer: Performer, speech: np.ndarray) -> None:
 
 def styles(performer: Performer, speech: np.ndarray) -> None:
     """The kept speakers: how far the habits of performances are from theirs, by what is asked."""
-    asked = {"somebody": (), "as the person": ("person",), "in the style": ("style",)}
+    asked: dict[str, Callable[[str], Direction]] = {
+        "somebody": lambda name: PLAIN,
+        "as the person": lambda name: Direction(person=name),
+        "in the style": lambda name: Direction(style=name),
+    }
     names = list(performer.speakers)
     kept = np.array([_numbers(manner) for manner in performer.speakers.values()])
     spread = kept.std(axis=0)
@@ -157,10 +162,10 @@ def styles(performer: Performer, speech: np.ndarray) -> None:
     print(
         "               head mean  head SD  gaze mean  gaze SD (degrees)  saccades/min  blinks/min  right one nearest"
     )
-    for kind, by in asked.items():
+    for kind, of in asked.items():
         off, right = [], 0
         for index, name in enumerate(names):
-            for each in made(performer, speech, **dict.fromkeys(by, name)):
+            for each in made(performer, speech, of(name)):
                 got = _numbers(measured(each.motion))
                 off.append(np.abs(got - kept[index]))
                 right += int(np.argmin((((kept - got) / spread) ** 2).sum(axis=1)) == index)
@@ -220,7 +225,7 @@ def _by_turn(one: Performance, heard: Annotation) -> tuple[float, ...]:
 
 
 def _within(times_s: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
-    return np.any([(times_s >= span.start_s) & (times_s < span.end_s) for span in spans], axis=0)
+    return np.asarray(np.any([(times_s >= span.start_s) & (times_s < span.end_s) for span in spans], axis=0))
 
 
 def _part(motion: Motion, mask: np.ndarray) -> Motion:

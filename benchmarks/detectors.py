@@ -87,7 +87,9 @@ def gaze_of(motion: Motion) -> np.ndarray:
     return rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
 
 
-def by_class(found_s: np.ndarray, known_s: np.ndarray, size: np.ndarray, edges: Sequence[float], tolerance_s: float):
+def by_class(
+    found_s: np.ndarray, known_s: np.ndarray, size: np.ndarray, edges: Sequence[float], tolerance_s: float
+) -> np.ndarray:
     """How many known events of each class of size are found, and how many there are: an array (2, classes)."""
     hit = np.zeros(len(known_s), bool)
     hit[pair(found_s, known_s, tolerance_s).known] = True
@@ -149,17 +151,18 @@ def _amplitude_deg(event: Saccade) -> float:
 
 def _counts(times_s: np.ndarray, motion: Motion) -> np.ndarray:
     frame = np.clip(np.round(times_s * motion.fps).astype(int), 0, len(motion) - 1)
-    return motion.valid[frame] & (times_s >= 0.05) & (times_s < motion.seconds - 0.15)
+    return np.asarray(motion.valid[frame] & (times_s >= 0.05) & (times_s < motion.seconds - 0.15))
 
 
 def print_saccades(performed: list[Performed]) -> None:
     """Saccades by frame rate, with noise, and in fitted motion."""
     head_of("saccades", SACCADE_CLASSES_DEG)
-    for fps in RATES:
-        print(saccade_row(f"truth, {fps:g} fps", performed, lambda each, fps=fps: each.motion(fps), noise=False))
-    for fps in (25.0, 120.0):
-        name = f"truth with {NOISE_DEG} deg of noise, {fps:g} fps"
-        print(saccade_row(name, performed, lambda each, fps=fps: each.motion(fps), noise=True))
+    for name, motion_of in _truths(RATES):
+        print(saccade_row(name, performed, motion_of, noise=False))
+    for name, motion_of in _truths((25.0, 120.0)):
+        print(
+            saccade_row(name.replace("truth", f"truth with {NOISE_DEG} deg of noise"), performed, motion_of, noise=True)
+        )
     print(saccade_row("fitted, 25 fps", performed, lambda each: each.fitted, noise=False))
     print(saccade_row("fitted, 25 fps, away from blinks", performed, _fitted_between_blinks, noise=False))
     print_false(performed)
@@ -283,7 +286,7 @@ def states_row(name: str, performed: Iterable[Performed], motion_of: Callable[[P
         known.append(averted)
         off_deg.append(np.degrees(np.hypot(*(states.partner_rad - partner))))
         start_s = [(np.flatnonzero(np.diff(flags.astype(int)) == 1) + 1) / motion.fps for flags in (found[-1], averted)]
-        starts += tally(*start_s, AVERSION_TOLERANCE_S)
+        starts += tally(start_s[0], start_s[1], AVERSION_TOLERANCE_S)
     one, other, s = np.concatenate(found), np.concatenate(known), starts.score
     figures = [f"{(one == other).mean():.3f}", f"{kappa(one, other):.2f}", f"{one.mean():.3f}", f"{other.mean():.3f}"]
     figures += ["-" if told else f"{np.median(off_deg):.1f}, {np.percentile(off_deg, 90):.1f}"]
@@ -302,7 +305,9 @@ def print_fixations(performed: list[Performed]) -> None:
     lengths = []
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
         for way, detect in (("between saccades", detect_fixations), ("I-DT", dispersion_threshold)):
-            total, found_s, known_s = Tally(), [], []
+            total = Tally()
+            found_s: list[float] = []
+            known_s: list[float] = []
             for each in performed:
                 motion = motion_of(each)
                 found = detect(gaze_of(motion), motion.fps, motion.valid)

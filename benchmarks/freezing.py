@@ -24,7 +24,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import recordings
+from talkingeyes.corpus.windows import Recording, recordings
 from talkingeyes.kinematics import eye_speed_deg_s
 from talkingeyes.learning.trained import NetworkGenerator, load_generator
 from talkingeyes.metrics.benchmark.sound import CRITICS
@@ -75,9 +75,11 @@ def released(gaze: RegressedGaze, heard: Heard, from_frame: int, frames: int) ->
     return known[:, from_frame:]
 
 
-def heard_by(network: SpeechToMotion, gaze: RegressedGaze, recording) -> Heard:
+def heard_by(network: SpeechToMotion, gaze: RegressedGaze, recording: Recording) -> Heard:
     """A recording, with its true head as condition."""
-    head, eyes, speech = (torch.from_numpy(np.array(each)).float()[None] for each in recording[:3])
+    head, eyes, speech = (
+        torch.from_numpy(np.array(each)).float()[None] for each in (recording.head, recording.gaze, recording.speech)
+    )
     condition = Condition(network.hear(speech, NOTHING).gaze, head, network.head.normal(head))
     memory = gaze.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
     signal = signal_of(gaze.codebook.settings.signal, head, eyes)
@@ -93,7 +95,8 @@ def speeds(gaze: RegressedGaze, frames: Float[Tensor, "1 T F"], fps: float) -> F
 
 def degrees(gaze: RegressedGaze, off: Float[Tensor, "1 T F"]) -> Float[ndarray, " T"]:
     """How far two courses are apart in each frame, the mean of both eyes."""
-    return np.degrees((off * gaze.codebook.scale)[0].unflatten(-1, (2, -1)).norm(dim=-1).mean(-1).numpy())
+    eyes = (off * gaze.codebook.scale)[0].reshape(off.shape[1], 2, -1)
+    return np.asarray(np.degrees(eyes.norm(dim=-1).mean(-1).numpy()))
 
 
 @torch.no_grad()
@@ -113,7 +116,7 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
 
     for recording in clips:
         fps = recording.clip.fps
-        heard = heard_by(network, gaze, (recording.head, recording.gaze, recording.speech))
+        heard = heard_by(network, gaze, recording)
         told = predicted(gaze, before(heard.true), heard.memory)
         true_speed = speeds(gaze, heard.true, fps)
         add("told: speed / fitted", speeds(gaze, told, fps).mean() / true_speed.mean())

@@ -16,14 +16,22 @@ import multiprocessing
 import resource
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.run import quiet, shell
+
+if TYPE_CHECKING:
+    from torch.nn import Module
+
+P = ParamSpec("P")
+Result = TypeVar("Result")
 
 MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes")
 LENGTHS_S = (10, 60, 600, 3600)
@@ -104,7 +112,7 @@ def recomputed(embedding: np.ndarray) -> Recomputed:
     return Recomputed(taken, _parameters(network), _parameters(getattr(performer.generator, "network", None)))
 
 
-def _parameters(network) -> int:
+def _parameters(network: Module | None) -> int:
     return sum(each.numel() for each in network.parameters()) if network is not None else 0
 
 
@@ -122,9 +130,9 @@ def main() -> None:
     """Each measurement in a process of its own, so that peaks do not mix."""
     spawn = multiprocessing.get_context("spawn")
 
-    def apart(function, *arguments):
+    def apart(function: Callable[P, Result], *arguments: P.args, **named: P.kwargs) -> Result:
         with spawn.Pool(1) as pool:
-            return pool.apply(function, arguments)
+            return pool.apply(function, arguments, named)
 
     embeddings = {seconds: apart(embed, seconds) for seconds in LENGTHS_S}
     print("speech (s)   samples   gaze and head, CPU s   per 10 s   whole, CPU s   peak MiB beyond inputs and outputs")

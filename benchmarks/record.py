@@ -86,7 +86,7 @@ def cpu_seconds(server: int) -> float:
     """What a process and its children have used."""
     process = psutil.Process(server)
     times = [each.cpu_times() for each in (process, *process.children(recursive=True))]
-    return sum(each.user + each.system for each in times)
+    return float(sum(each.user + each.system for each in times))
 
 
 def seconds(function: Callable[[], Any], server: int) -> tuple[float, float]:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from detectors import Performed, gaze_of, load
 
+from benchmarks.detectors import Performed, gaze_of, load
 from talkingeyes import rotation
 from talkingeyes.corpus.recordings_of_people import (
     FIXATION,
@@ -103,7 +103,9 @@ def print_fixations(recordings: list[Judged]) -> None:
     names += ["median s", "expert's"]
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
     for stride in STRIDES:
-        total, frames, lengths, known_lengths = Tally(), [], [], []
+        total, frames = Tally(), []
+        lengths: list[float] = []
+        known_lengths: list[float] = []
         for each in recordings:
             if len(each.experts) == 2:
                 continue  # a film
@@ -184,10 +186,8 @@ def print_people(performed: list[Performed], recordings: list[Judged], folder: P
     openface = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
     slow, fast = ([behaviour_of(x) for x in openface if (x.fps < 45) == low] for low in (True, False))
     pictures = [behaviour_of(each.recording.every(20)) for each in recordings]
-    truth, fitted, truth_fast = (
-        [_behaviour(motion_of(each)) for each in performed]
-        for motion_of in (lambda x: x.motion(25.0), lambda x: x.fitted, lambda x: x.motion(58.0))
-    )
+    truth, truth_fast = ([_behaviour(each.motion(fps)) for each in performed] for fps in (25.0, 58.0))
+    fitted = [_behaviour(each.fitted) for each in performed]
     columns = {
         "synthetic truth, 25 fps": figures(truth, ()),
         "fitted to it, 25 fps": figures(fitted, ()),

@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from talkingeyes.head.anny import build, open_head
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny_build import build
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.normals import vertex_normals
 from talkingeyes.head.render import Caster, Painter

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import websockets
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of, read_speech
@@ -66,7 +66,7 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> H
     return heard
 
 
-async def _speak(socket: websockets.asyncio.client.ClientConnection, sound: np.ndarray, begun: float) -> None:
+async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> None:
     """Each chunk is sent when its last sample has been spoken."""
     size = round(CHUNK_S * SAMPLE_RATE)
     samples = np.round(sound * 32767).astype("<i2")

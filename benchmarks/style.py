@@ -42,7 +42,8 @@ def habits(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: floa
     """Of one motion."""
     space = rotation.gaze_in_space(head.astype(np.float64), gaze.astype(np.float64)).mean(1)
     rate = len(find_saccades(space, fps)) / (len(head) / fps)
-    return Habits(*(float(np.degrees(each.std(0).mean())) for each in (head, gaze[..., :2])), rate)
+    head_range_deg, eye_range_deg = (float(np.degrees(each.std(0).mean())) for each in (head, gaze[..., :2]))
+    return Habits(head_range_deg, eye_range_deg, rate)
 
 
 def mean(found: list[Habits]) -> Habits:
