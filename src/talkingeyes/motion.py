@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.errors import InputError
+from talkingeyes.npz import save_npz
 
 CONVENTIONS = {
     "schema": "talkingeyes.motion/1",
@@ -106,14 +107,12 @@ class Motion:
         arrays = {name: getattr(self, name) for name in ARRAYS}
         arrays = {name: a if a.dtype == bool else a.astype(np.float32) for name, a in arrays.items()}
         texts = {**CONVENTIONS, "head_model": self.head_model, "expression_names": json.dumps(self.expression_names)}
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                fps=np.float64(self.fps),
-                **arrays,
-                **{k: np.str_(v) for k, v in texts.items()},
-            )
+        save_npz(
+            path,
+            fps=np.float64(self.fps),
+            **arrays,
+            **{k: np.str_(v) for k, v in texts.items()},
+        )
 
     @classmethod
     def load(cls, path: Path) -> Motion:

@@ -13,6 +13,7 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.errors import InputError
+from talkingeyes.npz import save_npz
 from talkingeyes.settings import Settings
 
 
@@ -33,14 +34,12 @@ class Samples:
 
     def save(self, path: Path) -> None:
         """Write npz (float32)."""
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                fps=np.float64(self.fps),
-                head=self.head.astype(np.float32),
-                gaze=self.gaze.astype(np.float32),
-            )
+        save_npz(
+            path,
+            fps=np.float64(self.fps),
+            head=self.head.astype(np.float32),
+            gaze=self.gaze.astype(np.float32),
+        )
 
     @classmethod
     def load(cls, path: Path) -> Samples:
@@ -67,16 +66,14 @@ class FaceSamples:
 
     def save(self, path: Path) -> None:
         """Write npz (float32)."""
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                fps=np.float64(self.fps),
-                jaw=self.jaw.astype(np.float32),
-                expression=self.expression.astype(np.float32),
-                expression_names=np.str_(json.dumps(self.expression_names)),
-                head_model=np.str_(self.head_model),
-            )
+        save_npz(
+            path,
+            fps=np.float64(self.fps),
+            jaw=self.jaw.astype(np.float32),
+            expression=self.expression.astype(np.float32),
+            expression_names=np.str_(json.dumps(self.expression_names)),
+            head_model=np.str_(self.head_model),
+        )
 
     @classmethod
     def load(cls, path: Path) -> FaceSamples:

@@ -15,6 +15,7 @@ from numpy import ndarray
 from talkingeyes.export.whole import written
 from talkingeyes.formats.flame_parameters import EXPRESSION
 from talkingeyes.motion import CONVENTIONS, Motion
+from talkingeyes.npz import save_npz
 
 SHAPES, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth
 FACTS = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
@@ -87,5 +88,5 @@ def components(motion: Motion, count: int) -> ndarray:
 def _save(path: Path, motion: Motion, arrays: dict[str, ndarray], **others: ndarray) -> None:
     numbers = {name: array.astype(np.float32) for name, array in arrays.items()}
     texts = {name: np.str_(text) for name, text in FACTS.items()}
-    with written(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, fps=np.float64(motion.fps), **numbers, **others, **texts)
+    with written(path) as partial:
+        save_npz(partial, fps=np.float64(motion.fps), **numbers, **others, **texts)

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.errors import InputError
+from talkingeyes.npz import save_npz
 
 JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
@@ -123,8 +124,7 @@ def save_head(model: HeadModel, path: Path) -> None:
             content[field.name] = np.array(value, np.str_) if isinstance(value, tuple) else np.asarray(value)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **content)
+        save_npz(partial, **content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

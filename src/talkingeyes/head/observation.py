@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from talkingeyes.errors import InputError
 from talkingeyes.head.camera import Camera
+from talkingeyes.npz import save_npz
 
 
 @dataclass(frozen=True)
@@ -30,17 +31,15 @@ class Observation:
 
     def save(self, path: Path) -> None:
         """Write as npz without pickles."""
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                fps=np.float64(self.fps),
-                landmarks=self.landmarks.astype(np.float32),
-                pupils=self.pupils.astype(np.float32),
-                confidence=self.confidence.astype(np.float32),
-                camera=np.str_(json.dumps(asdict(self.camera))),
-                identity=np.array(self.identity, np.float64),
-            )
+        save_npz(
+            path,
+            fps=np.float64(self.fps),
+            landmarks=self.landmarks.astype(np.float32),
+            pupils=self.pupils.astype(np.float32),
+            confidence=self.confidence.astype(np.float32),
+            camera=np.str_(json.dumps(asdict(self.camera))),
+            identity=np.array(self.identity, np.float64),
+        )
 
     @classmethod
     def load(cls, path: Path) -> Observation:

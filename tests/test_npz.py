@@ -1,0 +1,36 @@
+"""Arrays in files: what numpy reads again, in bytes that no patch release of Python changes."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from talkingeyes.motion import Motion
+from talkingeyes.npz import save_npz
+
+ZIP64_VERSION = 45  # of the headers that Python before 3.11.4 wrote otherwise
+
+
+def test_numpy_reads_what_was_written(tmp_path):
+    arrays = {"fps": np.float64(25.0), "name": np.str_("é"), "path": np.arange(6.0).reshape(2, 3), "none": np.zeros(0)}
+    save_npz(tmp_path / "a.npz", **arrays)
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as read:
+        assert set(read.files) == set(arrays)
+        for name, array in arrays.items():
+            assert read[name].dtype == array.dtype
+            np.testing.assert_array_equal(read[name], array)
+
+
+def test_objects_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="allow_pickle=False"):
+        save_npz(tmp_path / "a.npz", a=np.array([{}], object))
+
+
+def test_motion_files_are_the_same_bytes_by_every_python(tmp_path):
+    motion = Motion.of(25.0, np.zeros((50, 3)), np.zeros((50, 2, 3)))
+    motion.save(tmp_path / "a.npz")
+    motion.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        assert all(each.extract_version < ZIP64_VERSION for each in archive.infolist())
+        assert {each.date_time for each in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
