@@ -111,6 +111,26 @@ def test_a_frozen_face_has_no_saccades(true, reference):
     assert still["head/spectrum_slope"].value is None
 
 
+def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(true, reference):
+    random = np.random.default_rng(0)
+
+    def still(each):
+        dust = 1e-16 * random.standard_normal((len(each), 9))
+        head, gaze = (
+            np.array([0.1, -0.2, 0.05]) + dust[:, :3],
+            np.array([0.07, 0.13, 0.0]) + dust[:, 3:].reshape(-1, 2, 3),
+        )
+        return replace(each, head=head, gaze=gaze)
+
+    found = rows([still(each) for each in true], reference)
+    spectra = [f"{part}/{of}" for part in ("eye", "space", "head") for of in ("spectrum_slope", "above_5_hz")]
+    together = ["head_eye/slope_yaw", "head_eye/slope_pitch", "head_eye/correlation", "eye/conjugacy"]
+    for name in [*spectra, *together, "eye/pitch_skew", "head/nod_skew", "head/speaking_ratio"]:
+        assert found[name].value is None, name
+    assert found["head/speed"].value.value == pytest.approx(0, abs=1e-9)
+    assert found["head/speed"].apart
+
+
 def test_jitter_and_smoothing_are_told(true, reference):
     random = np.random.default_rng(0)
     noisy = rows([replace(each, gaze=each.gaze + random.normal(0, 0.004, each.gaze.shape)) for each in true], reference)

@@ -15,7 +15,16 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.metrics.benchmark.behaviour import Behaviour
-from talkingeyes.metrics.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.metrics.benchmark.measure import (
+    STANDS_STILL,
+    Bins,
+    Measure,
+    Observer,
+    Sums,
+    Totals,
+    divided,
+    ratio,
+)
 
 ANGLE_DEG = Bins(-45.0, 45.0, 180)
 AXES = ("yaw", "pitch")
@@ -136,7 +145,10 @@ def _coupling(totals: Totals, axis: str) -> Float[ndarray, " D"]:
 
 
 def _lag(totals: Totals) -> Float[ndarray, " D"]:
-    """Where the mean velocity of the head along a saccade is highest, by a parabola through the top three lags."""
+    """Where the mean velocity of the head along a saccade is highest, by a parabola through the top three lags.
+
+    NaN where the head stands still.
+    """
     mean = divided(totals["follow.velocity"], totals["follow.counted"])
     known = np.nan_to_num(mean, nan=-np.inf)
     top = np.clip(known.argmax(axis=1), 1, len(LAGS_S) - 2)
@@ -144,7 +156,8 @@ def _lag(totals: Totals) -> Float[ndarray, " D"]:
     before, here, after = (mean[draw, top + shift] for shift in (-1, 0, 1))
     bend = before - 2 * here + after
     shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
-    return np.asarray(LAGS_S[top] + np.clip(shift, -1, 1) * (LAGS_S[1] - LAGS_S[0]))
+    lag = LAGS_S[top] + np.clip(shift, -1, 1) * (LAGS_S[1] - LAGS_S[0])
+    return np.where(np.abs(here) > STANDS_STILL, lag, np.nan)
 
 
 _pair = partial(Measure, observer=PAIR, of="pair.frames", least=1500)

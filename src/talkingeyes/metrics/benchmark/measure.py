@@ -18,6 +18,8 @@ from numpy import ndarray
 from talkingeyes.metrics.bootstrap import Statistic
 from talkingeyes.metrics.distribution.mmd import Drawn
 
+# Rounding leaves speeds and squares of a motion that stands still; they sum up to 1e-11 or less, real ones to far more.
+STANDS_STILL = 1e-9
 # Sums of one clip: a number, or an array, a name.
 Sums = Mapping[str, "int | float | np.integer | ndarray"]
 # Totals of D draws of the clips: (D,) or (D, K) a name.
@@ -84,8 +86,9 @@ def ratio(over: str, under: str, scale: float = 1.0) -> Callable[[Totals], Float
 
 
 def divided(over: Float[ndarray, "*D"], under: Float[ndarray, "*D"]) -> Float[ndarray, "*D"]:
-    """NaN where nothing was counted."""
-    return np.asarray(np.divide(over, under, out=np.full(np.shape(over), np.nan), where=np.asarray(under) > 0))
+    """NaN where nothing was counted, or where nothing moved but for what rounding leaves (STANDS_STILL)."""
+    known = np.asarray(under) > STANDS_STILL
+    return np.asarray(np.divide(over, under, out=np.full(np.shape(over), np.nan), where=known))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from numpy import ndarray
 SEGMENT_S = 2.56
 HIGH_HZ = 5.0
 SLOPE_BAND_HZ = (0.5, 5.0)
+# Degrees squared a hertz, of a clip: below it lies what rounding leaves of a motion that stands still (1e-26).
+STANDS_STILL = 1e-18
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Spectrum:
 def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None = None) -> Spectrum:
     """Of one clip: Hann windows, half overlapping, each without its line of best fit; segments with a gap are left out.
 
-    The line goes because a head that turns across a segment would otherwise leak into every frequency.
+    The line goes because a head that turns across a segment would otherwise leak into every frequency. A motion that
+    stands still has no power at all.
     """
     size = round(SEGMENT_S * fps)
     frequency_hz, time, window = _segment(size, fps)
@@ -50,8 +53,8 @@ def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray,
     slope = np.einsum("t,stc->sc", time, cut) / (time @ time)
     straight = cut - cut.mean(axis=1, keepdims=True) - time[:, None] * slope[:, None]
     transform = np.fft.rfft(straight * window[:, None], axis=1)
-    power = 2 * np.square(np.abs(transform)) / (fps * np.square(window).sum())
-    return Spectrum(frequency_hz, power.sum(axis=0), float(len(index)))
+    power = (2 * np.square(np.abs(transform)) / (fps * np.square(window).sum())).sum(axis=0)
+    return Spectrum(frequency_hz, np.where(power > STANDS_STILL, power, 0.0), float(len(index)))
 
 
 @cache
