@@ -87,7 +87,7 @@ real: setup  ## Track and fit real clips, where there are some, and print what t
 	$(BIN)/python -m pipelines.real $(videos)
 
 ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: make ui workspace=build/tiny
-	@$(BIN)/python -m talkingeyes.comparison $(workspace) 127.0.0.1:5000
+	@$(BIN)/python -m talkingeyes.orchestration.comparison $(workspace) 127.0.0.1:5000
 	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
 		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
 

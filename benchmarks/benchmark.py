@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.motion import Motion
 from talkingeyes.physiology import saccades
-from talkingeyes.rotation import eye_in_head
 
 SECONDS, FPS, PEOPLE = 10.0, 25.0, 20
 SAMPLES = (1, 10)
@@ -61,7 +61,7 @@ def make(root: Path, count: int, samples: int) -> None:
 
 def child(root: Path) -> None:
     """Evaluate the samples against the truth; print CPU seconds and megabytes."""
-    from talkingeyes.evaluation import evaluate
+    from talkingeyes.workflows.evaluate import evaluate
 
     start = time.process_time()
     evaluate(root / "motions", root)

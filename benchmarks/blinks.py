@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
-from talkingeyes.config import compose
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
 
 ROOT = Path("build/real/corpus")
 BY_EYE = Path(__file__).with_name("blinks_by_eye.csv")

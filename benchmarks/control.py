@@ -18,23 +18,23 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes import rotation
+from talkingeyes.animation import sight
+from talkingeyes.animation.contact import share_of_contact
+from talkingeyes.animation.direction import Direction, Liveliness
+from talkingeyes.animation.listening import turns
+from talkingeyes.animation.perform import Performance, Performer
+from talkingeyes.animation.targets import Place, Target, TargetTrack
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
+from talkingeyes.core import rotation
+from talkingeyes.core.kinematics import head_speed_deg_s, space_speed_deg_s
+from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.manner import Manner, measured
-from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
-from talkingeyes.motion import Motion
-from talkingeyes.performance import sight
-from talkingeyes.performance.contact import share_of_contact
-from talkingeyes.performance.direction import Direction, Liveliness
-from talkingeyes.performance.listening import turns
-from talkingeyes.performance.perform import Performance, Performer
-from talkingeyes.performance.targets import Place, Target, TargetTrack
+from talkingeyes.orchestration.run import quiet, shell
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.blinks import PARTNER_END_S
-from talkingeyes.run import quiet, shell
 
 MODEL = Path("data", "train", "talkingeyes")
 SAMPLES = 4

@@ -14,14 +14,14 @@ import numpy as np
 
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.metrics.benchmark.behaviour import FIELDS, Behaviour, behaviour
-from talkingeyes.metrics.benchmark.sound import MEASURES, with_corr
-from talkingeyes.metrics.benchmark.tally import Comparison, Row, Tally, observe
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.corruptions import CORRUPTIONS, corrupted
-from talkingeyes.metrics.judges import Judges
-from talkingeyes.metrics.validation import effect
-from talkingeyes.run import quiet
+from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour
+from talkingeyes.evaluation.benchmark.sound import MEASURES, with_corr
+from talkingeyes.evaluation.benchmark.tally import Comparison, Row, Tally, observe
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, corrupted
+from talkingeyes.evaluation.judges import Judges
+from talkingeyes.evaluation.validation import effect
+from talkingeyes.orchestration.run import quiet
 
 ROOT = Path(__file__).resolve().parents[1]
 BOOTSTRAP = BootstrapSettings(draws=1000, level=0.95, seed=0)

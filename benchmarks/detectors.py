@@ -19,21 +19,21 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Motion, Saccade
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.metrics.detectors.blinks import detect_blinks
-from talkingeyes.metrics.detectors.fixations import LEAST_S, detect_fixations, dispersion_threshold
-from talkingeyes.metrics.detectors.gaze_states import gaze_states
-from talkingeyes.metrics.detectors.head_moves import detect_head_moves
-from talkingeyes.metrics.detectors.saccades import detect_saccades
-from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
-from talkingeyes.motion import Motion, Saccade
+from talkingeyes.evaluation.detectors.blinks import detect_blinks
+from talkingeyes.evaluation.detectors.fixations import LEAST_S, detect_fixations, dispersion_threshold
+from talkingeyes.evaluation.detectors.gaze_states import gaze_states
+from talkingeyes.evaluation.detectors.head_moves import detect_head_moves
+from talkingeyes.evaluation.detectors.saccades import detect_saccades
+from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, pair, tally
+from talkingeyes.orchestration.run import Workspace, quiet, shell
 from talkingeyes.physiology.blinks import end_s
 from talkingeyes.physiology.render import Waves
-from talkingeyes.run import Workspace, quiet, shell
-from talkingeyes.world import plan
-from talkingeyes.world.take import Take, perform
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.take import Take, perform
 
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame

@@ -19,8 +19,8 @@ import numpy as np
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.run import quiet
-from talkingeyes.settings import validated
+from talkingeyes.core.settings import validated
+from talkingeyes.orchestration.run import quiet
 
 LENGTHS_S = (10, 60, 600)
 FPS = 25.0
@@ -36,7 +36,7 @@ class Measured:
 
 def default_settings() -> EmbedSettings:
     """The section `embed` of conf/."""
-    from talkingeyes.config import compose
+    from talkingeyes.orchestration.config import compose
 
     return validated("embed", EmbedSettings, compose()["embed"])
 

@@ -20,6 +20,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
+from talkingeyes.core.kinematics import angle_deg
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import direction_of_angles, gaze_of_angles
 from talkingeyes.fitting.eyelid_capture import Captured, Eye, Photograph, capture
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
@@ -29,13 +32,10 @@ from talkingeyes.head.eyelid.drive import LID_SHAPES
 from talkingeyes.head.eyelid.labels import Lids, Random, anatomical, held_out_postures, paper_postures
 from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
 from talkingeyes.head.model import HeadModel
-from talkingeyes.head.render import Painter
 from talkingeyes.head.skinning import posed
-from talkingeyes.head.view import Framing, View
-from talkingeyes.kinematics import angle_deg
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import direction_of_angles, gaze_of_angles
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.run import quiet
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import Framing, View
 
 PAPER = {"left": (0.66, 0.73), "right": (0.61, 0.799)}
 LID_JITTER = 0.03

@@ -20,7 +20,7 @@ import numpy as np
 
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.run import quiet, shell
+from talkingeyes.orchestration.run import quiet, shell
 
 MODEL = Path("data", "train", "probtalk3d")
 SAMPLES_AND_SECONDS = ((1, 10), (10, 10), (1, 60), (1, 600))
@@ -49,8 +49,8 @@ def embedded(folder: Path, seconds: int) -> np.ndarray:
 
 def measure(folder: Path, embedding: np.ndarray, samples: int) -> Measured:
     """Generate faces after a warm-up."""
-    from talkingeyes.learning.face_trained import load_face_generator
     from talkingeyes.models.face.style import Style, StyleKey
+    from talkingeyes.training.face_trained import load_face_generator
 
     generator, style = load_face_generator(folder), [StyleKey(0.0, Style(None, "happy", 2))]
     generator.generate(embedding[:50], style, [0], 25.0)

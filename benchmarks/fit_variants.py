@@ -17,19 +17,19 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import angles_of_gaze, gaze_in_space
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
+from talkingeyes.evaluation.detectors import scoring
+from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
 from talkingeyes.fitting.accuracy import Tally, Yardstick
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import blink_frames
-from talkingeyes.metrics.detectors import scoring
-from talkingeyes.metrics.detectors.saccades import Saccades, detect_saccades
-from talkingeyes.motion import Motion
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
 from talkingeyes.physiology import saccades as law
-from talkingeyes.rotation import angles_of_gaze, gaze_in_space
-from talkingeyes.run import quiet
 
 AMPLITUDE_DEG, TOLERANCE_S = 2.0, 0.08
 VARIANTS: dict[str, tuple[str, ...]] = {

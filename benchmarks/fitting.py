@@ -14,13 +14,13 @@ import time
 
 import numpy as np
 
-from talkingeyes.config import compose
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import in_camera, pupils
-from talkingeyes.rotation import gaze_of_angles
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
 
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)
 FRAMES = 220

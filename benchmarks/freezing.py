@@ -23,18 +23,18 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
+from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording, recordings
-from talkingeyes.kinematics import eye_speed_deg_s
-from talkingeyes.learning.trained import NetworkGenerator, load_generator
-from talkingeyes.metrics.benchmark.sound import CRITICS
-from talkingeyes.metrics.correlation import Correlation
+from talkingeyes.evaluation.benchmark.sound import CRITICS
+from talkingeyes.evaluation.correlation import Correlation
 from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.models.gaze.generator import Condition
 from talkingeyes.models.gaze.regressed import RegressedGaze
 from talkingeyes.models.gaze.signal import gaze_of, signal_of
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.run import Workspace, shell
+from talkingeyes.orchestration.run import Workspace, shell
+from talkingeyes.training.trained import NetworkGenerator, load_generator
 
 MODEL = Path("data", "train", "talkingeyes_paper")
 SPLIT = "test"

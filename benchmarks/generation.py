@@ -25,12 +25,12 @@ import numpy as np
 
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.run import quiet, shell
+from talkingeyes.orchestration.run import quiet, shell
 
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.animation.perform import Performer
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
@@ -54,7 +54,7 @@ class Measured:
 
 def measure(embedding: np.ndarray, samples: int) -> Measured:
     """Perform an embedded speech, after a warm-up."""
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.animation.perform import Performer
 
     performer = Performer.load(MODEL)
     performer.perform_embedded(embedding[:250], samples, seed=0, fps=performer.fps)
@@ -74,7 +74,7 @@ def measure(embedding: np.ndarray, samples: int) -> Measured:
 
 def over_one(embedding: np.ndarray, samples: int) -> float:
     """Median CPU seconds of so many samples over those of one, in turn: shared machines are faster now, slower then."""
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.animation.perform import Performer
 
     performer = Performer.load(MODEL)
     drawn_s = np.array(
@@ -104,13 +104,13 @@ def recomputed(embedding: np.ndarray) -> Recomputed:
     """Every step computes the whole prefix again, without caches."""
     import torch
 
-    from talkingeyes.config import compose
-    from talkingeyes.learning.translation import TranslationSettings
+    from talkingeyes.animation.perform import Performer
     from talkingeyes.models.gaze.categorical import CategoricalGaze
     from talkingeyes.models.gaze.generator import Condition
     from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
     from talkingeyes.models.speech_to_motion import SpeechToMotion
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.orchestration.config import compose
+    from talkingeyes.training.translation import TranslationSettings
 
     performer, params = Performer.load(MODEL), compose([EXPERIMENT])
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
@@ -137,7 +137,7 @@ def _parameters(network: Module | None) -> int:
 
 def embed(seconds: int) -> np.ndarray:
     """The packaged recording, repeated, as the model hears it."""
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.animation.perform import Performer
 
     performer = Performer.load(MODEL)
     speech = read_speech(packaged(SPEECH))

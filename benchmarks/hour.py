@@ -19,7 +19,7 @@ import soundfile
 
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
-from talkingeyes.run import quiet, shell
+from talkingeyes.orchestration.run import quiet, shell
 
 MODEL = Path("data", "train", "talkingeyes")
 SECONDS = 3600
@@ -43,7 +43,7 @@ def report(step: str) -> None:
 
 def main() -> None:
     """One process, step by step."""
-    from talkingeyes.performance.perform import Performer
+    from talkingeyes.animation.perform import Performer
 
     model = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
     with tempfile.TemporaryDirectory() as folder:

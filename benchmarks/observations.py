@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from pipelines.fit import summary_of, table8
-from talkingeyes.config import compose
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import Truth, Verdict, judge
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
 from talkingeyes.physiology.blinks import PHYSIO
-from talkingeyes.run import quiet
-from talkingeyes.world.noise import NoiseSettings
-from talkingeyes.world.observations import CameraSettings, head_shape, make_camera, observe
-from talkingeyes.world.pool import sketch
-from talkingeyes.world.speakers import draw_style
-from talkingeyes.world.take import Take, perform
+from talkingeyes.synthesis.noise import NoiseSettings
+from talkingeyes.synthesis.observations import CameraSettings, head_shape, make_camera, observe
+from talkingeyes.synthesis.pool import sketch
+from talkingeyes.synthesis.speakers import draw_style
+from talkingeyes.synthesis.take import Take, perform
 
 SECONDS, FPS = 9.0, 25.0
 CHANGES: dict[str, tuple[str, ...]] = {

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from talkingeyes.config import CONF
-from talkingeyes.learning.checkpoint import load
-from talkingeyes.learning.poses import PoseModelSettings
-from talkingeyes.learning.trained_poses import pose_network
 from talkingeyes.models.speech_to_pose import SpeechToPose
+from talkingeyes.orchestration.config import CONF
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.poses import PoseModelSettings
+from talkingeyes.training.trained_poses import pose_network
 
 CHANNELS = 291  # of the default encoder
 FPS = 30

@@ -26,9 +26,9 @@ import psutil
 import yaml
 from tqdm import tqdm
 
-from talkingeyes.comparison import TEST_METRICS
-from talkingeyes.record import Report, Row, record
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.comparison import TEST_METRICS
+from talkingeyes.orchestration.record import Report, Row, record
+from talkingeyes.orchestration.run import quiet
 
 METRICS, REPEATS = 57, 5
 

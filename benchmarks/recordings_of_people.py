@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.detectors import Performed, gaze_of, load
-from talkingeyes import rotation
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.recordings_of_people import (
     FIXATION,
     SACCADE,
@@ -28,14 +29,13 @@ from talkingeyes.corpus.recordings_of_people import (
     read_conversation,
     read_openface,
 )
-from talkingeyes.metrics.benchmark.behaviour import Behaviour
-from talkingeyes.metrics.benchmark.registry import MEASURES
-from talkingeyes.metrics.detectors.fixations import LEAST_S, detect_fixations
-from talkingeyes.metrics.detectors.saccades import detect_saccades
-from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, tally
-from talkingeyes.metrics.detectors.signal import runs
-from talkingeyes.motion import Motion
-from talkingeyes.run import Workspace, quiet, shell
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.detectors.fixations import LEAST_S, detect_fixations
+from talkingeyes.evaluation.detectors.saccades import detect_saccades
+from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, pair, tally
+from talkingeyes.evaluation.detectors.signal import runs
+from talkingeyes.orchestration.run import Workspace, quiet, shell
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 CLIPS = 60  # of the synthetic truth beside the people

@@ -12,15 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.anny_build import build
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.normals import vertex_normals
-from talkingeyes.head.render import Caster, Painter
 from talkingeyes.head.skinning import posed
-from talkingeyes.head.view import FRAMINGS
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import gaze_of_angles
+from talkingeyes.rendering.render import Caster, Painter
+from talkingeyes.rendering.view import FRAMINGS
 
 
 def performance(frames: int) -> Motion:

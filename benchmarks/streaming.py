@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from talkingeyes.animation.streaming import LiveModel
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
-from talkingeyes.performance.streaming import LiveModel
 
 SECONDS, CHUNKS_S = 15, (0.01, 0.04, 0.16, 1.0)
 

@@ -18,13 +18,13 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording, recordings
-from talkingeyes.learning.telling import motion_numbers
-from talkingeyes.learning.trained import load_generator
 from talkingeyes.models.condition.conditioner import Given
 from talkingeyes.physiology.steps import find_saccades
+from talkingeyes.training.telling import motion_numbers
+from talkingeyes.training.trained import load_generator
 
 SAMPLES = 4
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.experiment import calls
-from talkingeyes.config import compose
-from talkingeyes.recipe import Call, needed, recipe
-from talkingeyes.record import record
-from talkingeyes.run import Report, Row, Workspace, quiet, shell
-from talkingeyes.store import Entry, obtain
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.recipe import Call, needed, recipe
+from talkingeyes.orchestration.record import record
+from talkingeyes.orchestration.run import Report, Row, Workspace, quiet, shell
+from talkingeyes.orchestration.store import Entry, obtain
 
 
 def make(call: Call, workspace: Workspace) -> Report:

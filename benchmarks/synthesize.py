@@ -20,12 +20,12 @@ from pathlib import Path
 
 from pipelines.synthesize import Order, make_sound, orders, perform_sound, say_sound
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.config import compose
-from talkingeyes.run import quiet
-from talkingeyes.world import plan
-from talkingeyes.world.observations import head_shape, make_camera, observe
-from talkingeyes.world.plan import SynthesizeSettings
-from talkingeyes.world.take import perform
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.observations import head_shape, make_camera, observe
+from talkingeyes.synthesis.plan import SynthesizeSettings
+from talkingeyes.synthesis.take import perform
 
 # Corpora whose cost is told, as overrides of conf/.
 SIZES = (

@@ -25,9 +25,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.core.rotation import directions, gaze_of_angles, listing, matrices
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
 from talkingeyes.fitting.accuracy import Tally, Yardstick
 from talkingeyes.fitting.clip import Fit, FitSettings, fit_clip
 from talkingeyes.fitting.comparison import Match, blink_frames, match
@@ -37,13 +38,12 @@ from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, in_camera, pupils
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.observation import Observation
-from talkingeyes.head.render import Painter
-from talkingeyes.head.view import View
-from talkingeyes.motion import Events, Motion
-from talkingeyes.rotation import directions, gaze_of_angles, listing, matrices
-from talkingeyes.run import shell
-from talkingeyes.world.noise import NoiseSettings, autoregressive
-from talkingeyes.world.observations import observe
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import shell
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import View
+from talkingeyes.synthesis.noise import NoiseSettings, autoregressive
+from talkingeyes.synthesis.observations import observe
 
 STRIP = (96, 176)  # rows and columns of a picture around both eyes
 EYE = (32, 48)  # of the part that the network sees of one eye

@@ -22,14 +22,14 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import angles_of_gaze
 from talkingeyes.fitting.accuracy import Yardstick
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import angles_of_gaze
-from talkingeyes.run import shell
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import shell
 from talkingeyes.tracking.face_mesh import FaceMesh, FaceSettings
 from talkingeyes.tracking.framing import CropSettings, camera_of, crop_of
 from talkingeyes.tracking.video import frames, opened

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
-from talkingeyes.footage import track_one
-from talkingeyes.run import quiet
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import quiet
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import facts
+from talkingeyes.workflows.track import track_one
 
 LENGTHS_S = (30, 90)
 SIDE = 224
@@ -32,11 +32,11 @@ SIDE = 224
 
 def filmed(path: Path, seconds: float) -> Path:
     """A head that turns and talks, 224 x 224, 25 fps, with sound."""
-    from talkingeyes.export.video import write_video
+    from talkingeyes.core.motion import Motion
     from talkingeyes.head.anny import open_head
-    from talkingeyes.head.render import Painter
-    from talkingeyes.head.view import FRAMINGS
-    from talkingeyes.motion import Motion
+    from talkingeyes.rendering.render import Painter
+    from talkingeyes.rendering.video import write_video
+    from talkingeyes.rendering.view import FRAMINGS
 
     times_s = np.arange(50) / 25
     head = np.stack([0.06 * np.sin(2 * times_s), 0.25 * np.sin(1.5 * times_s), 0.03 * np.cos(times_s)], axis=1)
@@ -65,7 +65,7 @@ def child(video: Path) -> None:
 
 def start(settings: TrackSettings) -> None:
     """The networks, once a process."""
-    from talkingeyes.footage import fresh_mesh
+    from talkingeyes.workflows.track import fresh_mesh
 
     fresh_mesh(settings.face).see(np.zeros((64, 64, 3), np.uint8), 0.0)
 

@@ -1,7 +1,7 @@
 """What each measure catches: every measure of the benchmark against truth made wrong in known ways.
 
 Run     python -m benchmarks.validation [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
-Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are drawn from the world's laws (world/pool.py)
+Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are sampled by synthesis/pool.py
 Writes  docs/validation.md
 """
 
@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from talkingeyes.metrics.benchmark.registry import MEASURES
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.corruptions import CORRUPTIONS, NOTHING, Corruption
-from talkingeyes.metrics.distribution.encoder import EncoderSettings
-from talkingeyes.metrics.validation import Cell, Matrix, Takes, catches, l2, matrix, pool_encoder, takes_of
-from talkingeyes.run import quiet
-from talkingeyes.world.pool import pool
+from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, NOTHING, Corruption
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.validation import Cell, Matrix, Takes, catches, l2, matrix, pool_encoder, takes_of
+from talkingeyes.orchestration.run import quiet
+from talkingeyes.synthesis.pool import pool
 
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0

@@ -1,5 +1,5 @@
 """The stages as commands. One thread a process and no telemetry, set before anything heavy is imported."""
 
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.run import quiet
 
 quiet()

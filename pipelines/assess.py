@@ -18,20 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sounds import Sound, sounds
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.corpus.windows import Recordings, recordings
-from talkingeyes.errors import InputError
-from talkingeyes.learning.telling import Beside, Teller
-from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
-from talkingeyes.metrics.benchmark.paired import Counted, Paired, compared, counted, of_motions, of_samples
-from talkingeyes.metrics.benchmark.sound import CRITICS, OTHER_SOUNDS, hear
-from talkingeyes.metrics.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
-from talkingeyes.metrics.judges import Judges
+from talkingeyes.evaluation.benchmark.paired import Counted, Paired, compared, counted, of_motions, of_samples
+from talkingeyes.evaluation.benchmark.sound import CRITICS, OTHER_SOUNDS, hear
+from talkingeyes.evaluation.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
+from talkingeyes.evaluation.judges import Judges
 from talkingeyes.models.condition.conditioner import NOTHING
-from talkingeyes.motion import Motion
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.orchestration.run import Report, Workspace, each, main
+from talkingeyes.training.telling import Beside, Teller
+from talkingeyes.training.trained import Generator, load_generator, needs, speakers_of
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,12 @@ import numpy as np
 from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.learning.checkpoint import load
-from talkingeyes.learning.trained import load_generator
-from talkingeyes.metrics.pose.page import over
-from talkingeyes.recipe import Call
-from talkingeyes.record import revision
-from talkingeyes.run import Report, Workspace, shell
+from talkingeyes.evaluation.pose.page import over
+from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.record import revision
+from talkingeyes.orchestration.run import Report, Workspace, shell
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.trained import load_generator
 
 HEADS = {
     "vae": "VAE",
@@ -50,7 +50,7 @@ TITLES = {f"{head}_{gaze}": (HEADS[head], GAZES[gaze]) for head in HEADS for gaz
     CANONICAL: (HEADS["vae"], "canonical correlation")
 }
 LENGTH_S, SAMPLES = 10.0, 10
-ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/learning", "src/talkingeyes/models")
+ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/training", "src/talkingeyes/models")
 # Of data/assess/<model>/metrics.json, with what stands over the column; `fitted` is the same of the motion learnt from.
 FIGURES_OF_VAL = {
     "distance": "distance",

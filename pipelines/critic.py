@@ -19,10 +19,10 @@ from typing import Any
 
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.metrics.contrast import CriticSettings, Hearing, divide, learn
-from talkingeyes.metrics.verdict import Verdict, judge
+from talkingeyes.evaluation.contrast import CriticSettings, Hearing, divide, learn
+from talkingeyes.evaluation.verdict import Verdict, judge
 from talkingeyes.models.critic import PARTS
-from talkingeyes.run import SUMS, Report, Workspace, each, main
+from talkingeyes.orchestration.run import SUMS, Report, Workspace, each, main
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ def train_part(
     part: str,
 ) -> Trained:
     """Train and save the critic of one part; what it can tell on each group of speakers."""
-    from talkingeyes.learning.checkpoint import save
-    from talkingeyes.learning.place import Place
-    from talkingeyes.learning.progress import Progress
+    from talkingeyes.training.checkpoint import save
+    from talkingeyes.training.place import Place
+    from talkingeyes.training.progress import Progress
 
     place = Place.alone(machine)
     reads = (corpus_root / "clips.parquet", fit / SUMS, embed / SUMS, Path(__file__))
@@ -93,8 +93,8 @@ def train_part(
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
     """Train and save the encoder; the share of variance that it keeps of the speakers kept out."""
-    from talkingeyes.learning.checkpoint import save
-    from talkingeyes.metrics.distribution.encoder import NAME, learn_encoder
+    from talkingeyes.evaluation.distribution.encoder import NAME, learn_encoder
+    from talkingeyes.training.checkpoint import save
 
     known = recordings(Corpus(corpus_root), fit, embed, "train")
     division = divide(known, settings)

@@ -19,10 +19,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.errors import InputError
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.orchestration.run import Report, Workspace, each, main
 
 SMALLEST_STD = 1e-5  # a channel that never moves is not blown up by dividing
 

@@ -25,20 +25,20 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces, shows_face
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.sounds import Sound, sounds
 from talkingeyes.corpus.store import Corpus, sharded
 from talkingeyes.corpus.windows import Recording, Recordings
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.behaviour import with_references
-from talkingeyes.metrics.benchmark.paired import Compared, Counted, Paired, compared, counted, of_motions, of_samples
-from talkingeyes.metrics.benchmark.sound import CRITICS, OTHER_SOUNDS, Heard, hear
-from talkingeyes.metrics.bootstrap import Estimate
-from talkingeyes.metrics.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
-from talkingeyes.metrics.face.row import summarise_face
-from talkingeyes.metrics.judges import Judges
-from talkingeyes.motion import Motion
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.evaluation.benchmark.behaviour import with_references
+from talkingeyes.evaluation.benchmark.paired import Compared, Counted, Paired, compared, counted, of_motions, of_samples
+from talkingeyes.evaluation.benchmark.sound import CRITICS, OTHER_SOUNDS, Heard, hear
+from talkingeyes.evaluation.bootstrap import Estimate
+from talkingeyes.evaluation.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
+from talkingeyes.evaluation.face.row import summarise_face
+from talkingeyes.evaluation.judges import Judges
+from talkingeyes.orchestration.run import Report, Workspace, each, main
 
 SPLITS = ("test", "unseen")
 # Where the distribution of speed is written.

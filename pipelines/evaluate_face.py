@@ -16,15 +16,15 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.evaluation.face.emotion import EmotionClassifier, features
+from talkingeyes.evaluation.face.row import FaceCase, FaceFigures, cropped_faces, measure_face
+from talkingeyes.evaluation.face.surface import Surface
 from talkingeyes.head.anny import open_head
-from talkingeyes.metrics.face.emotion import EmotionClassifier, features
-from talkingeyes.metrics.face.row import FaceCase, FaceFigures, cropped_faces, measure_face
-from talkingeyes.metrics.face.surface import Surface
-from talkingeyes.motion import Motion
-from talkingeyes.run import each
+from talkingeyes.orchestration.run import each
 
 # Starting a process takes as long as looking at so many faces.
 FACES_WORTH_A_PROCESS = 400

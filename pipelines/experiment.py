@@ -19,12 +19,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
-from talkingeyes.config import CONF, checked, hydra_in_one_line, write_params
-from talkingeyes.errors import InputError
-from talkingeyes.recipe import CHECKOUT, OWN_CORPUS, Call, needed, recipe
-from talkingeyes.record import record
-from talkingeyes.run import Report, Row, Workspace, clip_parallel, shell
-from talkingeyes.store import Entry, link, obtain
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import CONF, checked, hydra_in_one_line, write_params
+from talkingeyes.orchestration.recipe import CHECKOUT, OWN_CORPUS, Call, needed, recipe
+from talkingeyes.orchestration.record import record
+from talkingeyes.orchestration.run import Report, Row, Workspace, clip_parallel, shell
+from talkingeyes.orchestration.store import Entry, link, obtain
 
 REFERENCES = ("truth", "fitted", "mismatched")
 Watch = Callable[[int, dict[str, float]], None]
@@ -118,7 +118,7 @@ def job(config: Any) -> float | tuple[float, ...] | None:
     hydra_config = HydraConfig.get()
     params = checked(OmegaConf.to_container(config, resolve=True))
     if params["machine"]["device"] != "cpu":
-        from talkingeyes.learning.place import Place
+        from talkingeyes.training.place import Place
 
         Place.of(params["machine"])  # a card that is not there is told before the corpus is made
     found = run_chain(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))

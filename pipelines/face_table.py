@@ -29,27 +29,27 @@ from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.evaluation.evaluation import EvaluateSettings
+from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_sheet
+from talkingeyes.evaluation.face.row import FaceFigures, summarise_seeds
+from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.table import TITLES, face_markdown
+from talkingeyes.evaluation.face.talking import Talking
+from talkingeyes.evaluation.face.vertices import VertexErrors
+from talkingeyes.evaluation.table import SPLIT_TITLES
 from talkingeyes.head.anny import open_head
-from talkingeyes.learning.face_trained import FaceGenerator, load_face_generator
-from talkingeyes.metrics.evaluation import EvaluateSettings
-from talkingeyes.metrics.face.pictures import emotion_sheet, heat_sheet
-from talkingeyes.metrics.face.row import FaceFigures, summarise_seeds
-from talkingeyes.metrics.face.surface import Surface
-from talkingeyes.metrics.face.table import TITLES, face_markdown
-from talkingeyes.metrics.face.talking import Talking
-from talkingeyes.metrics.face.vertices import VertexErrors
-from talkingeyes.metrics.table import SPLIT_TITLES
 from talkingeyes.models.face.style import NEUTRAL, Style, StyleKey
-from talkingeyes.recipe import Call
-from talkingeyes.record import revision
-from talkingeyes.run import Report, Workspace, shell
+from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.record import revision
+from talkingeyes.orchestration.run import Report, Workspace, shell
+from talkingeyes.training.face_trained import FaceGenerator, load_face_generator
 
 EXPERIMENT = "experiment=probtalk3d_table"
 # What a row follows from beside what it reads.
 ROW_CODE = (
     "pipelines/evaluate_face.py",
     "pipelines/face_table.py",
-    "src/talkingeyes/metrics/face",
+    "src/talkingeyes/evaluation/face",
     "src/talkingeyes/head",
 )
 HEATED = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codes", "face_mean")

@@ -22,21 +22,21 @@ import numpy as np
 
 from pipelines.facts_link import MOST_CLIPS, of_probes, of_towers
 from talkingeyes.audio.prosody import ProsodySettings, prosody
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.recordings_of_people import read_andersson, read_conversation, read_openface
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.behaviour import behaviour
-from talkingeyes.metrics.contrast import CriticSettings
-from talkingeyes.metrics.facts import blinks, figures, page, people, plots, probes, pupils, saccades
-from talkingeyes.metrics.facts.clip import Pool, Seen, Sounding, joined, missing
-from talkingeyes.metrics.facts.figures import RATES_FPS, Figures
-from talkingeyes.metrics.facts.source import Source, motion_of
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.contrast import CriticSettings
+from talkingeyes.evaluation.facts import blinks, figures, page, people, plots, probes, pupils, saccades
+from talkingeyes.evaluation.facts.clip import Pool, Seen, Sounding, joined, missing
+from talkingeyes.evaluation.facts.figures import RATES_FPS, Figures
+from talkingeyes.evaluation.facts.source import Source, motion_of
+from talkingeyes.orchestration.run import Workspace, clip_parallel, each, shell
 from talkingeyes.physiology.blinks import PAPER, PHYSIO, draw_rate_per_min
-from talkingeyes.run import Workspace, clip_parallel, each, shell
-from talkingeyes.world import plan
-from talkingeyes.world.speakers import draw_style
-from talkingeyes.world.take import Take, perform
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.speakers import draw_style
+from talkingeyes.synthesis.take import Take, perform
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 MOST_NATIVE, MOST_RAW = 300, 100

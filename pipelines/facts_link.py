@@ -18,14 +18,14 @@ from numpy import ndarray
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import sharded
 from talkingeyes.corpus.windows import Normaliser, Recording
-from talkingeyes.metrics.benchmark.behaviour import behaviour
-from talkingeyes.metrics.contrast import Hearing
-from talkingeyes.metrics.facts import probes
-from talkingeyes.metrics.facts.clip import missing
-from talkingeyes.metrics.facts.figures import Figures
-from talkingeyes.metrics.facts.matching import Similar
-from talkingeyes.metrics.facts.source import Source, motion_of
-from talkingeyes.run import each
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.contrast import Hearing
+from talkingeyes.evaluation.facts import probes
+from talkingeyes.evaluation.facts.clip import missing
+from talkingeyes.evaluation.facts.figures import Figures
+from talkingeyes.evaluation.facts.matching import Similar
+from talkingeyes.evaluation.facts.source import Source, motion_of
+from talkingeyes.orchestration.run import each
 
 MOST_CLIPS = 600
 PROSODY = ("energy_dbfs", "f0_octaves", "voicing")
@@ -96,7 +96,7 @@ def recording(source: Source, clip: Clip, part: str) -> Recording:
 
 def tower(source: Source, part: str) -> Similar:
     """Train and judge the towers of one part."""
-    from talkingeyes.metrics.facts.matching import similarities
+    from talkingeyes.evaluation.facts.matching import similarities
 
     content = json.loads((source.embed / "embedding.json").read_text())
     train = source.corpus.select("train")[:MOST_CLIPS]
@@ -110,7 +110,7 @@ def tower(source: Source, part: str) -> Similar:
 
 def of_towers(source: Source, jobs: int) -> Figures:
     """Right against wrong sounds."""
-    from talkingeyes.metrics.facts.matching import by_chance, matched
+    from talkingeyes.evaluation.facts.matching import by_chance, matched
 
     space, head, jaw = each(partial(tower, source), ("space", "head", "jaw"), jobs, "facts: towers")
     both = space + head

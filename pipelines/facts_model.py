@@ -22,22 +22,22 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.facts import observe_sound, source_of, squint_rad, whole
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.perform import Performer
 from talkingeyes.audio.prosody import prosody
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recordings
-from talkingeyes.errors import InputError
-from talkingeyes.learning.telling import who_moves
-from talkingeyes.metrics.benchmark.behaviour import behaviour
-from talkingeyes.metrics.facts import blinks, figures, head, page, saccades
-from talkingeyes.metrics.facts.acceptance import FACTS, Fact
-from talkingeyes.metrics.facts.clip import Measured, Pool, Seen, Sounding, joined
-from talkingeyes.metrics.facts.figures import Figures
-from talkingeyes.metrics.facts.source import Source
-from talkingeyes.metrics.table import line
-from talkingeyes.motion import Motion
-from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.perform import Performer
-from talkingeyes.run import Workspace, clip_parallel, each, shell
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.facts import blinks, figures, head, page, saccades
+from talkingeyes.evaluation.facts.acceptance import FACTS, Fact
+from talkingeyes.evaluation.facts.clip import Measured, Pool, Seen, Sounding, joined
+from talkingeyes.evaluation.facts.figures import Figures
+from talkingeyes.evaluation.facts.source import Source
+from talkingeyes.evaluation.table import line
+from talkingeyes.orchestration.run import Workspace, clip_parallel, each, shell
+from talkingeyes.training.telling import who_moves
 
 UNHEARD = ("val", "test", "unseen")
 SAMPLES = 16

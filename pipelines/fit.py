@@ -19,15 +19,15 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.errors import InputError
 from talkingeyes.fitting.accuracy import pooled
 from talkingeyes.fitting.blink import rates
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import Match, Truth, Verdict, judge
 from talkingeyes.fitting.manner import SHORTEST_S, SPEAKERS_FILE, Manner, in_all, measured, save_speakers
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.orchestration.run import Report, Workspace, each, main
 
 # Table VIII of the paper: 30 HDTF videos brought down to 224 x 224; pixels, and pixels a second at 25 fps.
 PAPER = [

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from talkingeyes.config import compose, write_params
-from talkingeyes.run import shell
+from talkingeyes.orchestration.config import compose, write_params
+from talkingeyes.orchestration.run import shell
 
 if __name__ == "__main__":
     shell(lambda: write_params(Path("params.yaml"), compose(sys.argv[1:])))

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.experiment import run_chain
-from talkingeyes.config import compose
-from talkingeyes.run import SUMS, shell
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import SUMS, shell
 
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
 ABLATIONS = ("posegan_without_motion", "posegan_without_start")
@@ -105,7 +105,7 @@ def _digest(view: Path, name: str) -> str:
 
 def _measured(workspace: Path, view: Path, strangers: Path, seed: int) -> dict[str, Any]:
     """All figures of one seed's models; from the file if they are of these models."""
-    from talkingeyes.metrics.pose.measuring import Sources, measured
+    from talkingeyes.evaluation.pose.measuring import Sources, measured
 
     path = workspace / "measured" / f"seed-{seed}.json"
     key = [_digest(view, name) for name in (*HEADS, *ABLATIONS)]
@@ -129,7 +129,7 @@ def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str
 
 
 def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[str, list[dict[str, Any]]]) -> None:
-    from talkingeyes.metrics.pose.page import page
+    from talkingeyes.evaluation.pose.page import page
 
     path = workspace / "tables.md"
     introduction = INTRODUCTION.format(seeds=", ".join(map(str, found)))

@@ -8,18 +8,18 @@ Killed, it goes on from data/.pretrain-<prior>.progress; torchrun --nproc-per-no
 import json
 from pathlib import Path
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.faces import faces
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.learning.checkpoint import save
-from talkingeyes.learning.face_priors import FacePriorSettings, FacePriorTask, prior_config
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.place import Place
-from talkingeyes.learning.priors import PriorSettings, PriorTask
-from talkingeyes.learning.progress import Progress
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.run import SUMS, Report, Workspace, main
-from talkingeyes.settings import Settings
+from talkingeyes.orchestration.run import SUMS, Report, Workspace, main
+from talkingeyes.training.checkpoint import save
+from talkingeyes.training.face_priors import FacePriorSettings, FacePriorTask, prior_config
+from talkingeyes.training.loop import train
+from talkingeyes.training.place import Place
+from talkingeyes.training.priors import PriorSettings, PriorTask
+from talkingeyes.training.progress import Progress
 
 
 def run(workspace: Workspace, name: str) -> Report:

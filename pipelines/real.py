@@ -18,18 +18,18 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import angles_of_gaze
+from talkingeyes.core.settings import validated
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.footage import track
-from talkingeyes.rotation import angles_of_gaze
-from talkingeyes.run import each, shell
-from talkingeyes.settings import validated
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import each, shell
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.video import facts
 from talkingeyes.tracking.yields import as_text
+from talkingeyes.workflows.track import track
 
 FOLDER = Path("build/real")
 MOVES_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said to move

@@ -21,17 +21,17 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.strip import plot_strips
-from talkingeyes.metrics.benchmark.table import from_json
-from talkingeyes.metrics.benchmark.table import markdown as benchmark_markdown
-from talkingeyes.metrics.benchmark.tally import Row as BenchmarkRow
-from talkingeyes.metrics.face.table import face_markdown
-from talkingeyes.metrics.plots import COLOURS, Trace, plot_codes, plot_figures, plot_speeds, plot_traces
-from talkingeyes.metrics.table import (
+from talkingeyes.evaluation.benchmark.strip import plot_strips
+from talkingeyes.evaluation.benchmark.table import from_json
+from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
+from talkingeyes.evaluation.benchmark.tally import Row as BenchmarkRow
+from talkingeyes.evaluation.face.table import face_markdown
+from talkingeyes.evaluation.plots import COLOURS, Trace, plot_codes, plot_figures, plot_speeds, plot_traces
+from talkingeyes.evaluation.table import (
     TITLES,
     Requirement,
     Table,
@@ -42,7 +42,7 @@ from talkingeyes.metrics.table import (
     requirements,
     verdicts,
 )
-from talkingeyes.run import Report, Row, Workspace, main
+from talkingeyes.orchestration.run import Report, Row, Workspace, main
 
 # Methods whose traces are drawn beside truth, and how many of their samples.
 TRACED, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4

@@ -15,11 +15,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
-from talkingeyes.recipe import CHECKOUT, OWN_CORPUS, Call, recipe
-from talkingeyes.run import Report, Workspace, clip_parallel, each
-from talkingeyes.store import Entry, obtain
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.recipe import CHECKOUT, OWN_CORPUS, Call, recipe
+from talkingeyes.orchestration.run import Report, Workspace, clip_parallel, each
+from talkingeyes.orchestration.store import Entry, obtain
 
 SEEDS = (0, 1, 2)
 FIGURES = "figures.json"

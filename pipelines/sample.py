@@ -15,12 +15,12 @@ import numpy as np
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import SampleSettings
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
-from talkingeyes.learning.face_trained import FaceGenerator, gives_face, load_face_generator
-from talkingeyes.learning.telling import Beside, Teller
-from talkingeyes.learning.trained import Generator, load_generator, needs, speakers_of
 from talkingeyes.models.condition.conditioner import NOTHING
 from talkingeyes.models.face.style import StyleKey
-from talkingeyes.run import Report, Workspace, each, main
+from talkingeyes.orchestration.run import Report, Workspace, each, main
+from talkingeyes.training.face_trained import FaceGenerator, gives_face, load_face_generator
+from talkingeyes.training.telling import Beside, Teller
+from talkingeyes.training.trained import Generator, load_generator, needs, speakers_of
 
 
 def run(workspace: Workspace, name: str) -> Report:

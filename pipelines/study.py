@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from talkingeyes.config import CONF, checked, compose, hydra_in_one_line
-from talkingeyes.errors import InputError
-from talkingeyes.record import record
-from talkingeyes.run import Report
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import CONF, checked, compose, hydra_in_one_line
+from talkingeyes.orchestration.record import record
+from talkingeyes.orchestration.run import Report
 
 # What the study keeps of the search that it belongs to.
 SPACE = "search_space"
@@ -208,7 +208,7 @@ def conclude(study: Study) -> None:
     artifacts = [folder / "trials.csv"]
     best = study.optuna.best_trials if complete else []
     if len(figures) == 2 and complete:
-        from talkingeyes.metrics.front import plot_front
+        from talkingeyes.evaluation.front import plot_front
 
         artifacts.append(folder / "pareto.png")
         plot_front([trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1])

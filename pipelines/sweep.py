@@ -18,9 +18,9 @@ from typing import Any
 
 from pipelines.experiment import run_chain
 from pipelines.study import Study, conclude, distributions, prepare, quieted, read, study_of
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
-from talkingeyes.run import shell
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import shell
 
 # So many trials are finished before one is measured by them.
 STARTUP_TRIALS = 4

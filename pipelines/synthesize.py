@@ -25,23 +25,23 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
 from talkingeyes.corpus.table1 import row_of, table
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
-from talkingeyes.run import Report, Workspace, code_digest, each, main
-from talkingeyes.world import plan
-from talkingeyes.world.acoustics import heard
-from talkingeyes.world.observations import head_shape, make_camera, observe
-from talkingeyes.world.plan import Sound, SynthesizeSettings
-from talkingeyes.world.take import perform
-from talkingeyes.world.text import TextShare
-from talkingeyes.world.voices import Spoken, converse
+from talkingeyes.orchestration.run import Report, Workspace, code_digest, each, main
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.acoustics import heard
+from talkingeyes.synthesis.observations import head_shape, make_camera, observe
+from talkingeyes.synthesis.plan import Sound, SynthesizeSettings
+from talkingeyes.synthesis.take import perform
+from talkingeyes.synthesis.text import TextShare
+from talkingeyes.synthesis.voices import Spoken, converse
 
 # The code that a corpus is made by: a run that was cut off goes on only under the same.
-ROOMS = ("audio", "corpus", "head", "physiology", "world", "motion.py", "rotation.py")
+ROOMS = ("audio", "core", "corpus", "head", "physiology", "synthesis")
 
 
 # Each split has a share of all text to itself, so no sentence occurs in two of them.

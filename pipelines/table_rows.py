@@ -14,18 +14,23 @@ from pipelines.evaluate import SPLITS, Sources, items, look
 from pipelines.rows import FIGURES
 from talkingeyes.corpus.sounds import Sound
 from talkingeyes.corpus.windows import Recordings
-from talkingeyes.learning.trained import load_generator
-from talkingeyes.metrics.evaluation import EvaluateSettings
-from talkingeyes.metrics.judges import Judges
-from talkingeyes.metrics.tables.declared import REFERENCES
-from talkingeyes.metrics.tables.row import Numbers, fast, numbers
-from talkingeyes.recipe import Call
-from talkingeyes.run import Report, Workspace, progress
+from talkingeyes.evaluation.evaluation import EvaluateSettings
+from talkingeyes.evaluation.judges import Judges
+from talkingeyes.evaluation.tables.declared import REFERENCES
+from talkingeyes.evaluation.tables.row import Numbers, fast, numbers
+from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.run import Report, Workspace, progress
+from talkingeyes.training.trained import load_generator
 
 # Motions for Table VI: this long, this many of each split, under its sounds one after the other.
 LONG_S, LONG_MOTIONS = 60.0, 4
 # What a row follows from beside what it reads.
-ROW_CODE = ("pipelines/evaluate.py", "pipelines/table_rows.py", "src/talkingeyes/learning", "src/talkingeyes/metrics")
+ROW_CODE = (
+    "pipelines/evaluate.py",
+    "pipelines/table_rows.py",
+    "src/talkingeyes/training",
+    "src/talkingeyes/evaluation",
+)
 READS = ("data/critic",)
 
 

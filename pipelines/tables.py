@@ -19,14 +19,14 @@ from dataclasses import replace
 from pipelines.evaluate import SPLITS
 from pipelines.rows import Asked, Kind, Made, asked, of_seeds, rows
 from pipelines.table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.evaluation import EvaluateSettings
-from talkingeyes.metrics.seeds import Seeded
-from talkingeyes.metrics.tables.declared import REFERENCES, TABLES
-from talkingeyes.metrics.tables.page import Found, as_json, found, markdown
-from talkingeyes.metrics.tables.row import figures_of
-from talkingeyes.record import revision
-from talkingeyes.run import shell
+from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.evaluation import EvaluateSettings
+from talkingeyes.evaluation.seeds import Seeded
+from talkingeyes.evaluation.tables.declared import REFERENCES, TABLES
+from talkingeyes.evaluation.tables.page import Found, as_json, found, markdown
+from talkingeyes.evaluation.tables.row import figures_of
+from talkingeyes.orchestration.record import revision
+from talkingeyes.orchestration.run import shell
 
 INTRODUCTION = """# The paper's tables
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from talkingeyes.footage import track
-from talkingeyes.run import SUMS, Report, Workspace, main, sums
+from talkingeyes.orchestration.run import SUMS, Report, Workspace, main, sums
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.yields import summary
+from talkingeyes.workflows.track import track
 
 
 def run(workspace: Workspace, videos: str) -> Report:

@@ -19,25 +19,25 @@ from talkingeyes.corpus.windows import Normaliser, recordings
 from talkingeyes.fitting.manner import SPEAKERS_FILE
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.learning.checkpoint import load, save
-from talkingeyes.learning.face_priors import load_prior
-from talkingeyes.learning.face_trained import face_config, save_face_baseline
-from talkingeyes.learning.face_translation import FaceData, FaceTask, FaceTranslationSettings
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, pgface_config, read_shapes
-from talkingeyes.learning.place import Place
-from talkingeyes.learning.poses import PoseModelSettings, PoseTask
-from talkingeyes.learning.progress import Progress
-from talkingeyes.learning.telling import Beside
-from talkingeyes.learning.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
-from talkingeyes.learning.trained_canonical import CanonicalModelSettings, find, save_canonical
-from talkingeyes.learning.trained_poses import pose_config
-from talkingeyes.learning.translation import TrainSettings, TranslationSettings, TranslationTask
 from talkingeyes.models.baselines import BaselineSettings, bank_of, bank_of_motions
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.run import SUMS, Report, Workspace, main
+from talkingeyes.orchestration.run import SUMS, Report, Workspace, main
+from talkingeyes.training.checkpoint import load, save
+from talkingeyes.training.face_priors import load_prior
+from talkingeyes.training.face_trained import face_config, save_face_baseline
+from talkingeyes.training.face_translation import FaceData, FaceTask, FaceTranslationSettings
+from talkingeyes.training.loop import train
+from talkingeyes.training.pgface import PGFaceSettings, PGFaceTask, pgface_config, read_shapes
+from talkingeyes.training.place import Place
+from talkingeyes.training.poses import PoseModelSettings, PoseTask
+from talkingeyes.training.progress import Progress
+from talkingeyes.training.telling import Beside
+from talkingeyes.training.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
+from talkingeyes.training.trained_canonical import CanonicalModelSettings, find, save_canonical
+from talkingeyes.training.trained_poses import pose_config
+from talkingeyes.training.translation import TrainSettings, TranslationSettings, TranslationTask
 
 NetworkSettings = TranslationSettings | FaceTranslationSettings | PoseModelSettings | PGFaceSettings
 

@@ -9,7 +9,7 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.run import quiet
 
 quiet()
 os.environ["MPLBACKEND"] = "Agg"

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from toy import recordings
 
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.perform import Performance, Performer
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.manner import Manner
 from talkingeyes.models.condition.conditioner import NOTHING, Given
-from talkingeyes.motion import Motion
-from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.perform import Performance, Performer
 from talkingeyes.physiology import blinks
 
 SECONDS = 30

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from pipelines import synthesize
-from talkingeyes.config import compose
-from talkingeyes.run import Workspace
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import Workspace
 
 
 def make_tiny_corpus(folder: Path, *overrides: str, jobs: int = 1) -> Path:

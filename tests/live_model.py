@@ -14,12 +14,12 @@ import torch
 import yaml
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.config import CONF
-from talkingeyes.learning.checkpoint import save
-from talkingeyes.learning.trained import network_config
-from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.orchestration.config import CONF
+from talkingeyes.training.checkpoint import save
+from talkingeyes.training.trained import network_config
+from talkingeyes.training.translation import TranslationSettings
 
 
 def content(*place: str) -> Any:

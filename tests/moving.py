@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Blink, Events, Motion, Saccade
 from talkingeyes.formats import arkit
-from talkingeyes.motion import Blink, Events, Motion, Saccade
 from talkingeyes.physiology import blinks, saccades
 
 SACCADES_DEG = ((0.5, (12.0, 0.0)), (1.1, (-6.0, 4.0)), (1.7, (3.0, -8.0)), (2.4, (0.0, 0.0)))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.metrics.benchmark.behaviour import Behaviour, behaviour
-from talkingeyes.motion import Blink
+from talkingeyes.core.motion import Blink
+from talkingeyes.core.rotation import eye_in_head
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
 from talkingeyes.physiology import blinks, saccades
-from talkingeyes.rotation import eye_in_head
 
 ANNOTATION = Annotation(speaking=(Span(2.0, 5.0), Span(6.0, 9.0)))
 

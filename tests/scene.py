@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from talkingeyes.core.motion import Blink, Events, Motion, Saccade
+from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import in_camera, landmarks, pupils
 from talkingeyes.head.observation import Observation
-from talkingeyes.motion import Blink, Events, Motion, Saccade
 from talkingeyes.physiology import saccades as law
-from talkingeyes.rotation import eye_in_head
 
 FPS = 25.0
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)  # 1.154 px/mm

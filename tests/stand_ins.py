@@ -11,10 +11,10 @@ from flame_file import arrays, write
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.export.video import write_video
 from talkingeyes.head.anny import open_head
-from talkingeyes.head.render import Painter
-from talkingeyes.head.view import FRAMINGS
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.video import write_video
+from talkingeyes.rendering.view import FRAMINGS
 
 # So many people that every split of a tracked corpus has one, and longer than a window of training.
 PEOPLE, SECONDS, SIDE = 8, 8.4, 128

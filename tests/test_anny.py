@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny, anny_data, eyeball
 from talkingeyes.head.drive import motion_names
 from talkingeyes.head.face_points import NAMES, from_front
@@ -75,8 +75,8 @@ def test_a_shut_eye_shows_no_eyeball(gaze_deg: tuple[float, float]) -> None:
 
 def posed_still(gaze_deg: tuple[float, float], lid: float) -> np.ndarray:
     from talkingeyes.head.drive import pose_of
-    from talkingeyes.head.sheet import still
     from talkingeyes.head.skinning import posed
+    from talkingeyes.rendering.sheet import still
 
     head = anny.open_head()
     motion = still(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
 from talkingeyes.audio.loudness import with_loudness
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import motion_names
 from talkingeyes.head.face_points import NAMES
 from talkingeyes.head.landmarks import motion_landmarks
-from talkingeyes.motion import Motion
 from talkingeyes.physiology import articulation, face
 from talkingeyes.physiology.articulation import MouthHabit, mouth
 from talkingeyes.physiology.face import FACE_SHAPES, BrowRaise, Face
-from talkingeyes.world.brows import draw_brow_raises
+from talkingeyes.synthesis.brows import draw_brow_raises
 
 USUAL = MouthHabit()
 STEP_S = 0.12

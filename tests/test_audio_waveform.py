@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of, loudest_dbfs, read_speech
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "speech"
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from toy_model import sound_file, toy_model
 
-from talkingeyes import cli, conversion
-from talkingeyes.cli import COMMANDS
-from talkingeyes.errors import InputError
-from talkingeyes.formats.read import read_motion
-from talkingeyes.motion import Motion
+from talkingeyes.cli import main as cli
+from talkingeyes.cli.main import COMMANDS
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats.readers.read import read_motion
+from talkingeyes.workflows import convert
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +134,9 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 @pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "motion"])
 def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: str) -> None:
     """Cut anywhere, or with some bytes changed."""
-    good = tmp_path / f"good{'.npz' if format == 'motion' else conversion.FORMATS[format].suffix}"
+    good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"
     shown = moving.flame_motion().cut(0, 12) if format == "flame" else moving.motion().cut(0, 12)
-    shown.save(good) if format == "motion" else conversion.write(shown, None, format, good)
+    shown.save(good) if format == "motion" else convert.write(shown, None, format, good)
     content, random = good.read_bytes(), np.random.default_rng(0)
     bad, refused = good.with_stem("bad"), 0
     for index in range(24):

@@ -14,12 +14,13 @@ import soundfile
 from toy_model import sound_file, toy_model
 
 import talkingeyes
-from talkingeyes import animation, cli
-from talkingeyes.animation import Order
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.batch import animate_all, seed_of
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.workflows import animate as animation
+from talkingeyes.workflows.animate import Order
+from talkingeyes.workflows.animate_batch import animate_all, seed_of
 
 ORDER = Order(samples=1, seed=4, pictures=False)
 

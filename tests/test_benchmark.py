@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from people import ANNOTATION, Person, people
 
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark import tally as tallies
-from talkingeyes.metrics.benchmark.behaviour import behaviour, with_references
-from talkingeyes.metrics.benchmark.measure import Bins
-from talkingeyes.metrics.benchmark.page import page
-from talkingeyes.metrics.benchmark.registry import MEASURES
-from talkingeyes.metrics.benchmark.table import as_json, as_text, comma_separated, from_json, markdown
-from talkingeyes.metrics.benchmark.tally import Comparison, Tally, observe, weights
-from talkingeyes.metrics.bootstrap import BootstrapSettings, resamples
+from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.benchmark import tally as tallies
+from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
+from talkingeyes.evaluation.benchmark.measure import Bins
+from talkingeyes.evaluation.benchmark.page import page
+from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.benchmark.table import as_json, as_text, comma_separated, from_json, markdown
+from talkingeyes.evaluation.benchmark.tally import Comparison, Tally, observe, weights
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, resamples
 from talkingeyes.physiology.saccades import peak_speed
 
 SETTINGS = BootstrapSettings(draws=100, level=0.95, seed=0)

@@ -21,16 +21,16 @@ from toy_training import toy_training
 
 from pipelines import critic, pretrain
 from pipelines import train as train_stage
-from talkingeyes.config import CONF
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.learning import checkpoint
-from talkingeyes.learning.face_priors import FacePriorTask
-from talkingeyes.learning.face_translation import FaceTask
-from talkingeyes.learning.loop import LoopSettings, Task, train
-from talkingeyes.learning.place import Place
-from talkingeyes.learning.priors import PriorSettings, PriorTask
-from talkingeyes.learning.trained import load_generator, network_config
-from talkingeyes.learning.translation import TranslationSettings, TranslationTask
+from talkingeyes.orchestration.config import CONF
+from talkingeyes.training import checkpoint
+from talkingeyes.training.face_priors import FacePriorTask
+from talkingeyes.training.face_translation import FaceTask
+from talkingeyes.training.loop import LoopSettings, Task, train
+from talkingeyes.training.place import Place
+from talkingeyes.training.priors import PriorSettings, PriorTask
+from talkingeyes.training.trained import load_generator, network_config
+from talkingeyes.training.translation import TranslationSettings, TranslationTask
 
 __all__ = ["folder", "priors"]  # fixtures
 SHORT = {"steps": 2, "validate_every": 2, "batch": 4}

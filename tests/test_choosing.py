@@ -12,19 +12,19 @@ import toy_workspace
 
 from pipelines import assess, combinations, critic, rows
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.config import compose
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.learning.translation import TranslationSettings
-from talkingeyes.metrics.benchmark.paired import Paired, compared, counted, of_motions, of_samples
-from talkingeyes.metrics.benchmark.sound import CRITICS, hear
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.choosing import Figure
+from talkingeyes.evaluation.benchmark.paired import Paired, compared, counted, of_motions, of_samples
+from talkingeyes.evaluation.benchmark.sound import CRITICS, hear
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.choosing import Figure
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
-from talkingeyes.motion import Motion
-from talkingeyes.recipe import Call
-from talkingeyes.run import Report, Workspace
-from talkingeyes.store import obtain
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.run import Report, Workspace
+from talkingeyes.orchestration.store import obtain
+from talkingeyes.training.translation import TranslationSettings
 
 BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)
 FPS, FRAMES, SOUNDS = 25.0, 250, 6

@@ -12,13 +12,13 @@ import pytest
 import soundfile
 
 import talkingeyes
-from talkingeyes import cli
+from talkingeyes.animation import perform
+from talkingeyes.animation.direction import Direction
 from talkingeyes.audio.waveform import frames_of
-from talkingeyes.errors import InputError
-from talkingeyes.export import traces
-from talkingeyes.motion import Blink, Events, Motion
-from talkingeyes.performance import perform
-from talkingeyes.performance.direction import Direction
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Blink, Events, Motion
+from talkingeyes.rendering import traces
 
 
 class ToyPerformer:
@@ -174,7 +174,7 @@ def test_a_call_that_breaks_leaves_the_earlier_output(place: Path, monkeypatch: 
 
 
 def test_help_imports_nothing_heavy() -> None:
-    code = "import sys; import talkingeyes.cli; print([m for m in sys.modules if m.split('.')[0] in %r])"
+    code = "import sys; import talkingeyes.cli.main; print([m for m in sys.modules if m.split('.')[0] in %r])"
     heavy = ["torch", "numpy", "matplotlib", "scipy", "onnxruntime", "transformers", "mlflow", "av"]
     done = subprocess.run(
         [sys.executable, "-c", code % heavy], capture_output=True, text=True, check=True, env={**os.environ}

@@ -12,15 +12,15 @@ import yaml
 from test_contract import CHANNELS, batch, codebook, content
 from test_posegan import HEADS, normaliser, task
 
-from talkingeyes.config import CONF
-from talkingeyes.learning.checkpoint import load, save
-from talkingeyes.learning.trained import HeadThenGazeSettings, load_generator, network_config, save_head_then_gaze
-from talkingeyes.learning.trained_poses import pose_config
-from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.models.head.pose import POSE_GENERATORS
 from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.orchestration.config import CONF
+from talkingeyes.training.checkpoint import load, save
+from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, network_config, save_head_then_gaze
+from talkingeyes.training.trained_poses import pose_config
+from talkingeyes.training.translation import TranslationSettings
 
 NAMES = [str(index) for index in range(CHANNELS)]
 SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0}

@@ -12,15 +12,15 @@ import torch
 from test_learning import NAMES, NORMALISER, translation
 from toy import CHANNELS, recordings
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.errors import InputError
-from talkingeyes.learning import checkpoint
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.telling import Beside, Teller, given, motion_numbers, who_moves
-from talkingeyes.learning.trained import load_generator, needs, network_config, speakers_of
-from talkingeyes.learning.translation import TranslationSettings, TranslationTask
 from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
+from talkingeyes.training import checkpoint
+from talkingeyes.training.loop import train
+from talkingeyes.training.telling import Beside, Teller, given, motion_numbers, who_moves
+from talkingeyes.training.trained import load_generator, needs, network_config, speakers_of
+from talkingeyes.training.translation import TranslationSettings, TranslationTask
 
 KINDS: dict[str, dict[str, Any]] = {
     "speaker": {"hidden": 0.0, "emphasis": {"head": 1.5, "gaze": 2.0}},

@@ -14,17 +14,17 @@ from toy import recordings
 
 from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.waveform import frames_of
-from talkingeyes.config import CONF
-from talkingeyes.errors import InputError
-from talkingeyes.learning.face_priors import FacePriorSettings
-from talkingeyes.learning.face_translation import FaceTranslationSettings
-from talkingeyes.learning.translation import TranslationSettings
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.face.autoencoder import FACE_AUTOENCODERS
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import Style, StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_face import FaceBatch, SpeechToFace
 from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion
+from talkingeyes.orchestration.config import CONF
+from talkingeyes.training.face_priors import FacePriorSettings
+from talkingeyes.training.face_translation import FaceTranslationSettings
+from talkingeyes.training.translation import TranslationSettings
 
 CHANNELS = 6
 FACE_BASIS, SPEAKERS = FaceBasis("toy", ("mouthSmileLeft", "mouthSmileRight")), StyleVocabulary(("a", "b"))

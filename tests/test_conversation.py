@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Blink, Events, HeadMove, Refocus, Saccade
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Blink, Events, HeadMove, Refocus, Saccade
 from talkingeyes.physiology.blinks import PHYSIO, draw_blinks
-from talkingeyes.world import affect, gestures
-from talkingeyes.world.conversation import ask, looks
-from talkingeyes.world.looking import DIRECTIONS, octant_shares
-from talkingeyes.world.speakers import draw_style
-from talkingeyes.world.take import perform
+from talkingeyes.synthesis import affect, gestures
+from talkingeyes.synthesis.conversation import ask, looks
+from talkingeyes.synthesis.looking import DIRECTIONS, octant_shares
+from talkingeyes.synthesis.speakers import draw_style
+from talkingeyes.synthesis.take import perform
 
 TURN_S, TURNS = 8.0, 6
 SECONDS = 2 * TURN_S * TURNS

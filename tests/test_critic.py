@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.errors import InputError
-from talkingeyes.learning.loop import LoopSettings, train
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.contrast import Contrast, CriticSettings, Hearing, divide, new_critic
-from talkingeyes.metrics.correlation import Correlation, auc
-from talkingeyes.metrics.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.contrast import Contrast, CriticSettings, Hearing, divide, new_critic
+from talkingeyes.evaluation.correlation import Correlation, auc
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings
 from talkingeyes.models.critic import PARTS, Critic, CriticNetworkSettings, angles, similarity
+from talkingeyes.orchestration.config import compose
+from talkingeyes.training.loop import LoopSettings, train
 
 FPS = 25.0
 ENCODER = EncoderSettings.model_validate(compose()["critic"]["encoder"])  # not looked at here

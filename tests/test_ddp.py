@@ -24,11 +24,11 @@ from toy_training import RUN, toy_training
 
 from pipelines import pretrain
 from pipelines import train as train_stage
-from talkingeyes.errors import InputError
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.place import Place
-from talkingeyes.learning.translation import TranslationTask
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.layers import share
+from talkingeyes.training.loop import train
+from talkingeyes.training.place import Place
+from talkingeyes.training.translation import TranslationTask
 
 STEPS = {"steps": 8, "validate_every": 4, "batch": 4}
 TOLERANCE = 1e-4

@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from talkingeyes import rotation
-from talkingeyes.errors import InputError
-from talkingeyes.kinematics import angle_deg
-from talkingeyes.metrics.detectors.blinks import detect_blinks
-from talkingeyes.metrics.detectors.fixations import detect_fixations, dispersion_threshold
-from talkingeyes.metrics.detectors.gaze_states import densest, gaze_states
-from talkingeyes.metrics.detectors.head_moves import detect_head_moves
-from talkingeyes.metrics.detectors.saccades import detect_saccades
-from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, pair, score, tally
-from talkingeyes.metrics.detectors.signal import runs
-from talkingeyes.motion import Blink, HeadMove
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import angle_deg
+from talkingeyes.core.motion import Blink, HeadMove
+from talkingeyes.evaluation.detectors.blinks import detect_blinks
+from talkingeyes.evaluation.detectors.fixations import detect_fixations, dispersion_threshold
+from talkingeyes.evaluation.detectors.gaze_states import densest, gaze_states
+from talkingeyes.evaluation.detectors.head_moves import detect_head_moves
+from talkingeyes.evaluation.detectors.saccades import detect_saccades
+from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, pair, score, tally
+from talkingeyes.evaluation.detectors.signal import runs
 from talkingeyes.physiology import blinks, eye_head, saccades
 
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0, 1000.0)

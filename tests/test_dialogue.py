@@ -9,14 +9,14 @@ import pytest
 import soundfile
 from directed import PERFORMER
 
-from talkingeyes import rotation
+from talkingeyes.animation.contact import share_of_contact
+from talkingeyes.animation.dialogue import converse
+from talkingeyes.animation.direction import Direction, Liveliness
+from talkingeyes.animation.listening import SURELY_AVERTED, listening, taken, turns
+from talkingeyes.animation.perform import Performance
 from talkingeyes.audio.waveform import read_dialogue
-from talkingeyes.errors import InputError
-from talkingeyes.performance.contact import share_of_contact
-from talkingeyes.performance.dialogue import converse
-from talkingeyes.performance.direction import Direction, Liveliness
-from talkingeyes.performance.listening import SURELY_AVERTED, listening, taken, turns
-from talkingeyes.performance.perform import Performance
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 
 RATE = 16_000
 TALK = ((0.0, 6.0, 0), (6.4, 12.0, 1), (12.5, 18.0, 0), (18.3, 26.0, 1), (26.5, 30.0, 0))

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from directed import LIVELY, PERFORMER, QUIET, SOUND, motion, performed
 
-from talkingeyes import rotation
+from talkingeyes.animation.contact import share_of_contact
+from talkingeyes.animation.course import Course
+from talkingeyes.animation.direct import Asked, blinks_of, blinks_with
+from talkingeyes.animation.direction import Direction, Liveliness
+from talkingeyes.animation.manner import manner_of
+from talkingeyes.animation.perform import sample_seeds
+from talkingeyes.animation.targets import Place, TargetTrack
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import head_speed_deg_s, space_speed_deg_s
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import Manner, in_all, load_speakers, measured, save_speakers
-from talkingeyes.kinematics import head_speed_deg_s, space_speed_deg_s
-from talkingeyes.motion import Motion
-from talkingeyes.performance.contact import share_of_contact
-from talkingeyes.performance.course import Course
-from talkingeyes.performance.direct import Asked, blinks_of, blinks_with
-from talkingeyes.performance.direction import Direction, Liveliness
-from talkingeyes.performance.manner import manner_of
-from talkingeyes.performance.perform import sample_seeds
-from talkingeyes.performance.targets import Place, TargetTrack
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.blinks import PAPER, PHYSIO
 

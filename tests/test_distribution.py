@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from talkingeyes.metrics.distribution import coverage, energy, frechet, mmd, spectrum, wasserstein
-from talkingeyes.metrics.distribution.frechet import Gaussian, Moments
+from talkingeyes.evaluation.distribution import coverage, energy, frechet, mmd, spectrum, wasserstein
+from talkingeyes.evaluation.distribution.frechet import Gaussian, Moments
 
 FPS = 25.0
 

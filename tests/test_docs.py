@@ -19,9 +19,9 @@ import typer
 import yaml
 from docs_pages import PAGES, REPOSITORY, lines, name_of
 
-from talkingeyes import cli
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are looked at, not called

@@ -12,12 +12,12 @@ import pytest
 from pipelines import embed
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import validated
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
-from talkingeyes.run import Workspace
-from talkingeyes.settings import validated
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import Workspace
 
 SECTION = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},

@@ -12,8 +12,8 @@ from talkingeyes.audio.encoder import PROSODY_CHANNELS, EmbedSettings, SpeechEnc
 from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
 from talkingeyes.audio.prosody import energy_dbfs
 from talkingeyes.audio.waveform import frames_of, read_speech
-from talkingeyes.errors import InputError
-from talkingeyes.settings import validated
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import validated
 
 PROSODY = {
     "f0_lowest_hz": 60.0,

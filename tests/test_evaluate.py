@@ -10,13 +10,13 @@ import pytest
 from toy_workspace import FRAMES, toy_workspace
 
 from pipelines import critic, evaluate
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.errors import InputError
-from talkingeyes.evaluation import evaluate as compare
-from talkingeyes.metrics.benchmark.sound import Heard
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.evaluation import Case, measure, summarise
+from talkingeyes.evaluation.benchmark.sound import Heard
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.evaluation import Case, measure, summarise
 from talkingeyes.models.critic import PARTS
+from talkingeyes.workflows.evaluate import evaluate as compare
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
 BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)

@@ -9,12 +9,12 @@ import pytest
 from people import ANNOTATION, Person
 
 from talkingeyes.audio.speaking import speaking
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import clip_of, read_motions
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.errors import InputError
-from talkingeyes.evaluation import describe, evaluate
-from talkingeyes.motion import Motion
+from talkingeyes.workflows.evaluate import describe, evaluate
 
 CLIPS = 4
 

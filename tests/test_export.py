@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from talkingeyes.audio.waveform import frames_of, read_speech
-from talkingeyes.export.traces import plot_traces
-from talkingeyes.export.video import write_video
-from talkingeyes.motion import Motion
+from talkingeyes.core.motion import Motion
+from talkingeyes.rendering.traces import plot_traces
+from talkingeyes.rendering.video import write_video
 
 
 def flashes(frames: int, every: int, height: int = 64, width: int = 64) -> Iterator[np.ndarray]:

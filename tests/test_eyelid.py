@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import direction_of_angles, matrices
 from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, Labels, construct, explained, opening, predictors
 from talkingeyes.head.eyelid.controller import aim, vergence_rad
 from talkingeyes.head.eyelid.curves import fitted_circle, resampled
-from talkingeyes.rotation import direction_of_angles, matrices
 
 ANGLE = st.floats(-0.6, 0.6)
 EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import angle_deg
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import direction_of_angles, gaze_of_angles
 from talkingeyes.fitting.eyelid_capture import Captured, Eye, Photograph, blink_energy, capture, gaze_energy, red_bias
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.eyelid.construction import Labels, construct
 from talkingeyes.head.eyelid.region import TEMPORAL, region
-from talkingeyes.head.render import Painter
 from talkingeyes.head.skinning import posed
-from talkingeyes.head.view import Framing, View
-from talkingeyes.kinematics import angle_deg
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import direction_of_angles, gaze_of_angles
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import Framing, View
 
 VIEWS = [Framing(0.285, (0.0, 0.03, 0.0), yaw_deg=yaw).view(256, 256) for yaw in (0.0, 30.0)]
 HEAD_RAD, MOVED_M = np.array([0.05, -0.12, 0.04]), np.array([0.004, -0.003, 0.006])

@@ -6,6 +6,8 @@ import flame_file
 import numpy as np
 import pytest
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import Pose, motion_names, pose_of
 from talkingeyes.head.eyelid.anatomy import IRIS_CENTRE_M, SCLERA_RADIUS_M, Person, draw_person, lids, surface_m
@@ -15,8 +17,6 @@ from talkingeyes.head.eyelid.labels import anatomical, held_out_postures, paper_
 from talkingeyes.head.eyelid.region import region
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import gaze_of_angles
 
 
 @pytest.fixture(scope="module", params=["anny", "flame"])

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from talkingeyes.audio.annotation import Annotation, Phoneme
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.errors import InputError
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.face import surface as surfaces
+from talkingeyes.evaluation.face.emotion import EmotionClassifier, features, recognised
+from talkingeyes.evaluation.face.row import FaceCase, cropped_faces, measure_face, summarise_face
+from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.talking import best_correlation, talking
+from talkingeyes.evaluation.face.vertices import Dynamics, halves_diversity, vertex_errors
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import motion_names, pose_of
 from talkingeyes.head.model import Landmarks
 from talkingeyes.head.skinning import posed
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.face import surface as surfaces
-from talkingeyes.metrics.face.emotion import EmotionClassifier, features, recognised
-from talkingeyes.metrics.face.row import FaceCase, cropped_faces, measure_face, summarise_face
-from talkingeyes.metrics.face.surface import Surface
-from talkingeyes.metrics.face.talking import best_correlation, talking
-from talkingeyes.metrics.face.vertices import Dynamics, halves_diversity, vertex_errors
-from talkingeyes.motion import Motion
 
 FPS, FRAMES = 25.0, 30
 NAMES = motion_names(open_head())

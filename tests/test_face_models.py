@@ -11,20 +11,7 @@ import pytest
 import torch
 from toy_faces import BASIS, NAMES, data, faces
 
-from talkingeyes.errors import InputError
-from talkingeyes.learning import checkpoint
-from talkingeyes.learning.face_priors import FacePrior, FacePriorSettings, FacePriorTask, load_prior, prior_config
-from talkingeyes.learning.face_score import energy_score, speed_ratio
-from talkingeyes.learning.face_trained import (
-    FaceGenerator,
-    face_config,
-    gives_face,
-    load_face_generator,
-    save_face_baseline,
-)
-from talkingeyes.learning.face_translation import FaceTask, FaceTranslationSettings
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.progress import Progress
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.baselines import BaselineSettings, bank_of_motions
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
@@ -32,6 +19,19 @@ from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, cut, joi
 from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
 from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
+from talkingeyes.training import checkpoint
+from talkingeyes.training.face_priors import FacePrior, FacePriorSettings, FacePriorTask, load_prior, prior_config
+from talkingeyes.training.face_score import energy_score, speed_ratio
+from talkingeyes.training.face_trained import (
+    FaceGenerator,
+    face_config,
+    gives_face,
+    load_face_generator,
+    save_face_baseline,
+)
+from talkingeyes.training.face_translation import FaceTask, FaceTranslationSettings
+from talkingeyes.training.loop import train
+from talkingeyes.training.progress import Progress
 
 LOOP = {
     "steps": 40, "batch": 6, "learning_rate": 5e-3, "schedule": "one-cycle", "weight_decay": 0.0, "clip_norm": 1.0,

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from talkingeyes import rotation
+from talkingeyes.animation import face as faces_of
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.face import FacePerformer, beside, between, felt_lid, with_face
+from talkingeyes.animation.parts import Parts
+from talkingeyes.animation.perform import Performer
 from talkingeyes.audio.encoder import EmbedSettings
-from talkingeyes.config import compose
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
-from talkingeyes.errors import InputError
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import motion_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
-from talkingeyes.motion import Motion
-from talkingeyes.performance import face as faces_of
-from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.face import FacePerformer, beside, between, felt_lid, with_face
-from talkingeyes.performance.parts import Parts
-from talkingeyes.performance.perform import Performer
+from talkingeyes.orchestration.config import compose
 
 FPS, FRAMES = 25.0, 100
 NAMES = motion_names(open_head())

@@ -13,16 +13,16 @@ from pipelines import evaluate
 from pipelines.evaluate_face import FaceSources, measure_faces, stacked_faces
 from pipelines.face_table import options
 from pipelines.rows import SEEDS
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
-from talkingeyes.errors import InputError
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.face.pictures import coloured, heat
+from talkingeyes.evaluation.face.row import summarise_face, summarise_seeds
+from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.head.anny import open_head
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.face.pictures import coloured, heat
-from talkingeyes.metrics.face.row import summarise_face, summarise_seeds
-from talkingeyes.metrics.face.surface import Surface
-from talkingeyes.metrics.face.table import face_markdown
-from talkingeyes.motion import Motion
 
 SHAPES = ("browInnerUp", "mouthFunnel")
 

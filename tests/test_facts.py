@@ -7,15 +7,15 @@ import pytest
 from people import people
 
 from pipelines import facts
-from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.benchmark.behaviour import behaviour
-from talkingeyes.metrics.facts import blinks, eyes, face, figures, head, looking, page, probes, saccades
-from talkingeyes.metrics.facts.acceptance import FACTS, TABLE
-from talkingeyes.metrics.facts.clip import Measured, Seen, Sounding, benchmark, joined, measured, missing, sums
-from talkingeyes.metrics.facts.clip import talking as turns
-from talkingeyes.motion import Blink, Events, HeadMove, Motion, Saccade
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Blink, Events, HeadMove, Motion, Saccade
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.facts import blinks, eyes, face, figures, head, looking, page, probes, saccades
+from talkingeyes.evaluation.facts.acceptance import FACTS, TABLE
+from talkingeyes.evaluation.facts.clip import Measured, Seen, Sounding, benchmark, joined, measured, missing, sums
+from talkingeyes.evaluation.facts.clip import talking as turns
 from talkingeyes.physiology import saccades as law
 from talkingeyes.physiology.blinks import closure
 
@@ -269,7 +269,7 @@ FEW = ("synthesize.clips=12", "synthesize.takes=2")
 def tiny(tmp_path_factory):
     from fixtures_corpus import make_tiny_corpus
 
-    from talkingeyes.config import compose, write_params
+    from talkingeyes.orchestration.config import compose, write_params
 
     root = tmp_path_factory.mktemp("facts")
     make_tiny_corpus(root, *FEW)
@@ -294,7 +294,7 @@ def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
 
 
 def test_a_take_that_is_not_the_corpus_s_own_is_refused(tiny):
-    from talkingeyes.run import Workspace
+    from talkingeyes.orchestration.run import Workspace
 
     workspace = Workspace.open(tiny)
     source = facts.source_of(workspace, workspace.corpus)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipelines import facts_model
-from talkingeyes.metrics.facts.acceptance import FACTS
-from talkingeyes.metrics.facts.clip import measured, missing
+from talkingeyes.evaluation.facts.acceptance import FACTS
+from talkingeyes.evaluation.facts.clip import measured, missing
 
 
 def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, capsys):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import soundfile
 
-from talkingeyes import cli
-from talkingeyes.errors import InputError
-from talkingeyes.film import framing_of, on_head, render
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
-from talkingeyes.motion import Motion
+from talkingeyes.workflows.render import framing_of, on_head, render
 from tests.flame_file import arrays, write
 
 

@@ -10,13 +10,13 @@ import pytest
 
 from pipelines import fit as stage
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
 from talkingeyes.fitting.manner import load_speakers
-from talkingeyes.motion import Motion
-from talkingeyes.run import Workspace
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.run import Workspace
 from tests.scene import FPS, scene
 
 GOOD, BAD = 3, 1

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.core.rotation import angles_of_gaze, directions, eye_in_head, gaze_in_space, gaze_of_angles
 from talkingeyes.fitting.accuracy import Yardstick
 from talkingeyes.fitting.blink import dips, eye_aspect_ratio, lids, rates
 from talkingeyes.fitting.clip import FitSettings, fit_clip
@@ -21,9 +22,8 @@ from talkingeyes.fitting.lightgazefit import Sight, direction_and_jacobian, sigh
 from talkingeyes.fitting.person import person
 from talkingeyes.fitting.smoothing import StepSettings, bursts, quadratic, smooth_gaze, smooth_version
 from talkingeyes.head.landmarks import RIGID, in_camera, motion_landmarks, rest_points
-from talkingeyes.motion import Events, Motion
+from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
-from talkingeyes.rotation import angles_of_gaze, directions, eye_in_head, gaze_in_space, gaze_of_angles
 from tests.scene import CAMERA, FPS, Scene, blinking, observe, scene
 
 SMALL = st.floats(-0.6, 0.6)

@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head.drive import motion_names
 from talkingeyes.head.flame import PUPILS, load_flame, read_flame
 from talkingeyes.head.model import HeadModel

@@ -13,17 +13,18 @@ import moving
 import numpy as np
 import pytest
 
-from talkingeyes import cli, rotation
+from talkingeyes.cli import main as cli
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.motion_files import read_motions
-from talkingeyes.errors import InputError
-from talkingeyes.export.bvh import write_bvh
-from talkingeyes.export.vrm import write_vrm
 from talkingeyes.formats import arkit
-from talkingeyes.formats.key_map import load_key_map
-from talkingeyes.formats.read import read_motion
+from talkingeyes.formats.readers.key_map import load_key_map
+from talkingeyes.formats.readers.read import read_motion
 from talkingeyes.formats.rotations import composed
+from talkingeyes.formats.writers.bvh import write_bvh
+from talkingeyes.formats.writers.vrm import write_vrm
 from talkingeyes.head.anny import open_head
-from talkingeyes.motion import Motion
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "gaze"
 RANDOM = np.random.default_rng(0)
@@ -200,7 +201,7 @@ def test_live_link_angles_follow_the_looks(tmp_path: Path, factor: float, zero: 
 
 
 def conversion_rows(made: Motion, path: Path) -> None:
-    from talkingeyes.export.arkit import write_live_link
+    from talkingeyes.formats.writers.arkit import write_live_link
 
     write_live_link(made, path)
 

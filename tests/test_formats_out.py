@@ -14,16 +14,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from talkingeyes import conversion, rotation
-from talkingeyes.errors import InputError
-from talkingeyes.export.arkit import timecode
-from talkingeyes.film import render
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.formats.read import read_motion
+from talkingeyes.formats.readers.read import read_motion
+from talkingeyes.formats.writers.arkit import timecode
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.skinning import posed
-from talkingeyes.motion import Motion
+from talkingeyes.workflows import convert
+from talkingeyes.workflows.render import render
 
 FRAMES = (0, 13, 52)  # at rest, in a saccade, in a blink
 
@@ -38,8 +39,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def exported(made: Path, tmp_path: Path, format: str, source: str = "anny") -> Path:
-    out = tmp_path / f"out{conversion.FORMATS[format].suffix}"
-    conversion.export(made / f"{source}.npz", out, format=format)
+    out = tmp_path / f"out{convert.FORMATS[format].suffix}"
+    convert.export(made / f"{source}.npz", out, format=format)
     assert [path.name for path in tmp_path.iterdir()] == [out.name]
     return out
 
@@ -263,7 +264,7 @@ def test_bvh_turns_joints_by_matrices(made: Path, tmp_path: Path) -> None:
 
 def test_mp4_films_the_motion(tmp_path: Path) -> None:
     moving.motion(seconds=0.2).save(tmp_path / "a.npz")
-    conversion.export(tmp_path / "a.npz", tmp_path / "a.mp4", format="mp4")
+    convert.export(tmp_path / "a.npz", tmp_path / "a.mp4", format="mp4")
     with av.open(str(tmp_path / "a.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 5
 
@@ -301,8 +302,8 @@ def test_import_is_the_inverse_of_export(made: Path, tmp_path: Path, format: str
 )
 def test_any_frame_rate_is_read_back(tmp_path: Path, format: str, fps: float) -> None:
     moving.motion(fps, 2.2 if format == "livelink" else 0.3).save(tmp_path / "a.npz")
-    out = tmp_path / f"out{conversion.FORMATS[format].suffix}"
-    conversion.export(tmp_path / "a.npz", out, format=format)
+    out = tmp_path / f"out{convert.FORMATS[format].suffix}"
+    convert.export(tmp_path / "a.npz", out, format=format)
     back = read_motion(out).motion
     assert back.fps == pytest.approx(fps, abs=2e-3)
     np.testing.assert_allclose(back.gaze, moving.motion(fps, 2.2 if format == "livelink" else 0.3).gaze, atol=1e-5)
@@ -320,7 +321,7 @@ def test_any_frame_rate_is_read_back(tmp_path: Path, format: str, fps: float) ->
 )
 def test_a_mistake_is_one_line_and_writes_nothing(made: Path, tmp_path: Path, options: dict, message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)) as told:
-        conversion.export(made / "anny.npz", tmp_path / "out.npz", **options)
+        convert.export(made / "anny.npz", tmp_path / "out.npz", **options)
     assert "\n" not in str(told.value)
     assert not list(tmp_path.iterdir())
 
@@ -328,7 +329,7 @@ def test_a_mistake_is_one_line_and_writes_nothing(made: Path, tmp_path: Path, op
 def test_a_face_at_rest_needs_no_map(tmp_path: Path) -> None:
     made = moving.motion()
     Motion.of(25.0, made.head, made.gaze, lid=made.lid).save(tmp_path / "a.npz")
-    conversion.export(tmp_path / "a.npz", tmp_path / "b.npz", format="vhap")
+    convert.export(tmp_path / "a.npz", tmp_path / "b.npz", format="vhap")
     with np.load(tmp_path / "b.npz") as file:
         assert not file["expr"].any()
 
@@ -342,18 +343,18 @@ def flame(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_faces_are_mapped_between_the_heads(made: Path, tmp_path: Path, flame: Path) -> None:
-    conversion.export(made / "anny.npz", tmp_path / "a.npz", format="vhap", model=flame)
+    convert.export(made / "anny.npz", tmp_path / "a.npz", format="vhap", model=flame)
     with np.load(tmp_path / "a.npz") as file:
         assert file["expr"].std() > 1e-3
-    conversion.export(made / "flame.npz", tmp_path / "a.json", format="arkit", model=flame)
+    convert.export(made / "flame.npz", tmp_path / "a.json", format="arkit", model=flame)
     content = json.loads((tmp_path / "a.json").read_text())
     assert np.array(content["coefficients"])[:, content["names"].index("mouthSmileLeft")].std() > 1e-3
 
 
 def test_what_vhap_tracked_is_filmed_on_flame(made: Path, tmp_path: Path, flame: Path) -> None:
     moving.flame_motion().cut(0, 3).save(tmp_path / "a.npz")
-    conversion.export(tmp_path / "a.npz", tmp_path / "vhap.npz", format="vhap")
-    conversion.read_all([tmp_path / "vhap.npz"], tmp_path / "back.npz")
+    convert.export(tmp_path / "a.npz", tmp_path / "vhap.npz", format="vhap")
+    convert.read_all([tmp_path / "vhap.npz"], tmp_path / "back.npz")
     render(tmp_path / "back.npz", tmp_path / "a.mp4", head="flame", model=flame, size=32)
     with av.open(str(tmp_path / "a.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 3

@@ -7,10 +7,10 @@ import pytest
 import torch
 from numpy import ndarray
 
+from talkingeyes.core.rotation import angles_of_gaze, gaze_of_angles
 from talkingeyes.models.gaze.events import EventGaze, EventGazeSettings, SaccadeChain, shown
 from talkingeyes.models.gaze.generator import Condition, StreamedGaze
 from talkingeyes.physiology import eye_head
-from talkingeyes.rotation import angles_of_gaze, gaze_of_angles
 
 PROCESS = {
     "width": 16,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import matrices
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.model import PARENTS
 from talkingeyes.head.skinning import pose_vertices, posed, rotation_matrices
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import matrices
 
 
 def pose(frames: int, seed: int = 0) -> dict[str, torch.Tensor]:

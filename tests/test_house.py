@@ -16,9 +16,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pipelines.experiment import calls
-from talkingeyes.config import compose, params_text
-from talkingeyes.errors import InputError
-from talkingeyes.run import quiet
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose, params_text
+from talkingeyes.orchestration.run import quiet
 
 # The report gathers what `evaluate` wrote and has nothing to set; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"report"}
@@ -43,7 +43,7 @@ NO_STAGE |= {
     "sweep",
 }
 # The record of runs changes no result.
-NOT_A_DEPENDENCY = {"talkingeyes.record", "talkingeyes.comparison"}
+NOT_A_DEPENDENCY = {"talkingeyes.orchestration.record", "talkingeyes.orchestration.comparison"}
 
 
 @pytest.fixture(scope="module")

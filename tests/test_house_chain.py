@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from pipelines.experiment import chain
-from talkingeyes.config import compose
+from talkingeyes.orchestration.config import compose
 
 
 def run_tiny(repository, root, *overrides):

@@ -5,10 +5,10 @@ import sys
 
 import pytest
 
-from talkingeyes import run
-from talkingeyes.errors import InputError
-from talkingeyes.record import Report
-from talkingeyes.run import Workspace, main, shell
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration import run
+from talkingeyes.orchestration.record import Report
+from talkingeyes.orchestration.run import Workspace, main, shell
 
 
 def fails(error):

@@ -13,12 +13,14 @@ import moving
 import numpy as np
 import pytest
 
-from talkingeyes import cli, conversion, rotation
-from talkingeyes.errors import InputError
-from talkingeyes.export.keys import found_events
-from talkingeyes.motion import Events, Motion
-from talkingeyes.performance.keys import edited, load_keys, save_keys
-from talkingeyes.performance.retime import retimed
+from talkingeyes.animation.keys import edited, load_keys, save_keys
+from talkingeyes.animation.retime import retimed
+from talkingeyes.cli import main as cli
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.formats.writers.keys import found_events
+from talkingeyes.workflows import convert
 
 
 def space_deg(motion: Motion) -> np.ndarray:
@@ -102,7 +104,7 @@ def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.Monke
     motion = moving.motion(seconds=1.0)
     motion.save(tmp_path / "a.npz")
     Events(blinks=moving.BLINKS[:1]).save(tmp_path / "a.events.json")  # as `animate` leaves them beside
-    conversion.export("a.npz", "a.keys.json", format="events")
+    convert.export("a.npz", "a.keys.json", format="events")
     content = json.loads((tmp_path / "a.keys.json").read_text())
     assert [key["onset_s"] for key in content["blinks"]] == [0.8]
     content["blinks"] = [{"onset_s": 0.04}]

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.blink import aspect_ratio, eye_aspect_ratio
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.camera import Camera
@@ -12,7 +13,6 @@ from talkingeyes.head.drive import pose_of
 from talkingeyes.head.face_points import EYES, NAMES
 from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_M, RIGID, eye_points, in_camera, landmarks, pupils
 from talkingeyes.head.skinning import posed
-from talkingeyes.motion import Motion
 
 ANGLES = st.floats(-0.5, 0.5)
 OPENINGS = st.floats(0.0, 1.0)

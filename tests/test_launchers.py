@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from talkingeyes.run import clip_parallel, each
+from talkingeyes.orchestration.run import clip_parallel, each
 
 pytestmark = pytest.mark.slow
 
@@ -110,7 +110,7 @@ def squared(number):
 
 def test_clip_parallel_work_runs_on_ray(tmp_path):
     code = (
-        "import os\nfrom test_launchers import squared\nfrom talkingeyes.run import clip_parallel, each\n"
+        "import os\nfrom test_launchers import squared\nfrom talkingeyes.orchestration.run import clip_parallel, each\n"
         "with clip_parallel({'backend': 'ray', 'ray_address': None, 'jobs': 2}):\n"
         "    found = list(each(squared, range(20), 2, 'squares'))\n"
         "assert [square for square, _ in found] == [n * n for n in range(20)]\n"

@@ -11,16 +11,16 @@ from test_gaze_models import GAZE, TRANSFORMER, VAE
 from torch import Tensor, nn
 from toy import CHANNELS, recordings
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.errors import InputError
-from talkingeyes.learning import checkpoint
-from talkingeyes.learning.aliveness import aliveness
-from talkingeyes.learning.loop import LoopSettings, train
-from talkingeyes.learning.priors import PriorSettings, PriorTask
-from talkingeyes.learning.trained import load_generator, network_config, save_baseline
-from talkingeyes.learning.translation import TranslationSettings, TranslationTask
-from talkingeyes.learning.windows import Windows, WindowSettings, statistics
 from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.training import checkpoint
+from talkingeyes.training.aliveness import aliveness
+from talkingeyes.training.loop import LoopSettings, train
+from talkingeyes.training.priors import PriorSettings, PriorTask
+from talkingeyes.training.trained import load_generator, network_config, save_baseline
+from talkingeyes.training.translation import TranslationSettings, TranslationTask
+from talkingeyes.training.windows import Windows, WindowSettings, statistics
 
 LOOP = {
     "steps": 60,
@@ -281,7 +281,7 @@ def test_a_missing_or_damaged_model_is_one_clear_line(tmp_path: Any) -> None:
 
 
 def test_distance_uses_logarithms_so_that_double_and_half_count_the_same() -> None:
-    from talkingeyes.learning.aliveness import Aliveness
+    from talkingeyes.training.aliveness import Aliveness
 
     truth = Aliveness(10.0, 100.0, 0.9, 8.0)
     double, half = Aliveness(20.0, 100.0, 0.9, 8.0), Aliveness(5.0, 100.0, 0.9, 8.0)

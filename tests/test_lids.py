@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.head.eyelid.anatomy import Person, upper_turn_rad
 from talkingeyes.head.eyelid.construction import predictors
 from talkingeyes.head.face_points import EYES
 from talkingeyes.head.landmarks import EYE_CENTRES, landmarks
 from talkingeyes.physiology import lids
 from talkingeyes.physiology.lids import MEAN_EYES, blinking, draw_eyes, open_lids
-from talkingeyes.rotation import gaze_of_angles
-from talkingeyes.world.take import _lid_unrest
+from talkingeyes.synthesis.take import _lid_unrest
 
 USUAL = MEAN_EYES[0]
 STILL = np.zeros((1, 2))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from directed import motion
 
+from talkingeyes.animation.direction import Liveliness
+from talkingeyes.animation.targets import Place, Target, TargetTrack
 from talkingeyes.audio.encoder_moonshine import SPEECH, MoonshineEncoder, MoonshineSettings, packaged
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
-from talkingeyes.performance.direction import Liveliness
-from talkingeyes.performance.targets import Place, Target, TargetTrack
 
 
 def change_at_seams(features: np.ndarray, seams_s: list[float]) -> float:

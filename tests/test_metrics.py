@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from talkingeyes.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s, still
-from talkingeyes.metrics.bootstrap import BootstrapSettings, bootstrap, mean_of, quantile_of, ratio_of
-from talkingeyes.metrics.discrepancy import discrepancy, distance, diversity
-from talkingeyes.rotation import eye_in_head, gaze_of_angles, matrices, vectors
+from talkingeyes.core.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s, still
+from talkingeyes.core.rotation import eye_in_head, gaze_of_angles, matrices, vectors
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, bootstrap, mean_of, quantile_of, ratio_of
+from talkingeyes.evaluation.discrepancy import discrepancy, distance, diversity
 
 SETTINGS = BootstrapSettings(draws=400, level=0.95, seed=3)
 

@@ -9,13 +9,13 @@ import pytest
 import torch
 from toy import recordings
 
-from talkingeyes.errors import InputError
-from talkingeyes.learning.checkpoint import save
-from talkingeyes.learning.loop import LoopSettings
-from talkingeyes.metrics.distribution.encoder import NAME, EncoderSettings, MotionEncoder, learn_encoder
-from talkingeyes.metrics.distribution.frechet import Moments, frechet, split_half
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import eye_in_head, gaze_in_space
+from talkingeyes.evaluation.distribution.encoder import NAME, EncoderSettings, MotionEncoder, learn_encoder
+from talkingeyes.evaluation.distribution.frechet import Moments, frechet, split_half
 from talkingeyes.models.motion_autoencoder import AutoencoderSettings, described
-from talkingeyes.rotation import eye_in_head, gaze_in_space
+from talkingeyes.training.checkpoint import save
+from talkingeyes.training.loop import LoopSettings
 
 FPS = 25.0
 SETTINGS = EncoderSettings(

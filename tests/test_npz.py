@@ -5,8 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from talkingeyes.motion import Motion
-from talkingeyes.npz import save_npz
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.npz import save_npz
 
 ZIP64_VERSION = 45  # of the headers that Python before 3.11.4 wrote otherwise
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from talkingeyes import rotation
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.drive import pose_of
@@ -16,11 +16,11 @@ from talkingeyes.head.face_points import NAMES
 from talkingeyes.head.landmarks import EYE_CENTRES, rest_points
 from talkingeyes.head.observation import Observation
 from talkingeyes.head.skinning import posed
-from talkingeyes.motion import Motion
+from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.face import FACE_SHAPES
-from talkingeyes.world import mishaps, noise
-from talkingeyes.world.noise import NoiseSettings
-from talkingeyes.world.observations import (
+from talkingeyes.synthesis import mishaps, noise
+from talkingeyes.synthesis.noise import NoiseSettings
+from talkingeyes.synthesis.observations import (
     CameraSettings,
     exact_landmarks_px,
     exact_pupils_px,

@@ -7,9 +7,9 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.performance.course import Course, lawful
-from talkingeyes.performance.events import staircase
-from talkingeyes.performance.oculomotor import (
+from talkingeyes.animation.course import Course, lawful
+from talkingeyes.animation.events import staircase
+from talkingeyes.animation.oculomotor import (
     INTRUSIONS_PER_S,
     LARGEST_RAD,
     LEAST_FIXATION_S,

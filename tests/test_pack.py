@@ -16,10 +16,10 @@ import safetensors.numpy
 from toy_model import sound_file, toy_model
 
 import talkingeyes
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
-from talkingeyes.pack import pack
-from talkingeyes.performance.model_file import KEY, SCHEMA, opened, read_packed
+from talkingeyes.animation.model_file import KEY, SCHEMA, opened, read_packed
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.workflows.pack import pack
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_another_machine_needs_no_conf(place: Path, repository: Path, tmp_path: 
         "--no-pictures",
     ]
     ended = subprocess.run(
-        [sys.executable, "-m", "talkingeyes.cli", *words],
+        [sys.executable, "-m", "talkingeyes.cli.main", *words],
         cwd=tmp_path / "empty",
         env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
         capture_output=True,

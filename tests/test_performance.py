@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from toy import recordings
 
-from talkingeyes import rotation
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.events import resample
+from talkingeyes.animation.perform import Performer, held_over, sample_seeds
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import space_speed_deg_s
+from talkingeyes.core.motion import Blink, Saccade
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.errors import InputError
-from talkingeyes.kinematics import space_speed_deg_s
 from talkingeyes.models.condition.conditioner import NOTHING, Given
-from talkingeyes.motion import Blink, Saccade
-from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.events import resample
-from talkingeyes.performance.perform import Performer, held_over, sample_seeds
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.steps import find_saccades
 

@@ -15,17 +15,17 @@ from test_learning import NAMES, translation
 from toy import CHANNELS
 from toy_model import EMBED, sound_file
 
-from talkingeyes.animation import Order, carry_out_dialogue
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.perform import Performance, Performer
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.fitting.manner import Manner
-from talkingeyes.learning.trained import NetworkGenerator
-from talkingeyes.learning.translation import TranslationSettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.performance.direction import Direction
-from talkingeyes.performance.perform import Performance, Performer
 from talkingeyes.physiology.blinks import PAPER, PHYSIO, rate_at_per_min
+from talkingeyes.training.trained import NetworkGenerator
+from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.workflows.animate import Order, carry_out_dialogue
 
 PERSONS = ("anna", "bert", "cleo")
 SPEECH = np.random.default_rng(0).standard_normal((1500, CHANNELS)).astype(np.float32)

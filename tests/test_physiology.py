@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
-from talkingeyes.motion import Blink, Events, HeadMove, Refocus, Saccade
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Blink, Events, HeadMove, Refocus, Saccade
 from talkingeyes.physiology import blinks, eye_head, render, saccades, vergence
 from talkingeyes.physiology.articulation import MouthHabit
 from talkingeyes.physiology.face import BrowRaise, Face

@@ -11,33 +11,26 @@ import torch
 import yaml
 from toy import clip
 
-from talkingeyes import rotation
-from talkingeyes.config import CONF, compose
-from talkingeyes.corpus.poses import (
-    PoseRecording,
-    gaussian_filtered,
-    head_of,
-    linearly_resampled,
-    poses_of,
-    resampled,
-)
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.poses import PoseRecording, gaussian_filtered, head_of, linearly_resampled, poses_of, resampled
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.errors import InputError
+from talkingeyes.evaluation.pose.classifier import ClassifierSettings, Labelled, judge, trained_classifier
+from talkingeyes.evaluation.pose.correlation import SVMSettings, belonging, correlations
+from talkingeyes.evaluation.pose.movement import distances, jitter, manner, seams, unlike, variety
+from talkingeyes.evaluation.pose.transfer import blended
+from talkingeyes.evaluation.pose.windows import PoseWindows, cut, windows_of
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.learning.checkpoint import load, save
-from talkingeyes.learning.loop import Contest, LoopSettings, train
-from talkingeyes.learning.pgface import PGFaceSettings, PGFaceTask, ShapeRecording
-from talkingeyes.learning.poses import PoseModelSettings, PoseTask, liveness
-from talkingeyes.learning.progress import Progress
-from talkingeyes.learning.trained import HeadThenGazeSettings, load_generator, save_head_then_gaze
-from talkingeyes.learning.trained_poses import HeadGenerator, pose_config
-from talkingeyes.metrics.pose.classifier import ClassifierSettings, Labelled, judge, trained_classifier
-from talkingeyes.metrics.pose.correlation import SVMSettings, belonging, correlations
-from talkingeyes.metrics.pose.movement import distances, jitter, manner, seams, unlike, variety
-from talkingeyes.metrics.pose.transfer import blended
-from talkingeyes.metrics.pose.windows import PoseWindows, cut, windows_of
-from talkingeyes.motion import Motion
+from talkingeyes.orchestration.config import CONF, compose
+from talkingeyes.training.checkpoint import load, save
+from talkingeyes.training.loop import Contest, LoopSettings, train
+from talkingeyes.training.pgface import PGFaceSettings, PGFaceTask, ShapeRecording
+from talkingeyes.training.poses import PoseModelSettings, PoseTask, liveness
+from talkingeyes.training.progress import Progress
+from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, save_head_then_gaze
+from talkingeyes.training.trained_poses import HeadGenerator, pose_config
 
 CHANNELS = 6
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
@@ -181,9 +174,9 @@ class TestHeads:
 
 def _save_gaze(folder: Path) -> None:
     """The smallest model with a gaze decoder, untrained."""
-    from talkingeyes.learning.trained import network_config
-    from talkingeyes.learning.translation import TranslationSettings
     from talkingeyes.models.speech_to_motion import SpeechToMotion
+    from talkingeyes.training.trained import network_config
+    from talkingeyes.training.translation import TranslationSettings
 
     node = yaml.safe_load((CONF / "model" / "vae.yaml").read_text())
     found = TranslationSettings.model_validate(node)
@@ -392,7 +385,7 @@ class TestTables:
     """From what is measured to the page."""
 
     def test_new_people_are_measured_by_style_and_language(self) -> None:
-        from talkingeyes.metrics.pose import measuring
+        from talkingeyes.evaluation.pose import measuring
 
         made = task("posegan").module
         people = [recordings(300, 4)[index::2] for index in (0, 1)]
@@ -411,7 +404,7 @@ class TestTables:
         assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
 
     def test_the_page_has_every_table_with_the_paper_beside(self) -> None:
-        from talkingeyes.metrics.pose.page import page
+        from talkingeyes.evaluation.pose.page import page
 
         row = {
             "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,

@@ -43,7 +43,7 @@ def test_animate_is_the_first_sample(place: Path) -> None:
 
 
 def test_names_are_found_on_first_use_and_stay_what_they_are() -> None:
-    from talkingeyes.export import glb  # noqa: F401
+    from talkingeyes.formats.writers import glb  # noqa: F401
 
     for name in te.__all__:
         assert callable(getattr(te, name)), name

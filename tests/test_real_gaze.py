@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from talkingeyes.corpus.recordings_of_people import SACCADE, read_andersson, read_conversation, read_openface
-from talkingeyes.metrics.detectors.fixations import detect_fixations
-from talkingeyes.metrics.detectors.saccades import detect_saccades
-from talkingeyes.metrics.detectors.scoring import Tally, during, kappa, tally
-from talkingeyes.metrics.detectors.signal import runs
+from talkingeyes.evaluation.detectors.fixations import detect_fixations
+from talkingeyes.evaluation.detectors.saccades import detect_saccades
+from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, tally
+from talkingeyes.evaluation.detectors.signal import runs
 
 
 @pytest.fixture(scope="module")

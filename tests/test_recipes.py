@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import talkingeyes as te
-from talkingeyes.formats.live_link import SIGNS
+from talkingeyes.formats.readers.live_link import SIGNS
 from talkingeyes.formats.rotations import turns
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of

@@ -7,9 +7,9 @@ import json
 import pytest
 from recorded import PARAMS, client_of
 
-from talkingeyes.comparison import TAG, TEST_METRICS, VAL_METRICS
-from talkingeyes.metrics.benchmark.sound import CRITICS
-from talkingeyes.record import Report, Row, experiment_name, flatten, parameters, record, run_name
+from talkingeyes.evaluation.benchmark.sound import CRITICS
+from talkingeyes.orchestration.comparison import TAG, TEST_METRICS, VAL_METRICS
+from talkingeyes.orchestration.record import Report, Row, experiment_name, flatten, parameters, record, run_name
 
 
 @pytest.fixture

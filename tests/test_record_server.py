@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from talkingeyes.comparison import TAG, TEST_METRICS, main, page
-from talkingeyes.record import Report, Row, record
+from talkingeyes.orchestration.comparison import TAG, TEST_METRICS, main, page
+from talkingeyes.orchestration.record import Report, Row, record
 
 PROCESSES, TRIALS = 4, 2
 WRITER = """
@@ -26,8 +26,8 @@ import optuna
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from recorded import PARAMS
-from talkingeyes.comparison import TEST_METRICS
-from talkingeyes.record import Report, Row, record
+from talkingeyes.orchestration.comparison import TEST_METRICS
+from talkingeyes.orchestration.record import Report, Row, record
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 root = Path(sys.argv[1])

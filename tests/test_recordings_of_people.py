@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.recordings_of_people import (
     SACCADE,
     ConversationFixations,
@@ -14,7 +15,6 @@ from talkingeyes.corpus.recordings_of_people import (
     read_conversation,
     read_openface,
 )
-from talkingeyes.errors import InputError
 
 
 def write_andersson(path, at_px, labels, **others):

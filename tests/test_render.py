@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
-from talkingeyes.head.render import Painter
-from talkingeyes.head.sheet import contact_sheet, still
-from talkingeyes.head.view import FRAMINGS, Framing
-from talkingeyes.motion import Motion
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.sheet import contact_sheet, still
+from talkingeyes.rendering.view import FRAMINGS, Framing
 
 
 def eyes(gaze_deg: tuple[float, float] = (0, 0), lid: float = 0.0) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 from toy_workspace import toy_workspace
 
 from pipelines import critic, evaluate, report
-from talkingeyes.errors import InputError
-from talkingeyes.metrics.table import Requirement, checklist, markdown, requirements
+from talkingeyes.core.errors import InputError
+from talkingeyes.evaluation.table import Requirement, checklist, markdown, requirements
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
 

@@ -16,8 +16,8 @@ from toy_training import command, toy_training
 
 from pipelines import critic, pretrain
 from pipelines import train as train_stage
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.progress import Progress, State
+from talkingeyes.training.loop import train
+from talkingeyes.training.progress import Progress, State
 
 STEPS = {"steps": 20, "validate_every": 4, "batch": 4}
 STAGES = [("pretrain", "codes"), ("train", "joint"), ("critic",)]
@@ -134,7 +134,7 @@ def test_other_code_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     progress = interrupted(tmp_path / "p", "a")
     (tmp_path / "package" / "models").mkdir(parents=True)
     (tmp_path / "package" / "models" / "new.py").write_text("")
-    monkeypatch.setattr("talkingeyes.learning.progress.PACKAGE", tmp_path / "package")
+    monkeypatch.setattr("talkingeyes.training.progress.PACKAGE", tmp_path / "package")
     assert restored(progress).step == 0
 
 

@@ -7,13 +7,13 @@ import flame_file
 import numpy as np
 import pytest
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import motion_names, pose_of
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.retarget import expression_map
-from talkingeyes.motion import Motion
 
 
 @pytest.fixture(scope="module")

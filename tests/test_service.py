@@ -28,10 +28,10 @@ from test_streaming import speech
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from talkingeyes import conversion
+from talkingeyes.animation.streaming import LiveModel
+from talkingeyes.apps.viewer.head_file import FIXED
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.performance.streaming import LiveModel
-from talkingeyes.viewer.head_file import FIXED
+from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, browsing
 
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # a busy machine may keep a client waiting that long
@@ -39,7 +39,7 @@ LIMITED = f"""
 import sys
 from dataclasses import replace
 from pathlib import Path
-from talkingeyes.hosting import LIMITS, host_service
+from talkingeyes.workflows.serve import LIMITS, host_service
 more = dict(stream_s=30, speech_s=4, work_s=60, kept=3)
 limits = replace(LIMITS, streams={STREAMS}, upload_bytes=300_000, idle_s={IDLE_S}, **more)
 host_service(model=sys.argv[1], live=sys.argv[2], port=0, limits=limits, started=lambda each: print(each, flush=True))
@@ -175,7 +175,7 @@ class TestFiles:
         for format, rate in (("FLAC", 44_100), ("OGG", 48_000), ("MP3", 22_050)):
             assert service.ask("performances", wav(speech(1.0), rate, format)).status == 200
 
-    @pytest.mark.parametrize("format", [name for name in conversion.FORMATS if name != "mp4"])
+    @pytest.mark.parametrize("format", [name for name in convert.FORMATS if name != "mp4"])
     def test_downloads(self, service: Service, format: str, performed: str) -> None:
         found = service.ask(f"{performed}/{format}")
         assert found.status == 200, found.body
@@ -205,8 +205,8 @@ class TestStreams:
         assert end == {"end": True, "frames": int(SECONDS * 25)}
         assert len(rows) == end["frames"]
         whole = live.whole(heard.astype(np.float32), 5)
+        from talkingeyes.apps.viewer.head_file import pose_rows
         from talkingeyes.head.anny import open_head
-        from talkingeyes.viewer.head_file import pose_rows
 
         np.testing.assert_allclose(rows, pose_rows(open_head(), whole), atol=1e-4)
 
@@ -402,7 +402,7 @@ class TestPage:
             browser.until("document.body.dataset.state === 'playing'")
             browser.until("document.getElementById('sound').currentTime > 0.2")
             first = browser.value("document.getElementById('sound').src")
-            assert browser.value("document.querySelectorAll('#downloads a').length") == len(conversion.FORMATS)
+            assert browser.value("document.querySelectorAll('#downloads a').length") == len(convert.FORMATS)
             browser.value("document.getElementById('another').click()")
             browser.until(f"document.getElementById('sound').src !== {json.dumps(first)}")
             browser.until("document.body.dataset.state === 'playing'")

@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_model import toy_model
 
-from talkingeyes import cli, speech
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.errors import InputError
-from talkingeyes.speech import script_of, speak
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.workflows import speak as speech
+from talkingeyes.workflows.speak import script_of, speak
 
 TEXT = "Well, um, how are you today? I was thinking - no, dreaming - about Rome!"
 

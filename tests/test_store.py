@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 from pipelines.experiment import calls
-from talkingeyes import store
-from talkingeyes.config import compose
-from talkingeyes.errors import InputError
-from talkingeyes.recipe import needed, recipe
-from talkingeyes.run import Report, Row
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration import store
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.recipe import needed, recipe
+from talkingeyes.orchestration.run import Report, Row
 
 CHAIN = {
     "stages": {

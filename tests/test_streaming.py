@@ -10,17 +10,17 @@ import torch
 from live_model import CODES, content, embedding_settings, write_live_model
 from numpy import ndarray
 
-from talkingeyes import rotation
+from talkingeyes.animation.direction import Liveliness
+from talkingeyes.animation.streaming import GREATEST_LATENCY_S, Frames, LiveModel, LiveWish
 from talkingeyes.audio.encoder import make_encoder
 from talkingeyes.audio.live import USUAL_DBFS, LiveProsody, RunningLevel
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
-from talkingeyes.errors import InputError
-from talkingeyes.kinematics import eye_speed_deg_s
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import eye_speed_deg_s
+from talkingeyes.core.motion import Motion
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
 from talkingeyes.models.streaming import MotionStream, Streamed
-from talkingeyes.motion import Motion
-from talkingeyes.performance.direction import Liveliness
-from talkingeyes.performance.streaming import GREATEST_LATENCY_S, Frames, LiveModel, LiveWish
 
 SECONDS = 3.3
 

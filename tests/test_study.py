@@ -17,27 +17,27 @@ import pytest
 import yaml
 from fastapi.testclient import TestClient
 
-from talkingeyes import cli
+from talkingeyes.apps.study.answers import Answer, Answers
+from talkingeyes.apps.study.design import DESIGNS, Design, load_design, names
+from talkingeyes.apps.study.films import LATE_S, shown, static_lids
+from talkingeyes.apps.study.folder import Study, film_id, films_of
+from talkingeyes.apps.study.plan import ATTENTION, Pair, pairs_of
+from talkingeyes.apps.study.results import preferences, wilcoxon_p
+from talkingeyes.apps.study.server import study_app
+from talkingeyes.apps.study.tables import p_text, table
 from talkingeyes.audio.annotation import Annotation
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
 from talkingeyes.corpus.takes import motions_in
-from talkingeyes.errors import InputError
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
 from talkingeyes.head.skinning import posed
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import gaze_of_angles
-from talkingeyes.study.answers import Answer, Answers
-from talkingeyes.study.design import DESIGNS, Design, load_design, names
-from talkingeyes.study.films import LATE_S, shown, static_lids
-from talkingeyes.study.folder import Study, film_id, films_of
-from talkingeyes.study.plan import ATTENTION, Pair, pairs_of
-from talkingeyes.study.results import preferences, wilcoxon_p
-from talkingeyes.study.server import study_app
-from talkingeyes.study.tables import p_text, table
-from talkingeyes.studying import make, results
+from talkingeyes.workflows.study import make, results
 from tests.browser import CHROMIUM, browsing
 
 FPS, FRAMES = 25.0, 15
@@ -342,7 +342,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
     content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
     make("own.yaml", "study", data=data, size=64)
-    command = [sys.executable, "-m", "talkingeyes.cli", "study", "run", "study", "--port", "0"]
+    command = [sys.executable, "-m", "talkingeyes.cli.main", "study", "run", "study", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, browsing(tmp_path / "p") as browser:
         assert server.stdout is not None
         address = server.stdout.readline().split(" ")[0]
@@ -369,7 +369,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from talkingeyes.export.video import write_video
+    from talkingeyes.rendering.video import write_video
 
     data = toy_data(tmp_path)
     for number in range(4):

@@ -14,7 +14,7 @@ import pytest
 import pipelines.experiment
 import pipelines.sweep
 from pipelines.study import prepare, storage
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 # Optuna's old words for distributions, which Hydra's sweeper speaks.
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")

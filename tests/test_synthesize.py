@@ -13,14 +13,14 @@ import pytest
 
 from pipelines import synthesize
 from talkingeyes.audio.annotation import EMOTIONS
-from talkingeyes.config import compose, write_params
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import SPLITS
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
-from talkingeyes.run import Workspace
-from talkingeyes.world import plan
-from talkingeyes.world.plan import SynthesizeSettings
-from talkingeyes.world.voices import converse
+from talkingeyes.orchestration.config import compose, write_params
+from talkingeyes.orchestration.run import Workspace
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.plan import SynthesizeSettings
+from talkingeyes.synthesis.voices import converse
 from tests.fixtures_corpus import make_tiny_corpus
 
 FEW = ("synthesize.clips=10", "synthesize.takes=1")

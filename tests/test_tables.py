@@ -12,21 +12,21 @@ from toy import CHANNELS, recordings
 from toy_workspace import toy_workspace, train_random
 
 from pipelines import critic, rows, table_rows, tables
-from talkingeyes.config import compose
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.errors import InputError
-from talkingeyes.learning.checkpoint import load
-from talkingeyes.learning.trained import load_generator
-from talkingeyes.learning.trained_canonical import CanonicalModelSettings, find, save_canonical
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.seeds import Measured, Seeded, mean_of_known
-from talkingeyes.metrics.tables.declared import TABLES, TITLES, Column, PaperTable
-from talkingeyes.metrics.tables.order import order
-from talkingeyes.metrics.tables.page import as_json, found, markdown
-from talkingeyes.metrics.tables.row import fast, figures_of, spread_rad
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.seeds import Measured, Seeded, mean_of_known
+from talkingeyes.evaluation.tables.declared import TABLES, TITLES, Column, PaperTable
+from talkingeyes.evaluation.tables.order import order
+from talkingeyes.evaluation.tables.page import as_json, found, markdown
+from talkingeyes.evaluation.tables.row import fast, figures_of, spread_rad
 from talkingeyes.models.gaze.canonical import CanonicalSettings, Example, look, relate
-from talkingeyes.recipe import Call
-from talkingeyes.run import Report
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.run import Report
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.trained import load_generator
+from talkingeyes.training.trained_canonical import CanonicalModelSettings, find, save_canonical
 
 BOOTSTRAP = BootstrapSettings(draws=200, level=0.95, seed=0)
 CANONICAL = CanonicalSettings(

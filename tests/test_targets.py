@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from directed import motion, performed
 
-from talkingeyes import rotation
-from talkingeyes.errors import InputError
-from talkingeyes.kinematics import space_speed_deg_s
-from talkingeyes.performance import sight
-from talkingeyes.performance.targets import Place, Target, TargetTrack, load_targets, steady
+from talkingeyes.animation import sight
+from talkingeyes.animation.targets import Place, Target, TargetTrack, load_targets, steady
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.kinematics import space_speed_deg_s
 from talkingeyes.physiology import saccades
 
 LAMP, CUP = Place.fixed(0.9, 0.3, 1.2), Place.fixed(-0.15, -0.2, 0.4)

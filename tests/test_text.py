@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from talkingeyes.errors import InputError
-from talkingeyes.world.text import (
+from talkingeyes.core.errors import InputError
+from talkingeyes.synthesis.text import (
     GRAMMARS,
     PAUSES,
     SLOT,

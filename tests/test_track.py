@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from talkingeyes.cli import app
-from talkingeyes.config import compose
+from talkingeyes.cli.main import app
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.errors import InputError
-from talkingeyes.export.video import write_video
-from talkingeyes.footage import track, track_one
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.face_points import NAMES
-from talkingeyes.head.render import Painter
-from talkingeyes.head.view import FRAMINGS
-from talkingeyes.motion import Motion
+from talkingeyes.orchestration.config import compose
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.video import write_video
+from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.tracking import ledger
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import facts, frames
+from talkingeyes.workflows.track import track, track_one
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/real/video"
 HDTF, VOX = REAL / "hdtf_WDA_KatieHill_000.mp4", REAL / "vox2_681100216.mp4"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head.face_points import NAMES
 from talkingeyes.head.landmarks import in_camera, landmarks, pupils
 from talkingeyes.tracking import ledger

@@ -9,16 +9,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from talkingeyes.learning.loop import LoopSettings
-from talkingeyes.metrics.benchmark import looking
-from talkingeyes.metrics.benchmark.registry import MEASURES
-from talkingeyes.metrics.bootstrap import BootstrapSettings
-from talkingeyes.metrics.corruptions import CORRUPTIONS, NOTHING, SWAPPED, corrupted
-from talkingeyes.metrics.distribution.encoder import EncoderSettings
-from talkingeyes.metrics.validation import catches, l2, matrix, pool_encoder, takes_of
+from talkingeyes.core.rotation import gaze_in_space
+from talkingeyes.evaluation.benchmark import looking
+from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, NOTHING, SWAPPED, corrupted
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.validation import catches, l2, matrix, pool_encoder, takes_of
 from talkingeyes.models.motion_autoencoder import AutoencoderSettings
-from talkingeyes.rotation import gaze_in_space
-from talkingeyes.world.pool import pool
+from talkingeyes.synthesis.pool import pool
+from talkingeyes.training.loop import LoopSettings
 
 SETTINGS = BootstrapSettings(draws=100, level=0.95, seed=0)
 ENCODER = EncoderSettings(

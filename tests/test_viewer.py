@@ -16,20 +16,20 @@ import soundfile
 from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 
-from talkingeyes import cli
+from talkingeyes.apps.viewer.assets import NAMES, asset
+from talkingeyes.apps.viewer.head_file import FIXED, pose_rows
+from talkingeyes.apps.viewer.scene import outline, traces
+from talkingeyes.apps.viewer.server import viewer_app
 from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.cli import main as cli
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Blink, Events, Motion
+from talkingeyes.core.rotation import gaze_of_angles
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.errors import InputError
-from talkingeyes.export.glb import joint_offsets
+from talkingeyes.formats.writers.glb import joint_offsets
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import pose_of
-from talkingeyes.motion import Blink, Events, Motion
-from talkingeyes.rotation import gaze_of_angles
-from talkingeyes.viewer.assets import NAMES, asset
-from talkingeyes.viewer.head_file import FIXED, pose_rows
-from talkingeyes.viewer.scene import outline, traces
-from talkingeyes.viewer.server import viewer_app
-from talkingeyes.viewing import scene_of
+from talkingeyes.workflows.view import scene_of
 from tests.browser import CHROMIUM, browsing
 from tests.toy_workspace import toy_workspace
 
@@ -168,14 +168,14 @@ def test_a_mistake_is_one_line(
 
 
 def test_a_port_that_is_taken_is_one_line(place: Path) -> None:
-    from talkingeyes.viewing import view
+    from talkingeyes.workflows.view import view
 
     with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="port: should be free"):
         view(["a.npz"], port=taken.getsockname()[1], started=lambda _: None)
 
 
 def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("talkingeyes.viewer.assets.find_spec", lambda _: None)
+    monkeypatch.setattr("talkingeyes.apps.viewer.assets.find_spec", lambda _: None)
     asset.cache_clear()
     with pytest.raises(InputError, match="extra `web`"):
         asset("three.js")
@@ -197,7 +197,7 @@ def address(place: Path) -> Iterator[str]:
         "--port",
         "0",
     ]
-    command = [sys.executable, "-m", "talkingeyes.cli", *words]
+    command = [sys.executable, "-m", "talkingeyes.cli.main", *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     with process:

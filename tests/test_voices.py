@@ -11,11 +11,11 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import EMOTIONS
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.errors import InputError
-from talkingeyes.world.accents import ACCENTS, MOODS, VARIANTS, Voice, draw_voice, in_mood
-from talkingeyes.world.phrases import NUCLEUS
-from talkingeyes.world.text import Filler, Pause, Script, Sentence, Word, write_script
-from talkingeyes.world.voices import Cast, Spoken, converse, speak, speak_about
+from talkingeyes.core.errors import InputError
+from talkingeyes.synthesis.accents import ACCENTS, MOODS, VARIANTS, Voice, draw_voice, in_mood
+from talkingeyes.synthesis.phrases import NUCLEUS
+from talkingeyes.synthesis.text import Filler, Pause, Script, Sentence, Word, write_script
+from talkingeyes.synthesis.voices import Cast, Spoken, converse, speak, speak_about
 
 pytest.importorskip("espeakng_loader")
 VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]

@@ -14,15 +14,15 @@ from toy import recordings
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.encoder_transformers import TransformersEncoder, TransformersSettings
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.errors import InputError
-from talkingeyes.learning import checkpoint
-from talkingeyes.learning.loop import train
-from talkingeyes.learning.telling import Beside, Teller
-from talkingeyes.learning.trained import load_generator, needs, network_config
-from talkingeyes.learning.translation import TranslationSettings, TranslationTask
 from talkingeyes.models.wave import WaveEncoder, WaveSettings
+from talkingeyes.training import checkpoint
+from talkingeyes.training.loop import train
+from talkingeyes.training.telling import Beside, Teller
+from talkingeyes.training.trained import load_generator, needs, network_config
+from talkingeyes.training.translation import TranslationSettings, TranslationTask
 
 FRAMES = 100
 

@@ -6,15 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from talkingeyes import rotation
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.config import compose
-from talkingeyes.motion import Motion
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Motion
+from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.blinks import PAPER, PHYSIO
-from talkingeyes.world import plan
-from talkingeyes.world.speakers import Style, draw_style
-from talkingeyes.world.take import Take, perform
-from talkingeyes.world.voices import speak_about
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.speakers import Style, draw_style
+from talkingeyes.synthesis.take import Take, perform
+from talkingeyes.synthesis.voices import speak_about
 
 SETTINGS = plan.SynthesizeSettings(**compose(["synthesize=default"])["synthesize"])
 FPS = 25.0

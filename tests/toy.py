@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recording
 

@@ -7,9 +7,9 @@ from toy import CHANNELS, clip
 
 from talkingeyes.corpus.faces import FaceRecording
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.learning.face_translation import FaceData
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
+from talkingeyes.training.face_translation import FaceData
 
 NAMES = ("browDownLeft", "browDownRight", "mouthSmileLeft", "mouthSmileRight")
 BASIS = FaceBasis("toy", NAMES)

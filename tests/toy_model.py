@@ -10,8 +10,8 @@ import soundfile
 from toy import recordings
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.learning.trained import save_baseline
 from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.training.trained import save_baseline
 
 EMBED = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},

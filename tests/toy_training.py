@@ -14,13 +14,14 @@ from test_learning import prior, translation
 from toy import CHANNELS, recordings
 from toy_workspace import _section
 
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.motion import Motion
-from talkingeyes.run import SUMS, Workspace, sums
+from talkingeyes.orchestration.run import SUMS, Workspace, sums
 
 SPLITS = {"train": 9, "val": 1, "test": 2, "unseen": 2}
 # Called as the stage's command calls it, without a record in MLflow.
-RUN = "import sys; from pathlib import Path; from talkingeyes.run import Workspace; from pipelines import {stage}; "
+RUN = "import sys; from pathlib import Path; from talkingeyes.orchestration.run import Workspace; "
+RUN += "from pipelines import {stage}; "
 RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
 
 

@@ -10,13 +10,13 @@ import yaml
 from toy import recordings
 
 from talkingeyes.audio.annotation import Annotation
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.learning.trained import save_baseline
 from talkingeyes.models.baselines import BaselineSettings, bank_of
-from talkingeyes.motion import Motion
-from talkingeyes.run import Workspace
+from talkingeyes.orchestration.run import Workspace
+from talkingeyes.training.trained import save_baseline
 
 FPS, FRAMES, CHANNELS = 25.0, 75, 5
 NAMES = ["one", "two", "energy_dbfs", "f0_octaves", "voicing"]

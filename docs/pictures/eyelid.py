@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.export.eyelid import parameter_sheet, tracks_over_sound
 from talkingeyes.head.anny import open_head
-from talkingeyes.run import quiet
+from talkingeyes.orchestration.run import quiet
+from talkingeyes.rendering.eyelid_figures import parameter_sheet, tracks_over_sound
 
 SECONDS = 8.0
 LEAST_BLINKS = 3

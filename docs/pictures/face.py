@@ -14,13 +14,13 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from talkingeyes.audio.annotation import Phoneme
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import open_head
-from talkingeyes.head.render import Painter
-from talkingeyes.head.view import FRAMINGS
-from talkingeyes.motion import Motion
+from talkingeyes.orchestration.run import quiet
 from talkingeyes.physiology.articulation import APEX, Mouth, MouthHabit, mouth
 from talkingeyes.physiology.face import FACE_SHAPES, FEELINGS, SHARE_OF_INTENSITY, Face, expression
-from talkingeyes.run import quiet
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import FRAMINGS
 
 SOUNDS = ("a", "m", "a", "b", "o", "p", "u", "s", "i", "f", "a", "S", "u:", "w", "E", "l")
 SOUND_S, SIZE_PX = 0.14, 180

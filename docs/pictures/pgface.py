@@ -15,11 +15,11 @@ from talkingeyes.corpus.poses import head_of
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.normals import incidence, summed
-from talkingeyes.head.render import Painter
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.head.view import FRAMINGS
-from talkingeyes.learning.checkpoint import load
-from talkingeyes.learning.pgface import PGFaceSettings, pgface_network, read_shapes, windows
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import FRAMINGS
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.pgface import PGFaceSettings, pgface_network, read_shapes, windows
 
 PITCHES_DEG = (-18.0, 0.0, 18.0)
 SIZE, LEAST_OPEN = 420, 0.9

@@ -25,7 +25,7 @@ def main(data: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         few = Path(folder, f"{clip}.npz")
         Samples(drawn.fps, drawn.head[:SAMPLES], drawn.gaze[:SAMPLES]).save(few)
-        command = [sys.executable, "-m", "talkingeyes.cli", "view", str(few), "--corpus", str(data / "synthesize")]
+        command = [sys.executable, "-m", "talkingeyes.cli.main", "view", str(few), "--corpus", str(data / "synthesize")]
         server = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
         assert server.stdout is not None
         with server, browsing(Path(folder, "profile"), *SIZE) as browser:

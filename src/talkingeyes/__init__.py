@@ -6,7 +6,7 @@
     m.save("speech.npz")
     te.export(m, "speech.glb")
 
-docs/python.md has the rest; docs/map.md says what stands where. Names are found on first use, for torch takes seconds.
+docs/python.md has the rest; docs/architecture.md says what stands where. Names are found on first use, for torch takes seconds.
 """
 
 import sys
@@ -15,38 +15,38 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from talkingeyes.animation import animate as animate
-    from talkingeyes.animation import animate_into as animate_into
-    from talkingeyes.animation import animate_samples as animate_samples
-    from talkingeyes.conversion import export as export
-    from talkingeyes.directing import direct as direct
-    from talkingeyes.errors import InputError as InputError
-    from talkingeyes.film import render as render
-    from talkingeyes.motion import Events as Events
-    from talkingeyes.motion import Motion as Motion
-    from talkingeyes.pack import pack as pack
-    from talkingeyes.performance.direction import Direction as Direction
-    from talkingeyes.performance.direction import Liveliness as Liveliness
-    from talkingeyes.performance.perform import Performance as Performance
-    from talkingeyes.performance.targets import load_targets as load_targets
-    from talkingeyes.speech import speak as speak
+    from talkingeyes.animation.direction import Direction as Direction
+    from talkingeyes.animation.direction import Liveliness as Liveliness
+    from talkingeyes.animation.perform import Performance as Performance
+    from talkingeyes.animation.targets import load_targets as load_targets
+    from talkingeyes.core.errors import InputError as InputError
+    from talkingeyes.core.motion import Events as Events
+    from talkingeyes.core.motion import Motion as Motion
+    from talkingeyes.workflows.animate import animate as animate
+    from talkingeyes.workflows.animate import animate_into as animate_into
+    from talkingeyes.workflows.animate import animate_samples as animate_samples
+    from talkingeyes.workflows.convert import export as export
+    from talkingeyes.workflows.direct import direct as direct
+    from talkingeyes.workflows.pack import pack as pack
+    from talkingeyes.workflows.render import render as render
+    from talkingeyes.workflows.speak import speak as speak
 
 _HOMES = {
-    "Direction": "performance.direction",
-    "Events": "motion",
-    "InputError": "errors",
-    "Liveliness": "performance.direction",
-    "Motion": "motion",
-    "Performance": "performance.perform",
-    "animate": "animation",
-    "animate_into": "animation",
-    "animate_samples": "animation",
-    "direct": "directing",
-    "export": "conversion",
-    "load_targets": "performance.targets",
-    "pack": "pack",
-    "render": "film",
-    "speak": "speech",
+    "Direction": "animation.direction",
+    "Events": "core.motion",
+    "InputError": "core.errors",
+    "Liveliness": "animation.direction",
+    "Motion": "core.motion",
+    "Performance": "animation.perform",
+    "animate": "workflows.animate",
+    "animate_into": "workflows.animate",
+    "animate_samples": "workflows.animate",
+    "direct": "workflows.direct",
+    "export": "workflows.convert",
+    "load_targets": "animation.targets",
+    "pack": "workflows.pack",
+    "render": "workflows.render",
+    "speak": "workflows.speak",
 }
 
 __all__ = [

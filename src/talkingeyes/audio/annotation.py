@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 # The classes of 3DMEAD (ProbTalk3D, section 3.1); neutral has intensity 0, the others 1 (weak) to 3 (strong).
 EMOTIONS = ("neutral", "happy", "sad", "surprised", "fear", "disgusted", "angry", "contempt")

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.audio.waveform import block_levels_dbfs
-from talkingeyes.settings import PartSettings, Role, Settings
+from talkingeyes.core.settings import PartSettings, Role, Settings
 
 ENCODERS = Role(
     "speech encoder",

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from talkingeyes.audio.prosody import framed
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
-from talkingeyes.settings import PartSettings
+from talkingeyes.core.settings import PartSettings
 
 FLOOR = 1e-8  # power; -80 dB
 

@@ -16,8 +16,8 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.audio.windows import Stride, encode_in_windows
-from talkingeyes.errors import InputError
-from talkingeyes.settings import PartSettings
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import PartSettings
 
 PACKAGE = "moonshine_voice"
 MODEL = Path("assets", "tiny-en", "encoder_model.ort")

@@ -17,7 +17,7 @@ from numpy import ndarray
 from talkingeyes.audio.encoder import F0_REFERENCE_HZ, LOUD_PERCENTILE, PROSODY_CHANNELS, EmbedSettings
 from talkingeyes.audio.prosody import MEDIAN_STEPS, STEP_S, prosody
 from talkingeyes.audio.waveform import BLOCK_S, SAMPLE_RATE, SILENT_DBFS, block_levels_dbfs, frames_of
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 STEP = round(STEP_S * SAMPLE_RATE)
 BLOCK = round(BLOCK_S * SAMPLE_RATE)

@@ -19,7 +19,7 @@ from pydantic import Field
 from scipy.ndimage import median_filter
 
 from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
-from talkingeyes.settings import Settings
+from talkingeyes.core.settings import Settings
 
 STEP_S = 0.01
 MEDIAN_STEPS = 5

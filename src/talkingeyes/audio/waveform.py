@@ -18,7 +18,7 @@ import soxr
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 SAMPLE_RATE = 16_000
 SHORTEST_S = 0.3

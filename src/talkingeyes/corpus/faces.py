@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 SPLITS = ("train", "val", "test", "unseen")
 

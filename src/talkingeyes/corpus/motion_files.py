@@ -19,7 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 FRAME_DIMENSIONS = {"head": 1, "gaze": 2, "lid": 1}
 SAMPLE = re.compile(r"(?:(?P<clip>.+?)[-_.])?s(?:ample)?[-_]?\d+")

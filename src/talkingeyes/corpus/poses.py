@@ -19,11 +19,11 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
-from talkingeyes.settings import Settings
 
 NUMBERS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
 

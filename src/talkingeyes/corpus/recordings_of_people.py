@@ -23,7 +23,7 @@ from scipy.io.matlab import MatReadError
 from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # Andersson's labels
 ROUND_BLINK_S = 0.05  # lids cover part of the pupil before and after the tracker loses it

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.errors import InputError
-from talkingeyes.npz import save_npz
-from talkingeyes.settings import Settings
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.npz import save_npz
+from talkingeyes.core.settings import Settings
 
 
 class SampleSettings(Settings):

@@ -14,10 +14,10 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Events, Motion
 from talkingeyes.corpus.index import Clip, read_index, write_index
-from talkingeyes.errors import InputError
 from talkingeyes.head.observation import Observation
-from talkingeyes.motion import Events, Motion
 
 
 def sharded(folder: Path, name: str, suffix: str) -> Path:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
-from talkingeyes.motion import Motion
 
 
 def motions_in(path: Path) -> list[Motion]:

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.fitting.gaps import runs
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, in_camera, pupils
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import gaze_in_space
 
 SACCADE_RAD_S = np.radians(25.0)
 

@@ -26,13 +26,13 @@ from pydantic import Field
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import angles_of_gaze, gaze_of_angles
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.face_points import EYES
 from talkingeyes.head.landmarks import eye_points, in_camera
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import angles_of_gaze, gaze_of_angles
-from talkingeyes.settings import Settings
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 STEADY_FRAMES = 5  # of the median over gaze before it tells where lids should be

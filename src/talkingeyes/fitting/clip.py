@@ -16,6 +16,9 @@ from jaxtyping import Bool
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import eye_in_head, gaze_in_space
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio, eye_aspect_ratio, lids
 from talkingeyes.fitting.eyes import EyeSettings, RangeSettings, eyes, within_range
 from talkingeyes.fitting.face import FaceSettings, face
@@ -25,9 +28,6 @@ from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Soluti
 from talkingeyes.fitting.person import Person, PersonSettings, person
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
 from talkingeyes.head.observation import Observation
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import eye_in_head, gaze_in_space
-from talkingeyes.settings import Settings
 
 Share = Annotated[float, Field(ge=0, le=1)]
 

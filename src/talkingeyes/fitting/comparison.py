@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.core.rotation import matrices
 from talkingeyes.fitting.accuracy import Tally, Yardstick
 from talkingeyes.fitting.clip import Fit, FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
-from talkingeyes.motion import Events, Motion
-from talkingeyes.rotation import matrices
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,12 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from scipy.optimize import minimize, minimize_scalar
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import direction_of_angles, matrices
 from talkingeyes.head.eyelid.anatomy import IRIS_CENTRE_M, IRIS_RADIUS_M
 from talkingeyes.head.eyelid.construction import LOWER, UPPER, EyelidModel
 from talkingeyes.head.eyelid.region import TEMPORAL
-from talkingeyes.head.view import View
-from talkingeyes.rotation import direction_of_angles, matrices
+from talkingeyes.rendering.view import View
 
 HALF_HEIGHT_M = 0.0105  # of E1, E2 and E3 together, an ellipse from corner to corner
 CLOSURES = np.linspace(-0.3, 1.0, 14)

@@ -22,8 +22,8 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.rotation import angles_of_direction, angles_of_gaze, directions, gaze_of_angles
-from talkingeyes.settings import Settings
+from talkingeyes.core.rotation import angles_of_direction, angles_of_gaze, directions, gaze_of_angles
+from talkingeyes.core.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 Spread = Annotated[float, Field(ge=0)]

@@ -21,14 +21,14 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.rotation import matrices
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.head_pose import HeadPose, projection_jacobian
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.drive import SIDE_RAD, motion_names
 from talkingeyes.head.face_points import EYES, NAMES
 from talkingeyes.head.landmarks import face_points
-from talkingeyes.rotation import matrices
-from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 JAW = ("jawOpen", "jawLeft", "jawRight")

@@ -17,13 +17,13 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.signal import savgol_filter
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import matrices, vectors
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.gaps import bridged
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.face_points import NAMES
 from talkingeyes.head.landmarks import RIGID
-from talkingeyes.rotation import matrices, vectors
-from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 

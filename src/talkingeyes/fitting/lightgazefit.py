@@ -26,10 +26,10 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.rotation import directions, listing, matrices
+from talkingeyes.core.settings import Settings
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_M
-from talkingeyes.rotation import directions, listing, matrices
-from talkingeyes.settings import Settings
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -16,9 +16,9 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import TypeAdapter
 
-from talkingeyes import rotation
-from talkingeyes.errors import InputError
-from talkingeyes.motion import Motion
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.physiology.steps import find_saccades
 
 SPEAKERS_FILE = "speakers.json"

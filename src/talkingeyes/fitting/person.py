@@ -24,6 +24,7 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.optimize import lsq_linear
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.head_pose import (
     HeadPoseSettings,
     pose_jacobian,
@@ -35,7 +36,6 @@ from talkingeyes.head.anny import open_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.face_points import EYES
 from talkingeyes.head.landmarks import RIGID, rest_points
-from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 CORNERS = EYES[:, [0, 3]]  # outer, inner

@@ -25,9 +25,9 @@ from pydantic import Field
 from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.gaps import bridged, held, runs
 from talkingeyes.fitting.steps import noise_variance, piecewise_constant, with_saccades
-from talkingeyes.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 HALF_WINDOW = 7  # frames before and after, between whose medians a frame should lie

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.drive import DRIVEN, DRIVEN_JAW, SIDE_RAD, SIDES
-from talkingeyes.motion import Motion
 
 LOOK_RAD = float(np.radians(37.0))
 WIDE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go

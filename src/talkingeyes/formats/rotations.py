@@ -7,8 +7,8 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from talkingeyes import rotation
-from talkingeyes.errors import InputError
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
 
 WIDTHS = {"rotation_vector": 3, "six_d": 6, "quaternion_xyzw": 4, "quaternion_wxyz": 4, "matrix": 9, "yaw_pitch": 2}
 EULER = "euler_"  # and three letters: capital ones turn with the body (XYZ), small ones about fixed axes

@@ -12,7 +12,7 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny_data
 from talkingeyes.head.anny_build import NAME, build
 from talkingeyes.head.eyelid.anatomy import Person

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import angles_of_gaze
 from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights, has_eyelids
 from talkingeyes.head.model import HeadModel
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import angles_of_gaze
 
 SIDES = ("Left", "Right")
 SHUT = 0.8  # weight of eyeBlink at which the lids meet

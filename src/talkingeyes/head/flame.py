@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head.eyelid.anatomy import Person
 from talkingeyes.head.eyelid.drive import lid_landmarks, with_eyelids
 from talkingeyes.head.model import PARENTS, PARTS, HeadModel, Landmarks

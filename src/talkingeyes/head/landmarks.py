@@ -21,13 +21,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import directions, matrices
 from talkingeyes.head.anny import open_head
 from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.eyeball import APEX_M
 from talkingeyes.head.face_points import EYES, NAMES
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import directions, matrices
 
 EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])  # a test holds the head to them
 PUPIL_M = APEX_M  # from the eye's centre to the pupil, along the optical axis

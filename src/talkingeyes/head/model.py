@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
-from talkingeyes.npz import save_npz
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.npz import save_npz
 
 JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)

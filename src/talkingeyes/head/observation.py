@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.npz import save_npz
 from talkingeyes.head.camera import Camera
-from talkingeyes.npz import save_npz
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy import ndarray
 from scipy import sparse
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 ARRAYS = (
     ("numpy", "ndarray"),

@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
 from talkingeyes.head.drive import motion_names
 from talkingeyes.head.model import HeadModel
-from talkingeyes.motion import Motion
 
 RIDGE = 1e-3  # of the mean square of the target's displacements: keeps weights small where shapes overlap
 FACE_RADIUS_M = 0.11  # of the face around the middle between the eyes, on a head with 63 mm between its pupils

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.rotation import matrices
 from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.model import HeadModel
-from talkingeyes.motion import Motion
-from talkingeyes.rotation import matrices
 
 SAG_M = 0.004
 DOWN = np.array([0.0, -1.0, 0.0])

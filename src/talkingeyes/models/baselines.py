@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.settings import Settings
+from talkingeyes.core.settings import Settings
 
 
 class BaselineSettings(Settings):

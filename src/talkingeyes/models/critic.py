@@ -4,7 +4,7 @@ Two convolutional towers at 6.25 Hz, one for the speech embedding and one for mo
 The similarity of a window is the cosine between the features of all its steps, so sound and motion must agree in time.
 A network that pools each window to one vector learns who speaks instead (LEARNING.md, point 8); here motion loses the
 median of its window and speech its mean (without that, a toy coupling learnt from nine speakers was lost on three new
-ones: AUC .65 instead of 1.0), and negatives come from the same speaker (metrics/contrast.py).
+ones: AUC .65 instead of 1.0), and negatives come from the same speaker (evaluation/contrast.py).
 
 Departures from the paper, which says only that a binary classifier's features are compared by their cosine: features
 aligned in time, one network a part, and for the eyes both eye-in-head (the paper's; largely driven by the head through
@@ -23,8 +23,8 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from talkingeyes.rotation import gaze_in_space
-from talkingeyes.settings import Settings
+from talkingeyes.core.rotation import gaze_in_space
+from talkingeyes.core.settings import Settings
 
 PARTS = ("eyes", "space", "head")
 # What a mirror image does to the angles of each part.

@@ -20,9 +20,9 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s
-from talkingeyes.rotation import angles_of_gaze, gaze_in_space
-from talkingeyes.settings import Settings
+from talkingeyes.core.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s
+from talkingeyes.core.rotation import angles_of_gaze, gaze_in_space
+from talkingeyes.core.settings import Settings
 
 # Yaw and pitch of gaze in space and of eye-in-head and the head's rotation vector; then speeds, mean and peak.
 ANGLES = 2 + 2 + 3

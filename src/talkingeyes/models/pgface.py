@@ -18,8 +18,8 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
-from talkingeyes.settings import Settings
 
 
 class PGFaceNetworkSettings(Settings):

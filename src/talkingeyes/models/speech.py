@@ -14,9 +14,9 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
-from talkingeyes.settings import Settings
 
 
 class SpeechSettings(Settings):

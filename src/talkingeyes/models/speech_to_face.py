@@ -14,11 +14,11 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
 from talkingeyes.models.face.generator import FACE_GENERATORS, FaceGenerator, FacePartSettings
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
-from talkingeyes.settings import Settings
 
 
 class SpeechToFaceSettings(Settings):

@@ -15,7 +15,8 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings, out_of_bounds
 from talkingeyes.models.condition.conditioner import (
     CONDITIONERS,
     NOTHING,
@@ -33,7 +34,6 @@ from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, He
 from talkingeyes.models.layers import share
 from talkingeyes.models.speech import CausalSpeechSettings, SpeechInput, SpeechSettings
 from talkingeyes.models.wave import WaveEncoder, WaveSpeechSettings
-from talkingeyes.settings import Settings, out_of_bounds
 
 
 class HeadMixSettings(Settings):

@@ -17,11 +17,11 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseSettings
 from talkingeyes.models.head.pose import POSE_GENERATORS, Heard, PoseGenerator, PosePartSettings, PosePrediction
 from talkingeyes.models.head.rival import Rival, RivalSettings
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
-from talkingeyes.settings import Settings
 
 # Poses that a first window may start at, of each speaker.
 STARTS = 64

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.gaze.generator import Condition, StreamedGaze
 from talkingeyes.models.head.causal import CausalHead
 from talkingeyes.models.layers.convolution import CausalConvolutionStack

@@ -18,9 +18,9 @@ from torch import Tensor, nn
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.audio.windows import Stride, fade, window_starts
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.speech import SpeechSettings
-from talkingeyes.settings import Settings
 
 if TYPE_CHECKING:
     from transformers import Wav2Vec2Config, Wav2Vec2Model

@@ -19,7 +19,7 @@ from numpy import ndarray
 from scipy.special import betainc, ndtr, ndtri
 
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.motion import Blink
+from talkingeyes.core.motion import Blink
 
 RATE_LIMITS_PER_MIN = (6.0, 50.0)
 INTERVAL_SHAPE = 1.5

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import rotation
-from talkingeyes.motion import HeadMove
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import HeadMove
 from talkingeyes.physiology.vergence import lines_of_sight, optical_axes_rad
 
 # 30 degrees to the sides and down, 20 up (Guitton & Volle 1987; Stahl 1999), and never on the edge itself.

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import rotation
 from talkingeyes.audio.annotation import Phoneme
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Events, Motion
 from talkingeyes.head.eyelid.anatomy import Person
-from talkingeyes.motion import Events, Motion
 from talkingeyes.physiology import articulation, blinks, eye_head, face, lids, saccades, vergence
 
 

@@ -17,7 +17,7 @@ from numpy import ndarray
 from scipy.special import beta as beta_function
 from scipy.special import betainc
 
-from talkingeyes.motion import Saccade
+from talkingeyes.core.motion import Saccade
 
 INTERCEPT_S = 0.023
 SLOPE_S_PER_DEG = 0.0027

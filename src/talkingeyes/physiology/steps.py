@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.special import betaincinv
 
-from talkingeyes.motion import Saccade
+from talkingeyes.core.motion import Saccade
 from talkingeyes.physiology import saccades
 
 # A step of at least 1 degree a frame (25 degrees a second at 25 fps) is a saccade (Salvucci & Goldberg 2000); smaller

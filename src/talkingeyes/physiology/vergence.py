@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes import rotation
-from talkingeyes.motion import Refocus, Saccade
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Refocus, Saccade
 
 HALF_EYE_DISTANCE_M = 0.03145
 GAIN = 0.7

@@ -22,9 +22,9 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
 from talkingeyes.head.face_points import EYE_POINTS, NAMES
-from talkingeyes.settings import Settings
 
 # The subject's left, then right, in the order of EYE_POINTS; MediaPipe's own "left" is the subject's too.
 _EYES = {"left": (263, 387, 385, 362, 380, 373), "right": (33, 160, 158, 133, 153, 144)}

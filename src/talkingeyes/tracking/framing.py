@@ -16,10 +16,10 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.landmarks import EYE_CENTRES, RIGID, rest_points
 from talkingeyes.head.observation import Observation
-from talkingeyes.settings import Settings
 from talkingeyes.tracking.shots import Shot
 from talkingeyes.tracking.visibility import EyeSettings, openings, turned_away
 

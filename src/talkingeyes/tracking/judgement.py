@@ -17,9 +17,9 @@ from pydantic import Field
 
 from talkingeyes.audio.speaking import speaking
 from talkingeyes.audio.waveform import SAMPLE_RATE, SILENT_DBFS, loudest_dbfs
+from talkingeyes.core.settings import Settings
 from talkingeyes.head.face_points import NAMES
 from talkingeyes.head.observation import Observation
-from talkingeyes.settings import Settings
 from talkingeyes.tracking.mouth import agreement, lip_gap
 from talkingeyes.tracking.shots import Shot
 from talkingeyes.tracking.visibility import EyeSettings, openings, turned_away

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.tracking.face_mesh import FaceMesh
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import shots

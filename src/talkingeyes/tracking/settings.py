@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from talkingeyes.settings import Settings
+from talkingeyes.core.settings import Settings
 from talkingeyes.tracking.face_mesh import FaceSettings
 from talkingeyes.tracking.framing import CropSettings
 from talkingeyes.tracking.judgement import KeepSettings

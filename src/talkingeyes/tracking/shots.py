@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.settings import Settings
+from talkingeyes.core.settings import Settings
 from talkingeyes.tracking.face_mesh import Face
 from talkingeyes.tracking.video import Frame
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.tracking.video import SUFFIXES
 
 

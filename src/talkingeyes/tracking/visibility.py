@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.head.face_points import EYES, NAMES
-from talkingeyes.settings import Settings
 
 _CORNERS = [NAMES.index(f"{side}_eye_outer") for side in ("left", "right")]
 _OUTLINE = [NAMES.index(f"{side}_outline_ear") for side in ("left", "right")]

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.rotation import direction_of_angles
 from talkingeyes.head.eyelid.construction import LOWER, UPPER
 from talkingeyes.head.eyelid.region import TEMPORAL, Region, elevation
-from talkingeyes.rotation import direction_of_angles
 
 SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
 CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt(CORNEA_RADIUS_M**2 - IRIS_RADIUS_M**2))

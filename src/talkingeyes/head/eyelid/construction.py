@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 UPPER = slice(0, 15)  # points of the curves that a posture joins, each from the inner to the outer corner
 LOWER = slice(15, 30)

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
-from talkingeyes.rotation import angles_of_direction, matrices
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import angles_of_direction, matrices
 
 
 def aim(

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
-from talkingeyes.rotation import angles_of_direction
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.rotation import angles_of_direction
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.rotation import angles_of_gaze
 from talkingeyes.head.eyelid.anatomy import Person
 from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, construct, predictors
 from talkingeyes.head.eyelid.labels import posture_grid
 from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
 from talkingeyes.head.model import HeadModel, Landmarks
-from talkingeyes.rotation import angles_of_gaze
 
 SIDES = ("left", "right")
 PREDICTORS = ("SinSum", "SinDifference", "CosAzimuth", "CosElevation")

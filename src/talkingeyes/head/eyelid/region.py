@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.head.eyelid.construction import ANCHOR, LOWER, UPPER
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 

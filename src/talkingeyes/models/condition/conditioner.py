@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.settings import PartSettings, Role
+from talkingeyes.core.settings import PartSettings, Role
 
 CONDITIONERS = Role(
     "condition",

@@ -8,9 +8,9 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told
 from talkingeyes.models.speech import SpeechInput, SpeechSettings
-from talkingeyes.settings import PartSettings
 
 
 class PartnerSpeechSettings(PartSettings):

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
-from talkingeyes.settings import PartSettings
 
 MOTION = 9
 DESCRIBED = 3 * MOTION

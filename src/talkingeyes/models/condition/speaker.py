@@ -13,8 +13,8 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings, Settings
 from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
-from talkingeyes.settings import PartSettings, Settings
 
 # Standard deviation of the vectors that learning starts from.
 START = 0.3

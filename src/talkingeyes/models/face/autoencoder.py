@@ -14,10 +14,10 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, Field, SerializeAsAny
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings, Role
 from talkingeyes.models.face.basis import JAW
 from talkingeyes.models.layers.normal import Normal
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
-from talkingeyes.settings import PartSettings, Role
 
 FACE_AUTOENCODERS = Role(
     "motion autoencoder of the face",

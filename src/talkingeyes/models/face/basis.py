@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 
 JAW = 3
 SIDES = ("Left", "Right")

@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
 from talkingeyes.models.face.regression import AutoregressionSettings, HistoryDecoder, mixed
 from talkingeyes.models.face.vqvae import FaceVQVAE

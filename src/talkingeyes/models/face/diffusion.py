@@ -17,9 +17,9 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings
 
 
 class DiffusionFaceSettings(PartSettings):

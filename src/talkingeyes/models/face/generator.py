@@ -12,7 +12,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.settings import PartSettings, Role
+from talkingeyes.core.settings import PartSettings, Role
 
 FACE_GENERATORS = Role(
     "face generator",

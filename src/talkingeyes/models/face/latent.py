@@ -13,10 +13,10 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
-from talkingeyes.settings import PartSettings
 
 
 class LatentFaceSettings(PartSettings):

@@ -15,10 +15,10 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
 from talkingeyes.models.layers.normal import Normal
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings, shifted
-from talkingeyes.settings import PartSettings
 
 
 class AutoregressionSettings(PartSettings):

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.errors import InputError
 from talkingeyes.physiology.face import FEELINGS
 
 EMOTIONS = tuple(FEELINGS)

@@ -16,10 +16,10 @@ from jaxtyping import Float, Int
 from pydantic import model_validator
 from torch import Tensor
 
+from talkingeyes.core.settings import out_of_bounds
 from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coded, reconstruction
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
-from talkingeyes.settings import out_of_bounds
 
 Layout = Literal["frames", "channels"]
 

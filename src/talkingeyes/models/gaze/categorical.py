@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.history import DrawnHistorySettings, NoisyHistory, ScheduledHistory, replaced
 from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
@@ -25,7 +26,6 @@ from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.nucleus import nucleus
 from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
-from talkingeyes.settings import PartSettings
 
 
 class CategoricalGazeSettings(PartSettings):

@@ -18,6 +18,7 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
 from talkingeyes.models.gaze.signal import signal_of, to_gaze
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
@@ -31,7 +32,6 @@ from talkingeyes.models.layers.event_process import (
     binned,
 )
 from talkingeyes.physiology import eye_head, saccades
-from talkingeyes.settings import PartSettings
 
 # Fitted gaze rests between steps: what moves by less than EDGE a frame rests; what lands nearer than LEAST never left.
 EDGE_RAD = np.radians(0.2)

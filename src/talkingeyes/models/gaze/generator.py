@@ -14,7 +14,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.settings import PartSettings, Role
+from talkingeyes.core.settings import PartSettings, Role
 
 GAZE_GENERATORS = Role(
     "gaze generator",

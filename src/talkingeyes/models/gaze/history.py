@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float
 from pydantic import Field
 from torch import Tensor
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.pace import ramp
-from talkingeyes.settings import Settings
 
 
 class CleanHistory(Settings):

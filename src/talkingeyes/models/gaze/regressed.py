@@ -16,7 +16,8 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.errors import InputError
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.generator import Condition, uniforms
 from talkingeyes.models.gaze.history import FreeHistory, HistorySettings, NoisyHistory, ScheduledHistory, replaced
@@ -25,7 +26,6 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.draw import draw
 from talkingeyes.models.layers.quantisers import AnyQuantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
-from talkingeyes.settings import PartSettings
 
 
 class RegressedGazeSettings(PartSettings):

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from torch import Tensor
 
-from talkingeyes import rotation
+from talkingeyes.core import rotation
 
 SignalName = Literal["eye_in_head", "gaze_in_space"]
 FEATURES: dict[SignalName, int] = {"eye_in_head": 6, "gaze_in_space": 4}

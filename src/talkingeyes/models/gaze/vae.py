@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
-from talkingeyes.settings import PartSettings
 
 
 class VAEGazeSettings(VAESettings, PartSettings):

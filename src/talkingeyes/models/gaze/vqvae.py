@@ -17,11 +17,11 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.gaze.signal import FEATURES, SignalName
 from talkingeyes.models.layers.quantiser import Quantised
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
-from talkingeyes.settings import Settings
 
 
 class GazeVQVAESettings(Settings):

@@ -15,12 +15,12 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
 from talkingeyes.models.layers.conditional_vae import VAESettings
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings
 
 
 class CausalHeadSettings(VAESettings, PartSettings):

@@ -1,7 +1,7 @@
 """Head motion as strokes: from one moment of slow turning to the next, as a point process; cubics between.
 
 Not in the paper. The head of a speaker never rests, but its speed dips several times a second (as
-metrics/detectors/head_moves.py reads it); poses at the dips, joined by cubics that slow down there, give back fitted
+evaluation/detectors/head_moves.py reads it); poses at the dips, joined by cubics that slow down there, give back fitted
 motion within .4 degrees an axis, with its spectrum (docs/log.md). An event (layers/event_process.py) is a dip: when,
 and in which pose.
 """
@@ -18,11 +18,11 @@ from pydantic import Field, model_validator
 from scipy.interpolate import CubicHermiteSpline
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings, out_of_bounds
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence, binned
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings, out_of_bounds
 
 SPREAD = (1.0, 1.0, 0.6)
 # Strokes are drawn so many bins beyond the end, so that the last frames lie between two of them.

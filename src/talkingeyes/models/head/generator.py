@@ -13,8 +13,8 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
+from talkingeyes.core.settings import PartSettings, Role
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings, Role
 
 HEAD_GENERATORS = Role(
     "head generator",

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.settings import PartSettings, Role
+from talkingeyes.core.settings import PartSettings, Role
 
 POSE_GENERATORS = Role(
     "generator of head poses",

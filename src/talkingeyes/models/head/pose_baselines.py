@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction, described
-from talkingeyes.settings import PartSettings
 
 
 class PoseBaselineSettings(PartSettings):

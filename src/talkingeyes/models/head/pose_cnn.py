@@ -13,10 +13,10 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.settings import PartSettings
 
 
 class CNNPoseSettings(PartSettings):

@@ -6,10 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
-from talkingeyes.settings import PartSettings
 
 
 class VAEPoseSettings(VAESettings, PartSettings):

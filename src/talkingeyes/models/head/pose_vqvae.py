@@ -15,12 +15,12 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shifted
-from talkingeyes.settings import PartSettings
 
 
 class VQVAEPoseSettings(PartSettings):

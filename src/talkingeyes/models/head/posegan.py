@@ -20,10 +20,10 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.settings import PartSettings
 
 GROUPS = 8
 

@@ -22,7 +22,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from talkingeyes.settings import Settings
+from talkingeyes.core.settings import Settings
 
 LAGS_FRAMES = (1, 15)
 

@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import PartSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 from talkingeyes.models.layers.normal import Normal
-from talkingeyes.settings import PartSettings
 
 
 class VAEHeadSettings(VAESettings, PartSettings):

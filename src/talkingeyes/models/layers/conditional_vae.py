@@ -16,9 +16,9 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.kl import KLSettings, annealed, beyond_free_bits
-from talkingeyes.settings import Settings
 
 CLIP_LATENT_FRAMES = 500
 

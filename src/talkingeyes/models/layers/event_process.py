@@ -21,12 +21,12 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings, out_of_bounds
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.event_codebook import CODEBOOKS, CodebookKind
 from talkingeyes.models.layers.event_drawing import Drawing, Drawn
 from talkingeyes.models.layers.event_returns import Left, Returns
 from talkingeyes.models.layers.event_steps import headings_before
-from talkingeyes.settings import Settings, out_of_bounds
 
 OLDEST = 63  # bins since the last event are told apart up to this many
 FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not

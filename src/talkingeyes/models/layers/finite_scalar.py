@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.quantiser import Quantised
-from talkingeyes.settings import Settings
 
 EDGE = 1e-3  # the outermost levels are reached by finite latents
 

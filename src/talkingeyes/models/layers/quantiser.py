@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers import share
-from talkingeyes.settings import Settings
 
 
 class QuantiserSettings(Settings):

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings, out_of_bounds
 from talkingeyes.models.layers import share
 from talkingeyes.models.layers.quantiser import Quantised, Quantiser, QuantiserSettings, committed, squared_distances
-from talkingeyes.settings import Settings, out_of_bounds
 
 MOST_CODES = 4096
 

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
+from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.attention import KeysValues, WindowAttention
-from talkingeyes.settings import Settings
 
 
 class TransformerSettings(Settings):

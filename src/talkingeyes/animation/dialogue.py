@@ -1,0 +1,45 @@
+"""Two people talk with each other: a sound for each, or one with two channels; a motion for each of them.
+
+Each motion is made from the own speech by the model, with the other's speech as the partner's (`listening` says what is
+learnt and what is a rule). The two sit face to face: each is the other's listener, straight ahead unless a track of
+targets says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.perform import Performance, Performer
+
+SECOND = 1
+
+
+@dataclass(frozen=True)
+class Dialogue:
+    """One conversation: what each of the two does, at the same times."""
+
+    first: Performance
+    second: Performance
+
+
+def converse(
+    performer: Performer,
+    sounds: Sequence[Float[ndarray, " _"]],
+    samples: int,
+    seed: int,
+    fps: float,
+    directions: tuple[Direction, Direction] = (Direction(), Direction()),
+) -> list[Dialogue]:
+    """`samples` dialogues of two sounds (16 kHz) that begin together; the shorter one is silent in the end."""
+    frames = max(len(sound) for sound in sounds)
+    one, other = (np.pad(sound, (0, frames - len(sound))) for sound in sounds)
+    second_seed = int(np.random.SeedSequence([seed, SECOND]).generate_state(1)[0])
+    first = performer.perform(one, samples, seed, fps, replace(directions[0], partner=other))
+    second = performer.perform(other, samples, second_seed, fps, replace(directions[1], partner=one))
+    return [Dialogue(*pair) for pair in zip(first, second, strict=True)]

@@ -1,0 +1,62 @@
+"""Frames of a model become events, so that they play at any frame rate with saccades as fast as real ones.
+
+A model's frames (25 a second) hold steps of gaze in space. Each step is taken for a saccade (physiology.steps) whose
+duration and course follow the main sequence; between saccades gaze follows the frames. The head is a cubic spline, the
+eyes make up for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.interpolate import CubicSpline
+
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Saccade
+from talkingeyes.physiology import saccades
+
+
+@dataclass(frozen=True)
+class Performed:
+    """Head and eye-in-head rotation vectors of T frames."""
+
+    head: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"]
+
+
+def resample(
+    head: Float[ndarray, "T 3"],
+    space_rad: Float[ndarray, "T 2 2"],
+    found: tuple[Saccade, ...],
+    fps: float,
+    new_fps: float,
+) -> Performed:
+    """The same motion at another frame rate. Its duration stays, so T becomes T * new_fps / fps."""
+    times = np.arange(len(head)) / fps
+    new_times = np.arange(int(len(head) * new_fps / fps + 1e-9)) / new_fps
+    # A single frame has no spline; it is held.
+    new_head = (
+        CubicSpline(times, head)(np.minimum(new_times, times[-1])) if len(head) > 1 else head[new_times.astype(int)]
+    )
+    smooth = space_rad - staircase(found, times)[:, None]
+    between = np.stack(
+        [np.interp(new_times, times, smooth[:, eye, axis]) for eye in (0, 1) for axis in (0, 1)], axis=-1
+    ).reshape(-1, 2, 2)
+    new_space = between + staircase(found, new_times)[:, None]
+    return Performed(new_head, rotation.eye_in_head(new_head, new_space))
+
+
+def staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+    """The sum of what all saccades have added until each time."""
+    moving, landed = np.zeros((len(times_s), 2)), np.zeros((len(times_s) + 1, 2))
+    for each in found:
+        near = slice(*np.searchsorted(times_s, [each.onset_s, each.onset_s + each.duration_s]))
+        step = np.subtract(each.end_rad, each.start_rad)
+        done = saccades.progress((times_s[near] - each.onset_s) / each.duration_s, each.skew)
+        moving[near] += step * done[:, None]
+        landed[near.stop] += step
+    return np.asarray(moving + np.cumsum(landed[:-1], axis=0))

@@ -1,0 +1,203 @@
+"""What gaze is to go to and when: a track of targets, read from JSON or CSV (docs/control.md).
+
+Places are in metres from the point between the eyes of the head at rest: +x to the subject's left, y up, +z ahead.
+In frame `world` they stay where they are when the head moves, in frame `head` they go with it. The objects `camera` and
+`listener` are there without being told, straight ahead; a track may put them elsewhere and name others, which may move.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+
+SCHEMA = "talkingeyes.targets/1"
+COLUMNS = ("start_s", "end_s", "name", "x_m", "y_m", "z_m")
+AHEAD_M = 1.0
+NEAREST_M, FARTHEST_M = 0.15, 1e6
+# How far to the side, up and down head and eyes together are sent, and eyes alone.
+MOST_DEG = {"world": (75.0, 45.0), "head": (20.0, 12.0)}
+LEAST_S = 0.25
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an object is: at each of ascending times a position, in straight lines between; one time: always there."""
+
+    times_s: tuple[float, ...]
+    positions_m: tuple[tuple[float, float, float], ...]
+
+    @classmethod
+    def fixed(cls, x_m: float, y_m: float, z_m: float) -> Place:
+        """An object that does not move."""
+        return cls((0.0,), ((x_m, y_m, z_m),))
+
+    def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+        """Positions at times."""
+        return np.stack([np.interp(times_s, self.times_s, axis) for axis in zip(*self.positions_m, strict=True)], -1)
+
+
+AHEAD = Place.fixed(0.0, 0.0, AHEAD_M)
+CAMERA, LISTENER = "camera", "listener"
+
+
+@dataclass(frozen=True)
+class Target:
+    """Gaze leaves for `name` at `start_s` and stays with it until `end_s`, when it is the model's again."""
+
+    start_s: float
+    end_s: float
+    name: str
+
+
+@dataclass(frozen=True)
+class TargetTrack:
+    """Targets in order of time, the objects that they name, and the frame in which those are."""
+
+    targets: tuple[Target, ...] = ()
+    objects: Mapping[str, Place] = field(default_factory=dict)
+    frame: Literal["world", "head"] = "world"
+
+    def place(self, name: str) -> Place:
+        """Where a named object is; camera and listener are straight ahead unless they are told."""
+        return self.objects.get(name, AHEAD)
+
+
+def load_targets(path: Path | str) -> TargetTrack:
+    """Read a track: CSV if the file is called so, else JSON. Raises InputError (one line) for what will not do."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        return _of_csv(text) if path.suffix.lower() == ".csv" else _of_json(json.loads(text))
+    except OSError as error:
+        raise InputError(f"{path}: should be a readable track of targets, got: {error.strerror or error}") from None
+    except (ValueError, csv.Error) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        raise InputError(f"{path}: {error}") from None
+
+
+def steady(name: str) -> TargetTrack:
+    """One object, camera or listener, from beginning to end."""
+    if name not in (CAMERA, LISTENER):
+        raise InputError(f"target: should be {CAMERA}, {LISTENER} or a file of targets (.json, .csv), got {name}")
+    return TargetTrack((Target(0.0, math.inf, name),))
+
+
+def _of_json(content: Any) -> TargetTrack:
+    schema = content.get("schema") if isinstance(content, dict) else type(content).__name__
+    if schema != SCHEMA:
+        raise ValueError(f"schema should be {SCHEMA}, got {schema}")
+    if strange := set(content) - {"schema", "frame", "objects", "targets"}:
+        raise ValueError(f"should hold schema, frame, objects and targets, got {min(strange)}")
+    frame = content.get("frame", "world")
+    if frame not in ("world", "head"):
+        raise ValueError(f"frame should be world or head, got {frame}")
+    objects, rows = content.get("objects", {}), content.get("targets")
+    if not isinstance(objects, dict) or not isinstance(rows, list):
+        raise ValueError("objects should be names with places, targets a list")
+    places = {name: _place(name, value) for name, value in objects.items()}
+    targets = []
+    for number, row in enumerate(rows, 1):
+        if not isinstance(row, dict) or not {"start_s", "at"} <= set(row) <= {"start_s", "end_s", "at"}:
+            raise ValueError(f"target {number} should have start_s, at and perhaps end_s, got {row}")
+        name = row["at"]
+        if isinstance(name, list):
+            name, places[f"target {number}"] = f"target {number}", _place(f"target {number}", name)
+        targets.append((_number(row["start_s"]), _number(row.get("end_s")), name))
+    return _checked(targets, places, frame)
+
+
+def _of_csv(text: str) -> TargetTrack:
+    reader = csv.DictReader(text.splitlines())
+    if set(reader.fieldnames or ()) not in (set(COLUMNS), set(COLUMNS[:3]), set(COLUMNS) - {"name"}):
+        raise ValueError(f"columns should be {', '.join(COLUMNS)}, got {', '.join(reader.fieldnames or ('none',))}")
+    places: dict[str, Place] = {}
+    targets = []
+    for number, row in enumerate(reader, 1):
+        if None in row or None in row.values():
+            raise ValueError(f"row {number} should have {len(reader.fieldnames or ())} columns")
+        name = row.get("name") or f"target {number}"
+        position = [row.get(axis) or "" for axis in COLUMNS[3:]]
+        if any(position):
+            places[name] = _place(name, [_number(each) for each in position])
+        if row["start_s"]:
+            targets.append((_number(row["start_s"]), _number(row["end_s"] or None), name))
+    return _checked(targets, places, "world")
+
+
+def _place(name: str, value: Any) -> Place:
+    """A position, or times_s and positions_m of something that moves."""
+    moving = isinstance(value, dict)
+    if moving and set(value) != {"times_s", "positions_m"}:
+        raise ValueError(f"{name} should be [x, y, z] or have times_s and positions_m, got {sorted(value)}")
+    times = [_number(each) for each in value["times_s"]] if moving else [0.0]
+    rows = value["positions_m"] if moving else [value]
+    if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        raise ValueError(f"{name} should have positions [x, y, z] in metres, got {rows}")
+    positions = [[_number(each) for each in row] for row in rows]
+    if not times or len(times) != len(positions) or any(b <= a for a, b in itertools.pairwise(times)):
+        raise ValueError(f"{name} should have ascending times_s, one a position, got {times}")
+    return Place(tuple(times), tuple((x, y, z) for x, y, z in positions))
+
+
+def _check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
+    x, y, z = position_m
+    distance = math.hypot(x, y, z)
+    if not NEAREST_M <= distance <= FARTHEST_M:
+        raise ValueError(f"{name} should be {NEAREST_M} m to {FARTHEST_M:g} m away, got {distance:g} m")
+    yaw, pitch = math.degrees(math.atan2(x, z)), math.degrees(math.asin(y / distance))
+    aside, above = MOST_DEG[frame]
+    if abs(yaw) > aside or abs(pitch) > above:
+        raise ValueError(
+            f"{name} should be within {aside:g} degrees to the side and {above:g} up or down of straight ahead, "
+            f"got {yaw:.0f} and {pitch:.0f}"
+        )
+
+
+def _number(value: Any) -> float:
+    """A finite number; None (left open) is infinity, the end of the sound."""
+    if value is None:
+        return math.inf
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"should be a number, got {value}")
+    try:
+        number = float(value)
+    except ValueError:
+        raise ValueError(f"should be a number, got {value!r}") from None
+    if not math.isfinite(number):
+        raise ValueError(f"should be a finite number, got {value}")
+    return number
+
+
+def _checked(
+    rows: Sequence[tuple[float, float, Any]], places: Mapping[str, Place], frame: Literal["world", "head"]
+) -> TargetTrack:
+    """The track of rows (start, end, name); an end left open is the start of the next, or the end of the sound."""
+    if not rows and not places:
+        raise ValueError("should hold at least one target or object")
+    for name, place in places.items():
+        for position in place.positions_m:
+            _check_reach(name, position, frame)
+    known = [CAMERA, LISTENER, *places]
+    targets: list[Target] = []
+    for number, (start, end, name) in enumerate(rows, 1):
+        if not isinstance(name, str) or name not in known:
+            raise ValueError(f"target {number} should be one of {', '.join(dict.fromkeys(known))}, got {name}")
+        following = rows[number][0] if number < len(rows) else math.inf
+        if start < 0 or min(end, following) < start + LEAST_S or (end > following and end < math.inf):
+            span = f"{start:g} to {end:g} s" if end < math.inf else f"{start:g} s"
+            raise ValueError(
+                f"target {number} should start at 0 s or later, end after it and before the next, got {span}"
+            )
+        targets.append(Target(start, min(end, following), name))
+    return TargetTrack(tuple(targets), dict(places), frame)

@@ -1,0 +1,212 @@
+// The page of `talkingeyes serve`: speech from the microphone moves the head while it is spoken (apps/service/live.py); a
+// recording or a file becomes a performance with its sound, anew whenever a dial is moved (apps/service/app.py).
+
+import { Stage } from "./stage.js";
+
+const RATE = 16000;
+const SMOOTH_S = 0.12; // frames are shown so much later than they may come, so that none is missed
+const $ = (id) => document.getElementById(id);
+
+let stage, about, speech, shown, recording;
+let asked = 0;
+
+async function open() {
+  about = await answer(await fetch("service.json"));
+  stage = await Stage.open($("head"), "head.glb", [$("head")]);
+  $("wish").person.append(...about.persons.map((name) => new Option(name)));
+  $("who").hidden = !about.persons.length;
+  $("record").disabled = !about.live;
+  $("record").title = about.live ? "" : "no model for streams is loaded";
+  $("record").onclick = () => (recording ? recording.stop() : record()).catch?.(failed);
+  $("upload").onchange = ({ target }) => target.files[0] && perform(target.files[0]);
+  $("another").onclick = () => {
+    $("wish").seed.value = Math.floor(Math.random() * 2 ** 31);
+    perform(speech);
+  };
+  $("own").onchange = () => {
+    $("wish").contact.disabled = $("own").checked;
+    perform(speech);
+  };
+  $("wish").onsubmit = (event) => event.preventDefault();
+  $("wish").oninput = numbers;
+  $("wish").onchange = ({ target }) => target.id !== "own" && perform(speech);
+  numbers();
+  say("ready", "record, or upload speech");
+  requestAnimationFrame(draw);
+}
+
+function say(state, text) {
+  document.body.dataset.state = state;
+  $("status").textContent = text;
+}
+
+function failed(error) {
+  say("error", error.message);
+}
+
+async function answer(response) {
+  if (response.ok) return response.json();
+  const told = await response.json().catch(() => ({}));
+  throw new Error(told.error ?? `the service answers ${response.status}`);
+}
+
+function numbers() {
+  for (const range of document.querySelectorAll('input[type="range"]')) range.nextElementSibling.textContent = range.value;
+}
+
+function wish() {
+  const form = $("wish");
+  const neutral = form.emotion.value === "neutral";
+  const asks = {
+    seed: Number(form.seed.value),
+    blinks: form.blinks.value,
+    emotion: form.emotion.value,
+    intensity: neutral ? 0 : Number(form.intensity.value),
+    lively_head: Number(form.lively_head.value),
+    lively_gaze: Number(form.lively_gaze.value),
+    lively_blinks: Number(form.lively_blinks.value),
+  };
+  if (form.person.value) asks.person = form.person.value;
+  if (!$("own").checked) asks.contact = Number(form.contact.value);
+  return asks;
+}
+
+// A whole performance of a sound. Only the newest one that was asked for is shown.
+async function perform(sound) {
+  if (!sound || recording) return;
+  const turn = ++asked;
+  speech = sound;
+  say("working", "working");
+  try {
+    const made = await answer(await fetch(`performances?${new URLSearchParams(wish())}`, { method: "POST", body: sound }));
+    const place = `performances/${made.id}`;
+    const poses = await fetch(`${place}/poses`);
+    if (!poses.ok) throw new Error("the poses cannot be had");
+    const rows = new Float32Array(await poses.arrayBuffer());
+    if (turn !== asked) return;
+    shown = { ...made, rows };
+    $("sound").src = `${place}/sound`;
+    offer(place);
+    say("playing", `${made.seconds.toFixed(2)} s, ${made.frames} frames`);
+    await $("sound").play().catch(() => say("playing", "press play"));
+  } catch (error) {
+    if (turn === asked) failed(error);
+  }
+}
+
+function offer(place) {
+  $("downloads").replaceChildren("Download: ", ...about.formats.map((format) => link(`${place}/${format}`, format)));
+}
+
+// The first click has the file made, and says why if it cannot be; then it is downloaded.
+function link(href, textContent) {
+  const made = Object.assign(document.createElement("a"), { href, textContent, download: "" });
+  made.onclick = async (event) => {
+    if (made.dataset.made) return;
+    event.preventDefault();
+    try {
+      const file = await fetch(href);
+      if (!file.ok) await answer(file);
+      made.dataset.made = "yes";
+      made.click();
+    } catch (error) {
+      failed(error);
+    }
+  };
+  return made;
+}
+
+// Sound goes out 40 ms at a time, rows come back; what was said is kept, and becomes a performance at the end.
+async function record() {
+  const media = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1 } });
+  const context = new AudioContext({ sampleRate: RATE });
+  await context.audioWorklet.addModule("microphone.js");
+  const socket = new WebSocket(Object.assign(new URL("stream", location), { protocol: location.protocol.replace("http", "ws") }));
+  socket.binaryType = "arraybuffer";
+  const heard = [];
+  const live = { rows: [], began: null, fps: 25, latency_s: 0, columns: 0 };
+  const node = new AudioWorkletNode(context, "microphone");
+  const silence = () => {
+    media.getTracks().forEach((track) => track.stop());
+    context.close();
+  };
+  socket.onopen = () => socket.send(JSON.stringify(wish()));
+  socket.onmessage = ({ data }) => {
+    if (data instanceof ArrayBuffer) return arrived(live, data);
+    const told = JSON.parse(data);
+    if (told.error) failed(new Error(told.error));
+    else if (told.end) live.frames = told.frames;
+    else {
+      Object.assign(live, told);
+      context.createMediaStreamSource(media).connect(node);
+      say("live", `live: the head follows ${Math.round(1000 * (live.latency_s + SMOOTH_S))} ms later`);
+    }
+  };
+  node.port.onmessage = ({ data }) => {
+    live.began ??= performance.now();
+    heard.push(data);
+    if (socket.readyState === WebSocket.OPEN) socket.send(pcm([data]).buffer);
+  };
+  socket.onclose = () => {
+    silence();
+    recording = null;
+    $("record").textContent = "Record";
+    if (document.body.dataset.state !== "error" && heard.length) perform(wav(heard));
+  };
+  $("sound").pause();
+  shown = null;
+  $("record").textContent = "Stop";
+  recording = {
+    live,
+    async stop() {
+      node.port.onmessage = null;
+      silence();
+      socket.send(JSON.stringify({ end: true }));
+    },
+  };
+}
+
+function arrived(live, data) {
+  const rows = new Float32Array(data.slice(4));
+  for (let at = 0; at < rows.length; at += live.columns) live.rows.push(rows.subarray(at, at + live.columns));
+  document.body.dataset.frames = live.rows.length;
+}
+
+function draw() {
+  const row = recording ? liveRow(recording.live) : shownRow();
+  if (row) stage.pose(0, row);
+  stage.draw();
+  requestAnimationFrame(draw);
+}
+
+function liveRow({ rows, began, fps, latency_s }) {
+  if (!rows.length) return null;
+  const now = ((performance.now() - began) / 1000 - latency_s - SMOOTH_S) * fps;
+  return rows[Math.max(0, Math.min(Math.floor(now), rows.length - 1))];
+}
+
+function shownRow() {
+  if (!shown) return null;
+  const frame = Math.min(Math.floor($("sound").currentTime * shown.fps), shown.frames - 1);
+  return shown.rows.subarray(frame * shown.columns, (frame + 1) * shown.columns);
+}
+
+function pcm(chunks) {
+  const samples = chunks.flatMap((chunk) => [...chunk]);
+  return Int16Array.from(samples, (sample) => Math.max(-32768, Math.min(32767, Math.round(sample * 32767))));
+}
+
+function wav(chunks) {
+  const samples = pcm(chunks);
+  const view = new DataView(new ArrayBuffer(44));
+  const text = (at, letters) => [...letters].forEach((letter, index) => view.setUint8(at + index, letter.charCodeAt(0)));
+  text(0, "RIFF");
+  view.setUint32(4, 36 + samples.byteLength, true);
+  text(8, "WAVEfmt ");
+  [[16, 16], [28, 2 * RATE], [24, RATE], [40, samples.byteLength]].forEach(([at, value]) => view.setUint32(at, value, true));
+  [[20, 1], [22, 1], [32, 2], [34, 16]].forEach(([at, value]) => view.setUint16(at, value, true));
+  text(36, "data");
+  return new Blob([view, samples], { type: "audio/wav" });
+}
+
+open().catch(failed);

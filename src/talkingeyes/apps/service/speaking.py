@@ -1,0 +1,51 @@
+"""What a worker does for live streams: many streams of one model in one process, sound in, rows of poses out.
+
+Messages: ("open", key, wish), ("push", key, sound), ("finish", key), ("close", key). Sound is 16-bit little-endian PCM
+of 16 kHz; rows are those of apps/viewer/head_file.py, behind the number of the first frame (4 bytes).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from talkingeyes.animation.streaming import Frames, LiveModel, LiveWish, Stream
+from talkingeyes.apps.service.wish import Played, Wish
+from talkingeyes.apps.viewer.head_file import pose_rows
+from talkingeyes.core.motion import Motion
+from talkingeyes.head.anny import open_head
+
+FIRST = struct.Struct("<I")
+FULL_SCALE = 32768.0
+
+
+def speaker(model: str) -> Callable[[Any], Any]:
+    """The function that answers messages about streams of a model."""
+    import torch
+
+    torch.set_num_threads(1)
+    live, head = LiveModel.load(Path(model)), open_head()
+    streams: dict[str, Stream] = {}
+
+    def played(frames: Frames) -> Played:
+        if not len(frames):
+            return Played(0, b"")
+        motion = Motion.of(live.fps, frames.head, frames.gaze, lid=frames.lid)
+        return Played(len(frames), FIRST.pack(frames.first) + pose_rows(head, motion).tobytes())
+
+    def opened(key: str, wish: Wish) -> dict[str, float]:
+        streams[key] = live.stream(wish.seed, LiveWish(wish.blinks, wish.liveliness))
+        still = Motion.of(live.fps, np.zeros((1, 3)), np.zeros((1, 2, 3)))
+        return {"fps": live.fps, "latency_s": round(live.latency_s, 4), "columns": pose_rows(head, still).shape[1]}
+
+    answers: dict[str, Callable[..., Any]] = {
+        "open": opened,
+        "push": lambda key, sound: played(streams[key].push(np.frombuffer(sound, "<i2") / np.float32(FULL_SCALE))),
+        "finish": lambda key: played(streams[key].finish()),
+        "close": lambda key: streams.pop(key, None) and None,
+    }
+    return lambda message: answers[message[0]](*message[1:])

@@ -1,0 +1,141 @@
+"""The answers of a study, in sqlite: nothing about a person but a random token and a number.
+
+No names, addresses, times or browsers are kept. A participant goes on where the last answer was given, whatever was
+closed or restarted in between; an answer is written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import secrets
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from talkingeyes.apps.study.plan import Pair
+from talkingeyes.core.errors import InputError
+
+MOST_PARTICIPANTS = 10_000
+SCHEMA = """
+create table if not exists participant (
+    number integer primary key, token text unique not null, place integer not null,
+    attention integer, done integer not null
+);
+create table if not exists answer (
+    participant integer not null, place integer not null, question text not null,
+    a text not null, b text not null, stratum text not null, clip text not null,
+    a_left integer not null, chose_a integer not null,
+    primary key (participant, place, question)
+);
+"""
+
+
+@dataclass(frozen=True)
+class Participant:
+    """How far somebody is. `attention` is null until the check was met."""
+
+    number: int
+    place: int
+    attention: bool | None
+    done: bool
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a participant chose of one pair, about one question."""
+
+    participant: int
+    question: str
+    a: str
+    b: str
+    stratum: str
+    clip: str
+    a_left: bool
+    chose_a: bool
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The file of answers; it is made when it is not there."""
+
+    path: Path
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        """One transaction."""
+        try:
+            with closing(sqlite3.connect(self.path, timeout=20, isolation_level="IMMEDIATE")) as connection:
+                connection.executescript(SCHEMA)
+                with connection:
+                    yield connection
+        except sqlite3.Error as error:
+            raise InputError(f"{self.path}: should hold the answers of a study, got: {error}") from None
+
+    def begin(self) -> str:
+        """The token of a new participant. Raises InputError when there are too many."""
+        token = secrets.token_urlsafe(16)
+        with self._open() as connection:
+            connection.execute("begin immediate")
+            (count,) = connection.execute("select count(*) from participant").fetchone()
+            if count >= MOST_PARTICIPANTS:
+                raise InputError(f"participants: should be at most {MOST_PARTICIPANTS}, got one more")
+            connection.execute("insert into participant values (?, ?, 0, null, 0)", (count, token))
+        return token
+
+    def participant(self, token: str) -> Participant | None:
+        """Who has this token."""
+        with self._open() as connection:
+            query = "select number, place, attention, done from participant where token = ?"
+            row = connection.execute(query, (token,)).fetchone()
+        if row is None:
+            return None
+        number, place, attention, done = row
+        return Participant(number, place, None if attention is None else bool(attention), bool(done))
+
+    def add(self, who: Participant, pair: Pair, choices: Mapping[str, bool], last: bool, ends: bool) -> bool:
+        """Keep what was chosen of the pair that the participant is at: by question, whether it was A.
+
+        False if that pair was answered meanwhile. `last`: there is none after it; `ends`: a failed check is the end.
+        """
+        passed = all(choices.values())
+        with self._open() as connection:
+            connection.execute("begin immediate")
+            moved = connection.execute(
+                "update participant set place = place + 1, done = ?, attention = ? "
+                "where number = ? and place = ? and not done",
+                (
+                    last or (pair.attention and ends and not passed),
+                    passed if pair.attention else who.attention,
+                    who.number,
+                    who.place,
+                ),
+            ).rowcount
+            if moved and not pair.attention:
+                facts = (pair.a, pair.b, pair.stratum, pair.clip, pair.a_left)
+                rows = [(who.number, who.place, name, *facts, chosen) for name, chosen in choices.items()]
+                connection.executemany("insert into answer values (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        return bool(moved)
+
+    def participants(self) -> list[Participant]:
+        """Everybody who began."""
+        with self._open() as connection:
+            rows = connection.execute(
+                "select number, place, attention, done from participant order by number"
+            ).fetchall()
+        return [
+            Participant(n, place, None if seen is None else bool(seen), bool(done)) for n, place, seen, done in rows
+        ]
+
+    def valid(self) -> list[Answer]:
+        """The answers of those who passed the check and came to the end."""
+        columns = "participant, question, a, b, stratum, clip, a_left, chose_a"
+        with self._open() as connection:
+            rows = connection.execute(
+                f"select {columns} from answer join participant on participant = number "
+                "where attention = 1 and done = 1 order by participant, answer.place, question"
+            ).fetchall()
+        return [
+            Answer(who, question, a, b, stratum, clip, bool(left), bool(chosen))
+            for who, question, a, b, stratum, clip, left, chosen in rows
+        ]

@@ -1,0 +1,114 @@
+"""What a perception study asks of whom: conditions compared in pairs, questions, and how films are made.
+
+The designs of the papers are files in designs/; a file of your own has the same keys (docs/study.md).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import Field, model_validator
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings, out_of_bounds, validated
+
+DESIGNS = Path(__file__).parent / "designs"
+Name = Annotated[str, Field(pattern=r"^[a-z0-9_]{1,40}$")]
+Part = Literal["head", "gaze", "lid", "jaw", "expression"]
+
+
+class Condition(Settings):
+    """One of the things that are compared: its name in tables, and where its motions are in the data of a chain.
+
+    `source` is `truth`, or a folder below data/; `lids` says whether they follow gaze on the head that is filmed.
+    """
+
+    label: str
+    source: str
+    lids: Literal["follow", "static"]
+
+
+class Question(Settings):
+    """What is asked about each pair, answered by left or right."""
+
+    name: Name
+    label: str
+    text: str
+
+
+class Stratum(Settings):
+    """Clips of one kind: `pool` of them have films, each participant sees `pairs` of them in each comparison.
+
+    `emotion` null takes any; `seconds` null takes whole clips, a number their beginning.
+    """
+
+    name: Name
+    emotion: str | None
+    seconds: Annotated[float, Field(gt=0, le=600)] | None
+    pool: Annotated[int, Field(ge=1)]
+    pairs: Annotated[int, Field(ge=1)]
+
+    @model_validator(mode="after")
+    def _pool_is_enough(self) -> Stratum:
+        if self.pairs > self.pool:
+            raise out_of_bounds("pairs should be at most pool", f"{self.pairs} of {self.pool}")
+        return self
+
+
+class Attention(Settings):
+    """The pair that shows who pays attention: one film of a condition as it is, the same with a plain fault.
+
+    `ends`: whoever chooses the faulty one is thanked and asked no more.
+    """
+
+    condition: Name
+    fault: Literal["late_sound", "upside_down"]
+    ends: bool
+
+
+class Design(Settings):
+    """A study. `varies` are the parts that a film takes from its condition, `shared` those of the truth in all films;
+    the rest is at rest. `participants` is how many the paper had."""
+
+    title: str
+    paper: str
+    introduction: str
+    conditions: dict[Name, Condition]
+    comparisons: tuple[tuple[Name, Name], ...]
+    questions: Annotated[tuple[Question, ...], Field(min_length=1)]
+    strata: Annotated[tuple[Stratum, ...], Field(min_length=1)]
+    varies: tuple[Part, ...]
+    shared: tuple[Part, ...]
+    camera: str
+    attention: Attention
+    participants: Annotated[int, Field(ge=1)]
+    layout: Literal["preference", "split", "lengths"]
+    test: Literal["wilcoxon", "binomial"]
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> Design:
+        for name in (*(name for pair in self.comparisons for name in pair), self.attention.condition):
+            if name not in self.conditions:
+                raise out_of_bounds(f"conditions should be {', '.join(self.conditions)}", name)
+        if any(first == second for first, second in self.comparisons):
+            raise out_of_bounds("a comparison should be of two conditions", "one with itself")
+        return self
+
+
+def names() -> list[str]:
+    """The designs that come with the package."""
+    return sorted(path.stem for path in DESIGNS.glob("*.yaml"))
+
+
+def load_design(name: str) -> Design:
+    """A design by its name, or from a file (.yaml). Raises InputError: one line."""
+    path = DESIGNS / f"{name}.yaml" if name in names() else Path(name)
+    if path.suffix != ".yaml":
+        raise InputError(f"design: should be {', '.join(names())} or a .yaml file, got {name!r}")
+    try:
+        node = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not a readable design ({' '.join(str(error).split())})") from None
+    return validated(str(path), Design, node)

@@ -1,0 +1,115 @@
+"""The films of a study: the motion of each condition, as its design shows it, with the clip's sound.
+
+A film takes the parts that vary from its condition and the shared ones from the truth; the rest is at rest. Faults, for
+the pair of attention: the picture upside down, or the sound late by more than a second.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from talkingeyes.apps.study.design import Design
+from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.head.eyelid.drive import LID_SHAPES
+from talkingeyes.head.model import HeadModel
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.video import write_video
+from talkingeyes.rendering.view import View
+
+LATE_S = 1.2
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What one film shows."""
+
+    motion: Motion
+    sound: Float[ndarray, " N"]
+    static_lids: bool = False
+    fault: str | None = None
+
+
+def shown(design: Design, motion: Motion, truth: Motion | None) -> Motion:
+    """A condition's motion as its films show it. Raises InputError if it has another rate than the truth."""
+    if truth is not None and truth.fps != motion.fps:
+        raise InputError(f"motion: should have the {truth.fps:g} frames a second of the truth, got {motion.fps:g}")
+    frames = len(motion) if truth is None else min(len(motion), len(truth))
+    source = motion.cut(0, frames)
+    parts: dict[str, Any] = {"translation": np.zeros((frames, 3))}
+    parts |= _parts(source, design.varies)
+    if truth is not None:
+        parts |= _parts(truth.cut(0, frames), design.shared)
+    head, gaze = (parts.pop(name, np.zeros(shape)) for name, shape in (("head", (frames, 3)), ("gaze", (frames, 2, 3))))
+    return Motion.of(motion.fps, head, gaze, **parts)
+
+
+def _parts(motion: Motion, names: tuple[str, ...]) -> dict[str, Any]:
+    found = {name: getattr(motion, name) for name in names}
+    if "expression" in names:
+        found |= {"expression_names": motion.expression_names, "head_model": motion.head_model}
+    return found
+
+
+def beginning(shot: Shot, seconds: float | None) -> Shot:
+    """The first seconds of a film; all of it if None."""
+    if seconds is None:
+        return shot
+    motion = shot.motion.cut(0, round(seconds * shot.motion.fps))
+    return replace(shot, motion=motion, sound=shot.sound[: round(seconds * SAMPLE_RATE)])
+
+
+def static_lids(head: HeadModel) -> HeadModel:
+    """The head with lids that blink but do not follow gaze: the Eyelid model's predictors of gaze move nothing."""
+    expression = head.expression.copy()
+    for name in LID_SHAPES:
+        if "Blink" not in name:
+            expression[head.shape(name)] = 0.0
+    return replace(head, expression=expression)
+
+
+def write_film(shot: Shot, head: HeadModel, view: View, path: Path) -> None:
+    """Draw and write one film."""
+    painter = Painter(static_lids(head) if shot.static_lids else head, view)
+    sound = _late(shot.sound) if shot.fault == "late_sound" else shot.sound
+    write_video(path, _pictures(painter, shot), shot.motion.fps, sound)
+
+
+def write_again(source: Path, seconds: float | None, fault: str | None, path: Path) -> None:
+    """A film of somebody else's, cut and spoiled as those drawn here."""
+    import av
+
+    with av.open(str(source)) as container:
+        fps = float(container.streams.video[0].average_rate or 25)
+    sound = read_speech(source)
+    most = math.inf if seconds is None else round(seconds * fps)
+    frames = itertools.takewhile(lambda each: each[0] < most, enumerate(_decoded(source)))
+    pictures = (picture[::-1] if fault == "upside_down" else picture for _, picture in frames)
+    write_video(path, pictures, fps, _late(sound) if fault == "late_sound" else sound)
+
+
+def _decoded(source: Path) -> Iterator[UInt8[ndarray, "H W 3"]]:
+    import av
+
+    with av.open(str(source)) as container:
+        for frame in container.decode(video=0):
+            yield frame.to_ndarray(format="rgb24")
+
+
+def _late(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
+    return np.concatenate([np.zeros(round(LATE_S * SAMPLE_RATE), sound.dtype), sound])
+
+
+def _pictures(painter: Painter, shot: Shot) -> Iterator[UInt8[ndarray, "H W 3"]]:
+    for picture in painter.draw(shot.motion):
+        yield picture[::-1] if shot.fault == "upside_down" else picture

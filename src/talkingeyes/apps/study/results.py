@@ -1,0 +1,97 @@
+"""Preference rates of a study with p-values and intervals.
+
+Rate: the share of answers that chose A. Wilcoxon signed-rank over participants: each one's answers for A less those
+for B (TalkingEyes, section V-C.2, names the test and not its unit; answers of one person belong together, so the
+person is the unit here). Binomial: exact, two-sided, over answers as if they were independent. The interval is a
+bootstrap over participants; Wilson's, over answers, is given beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+from numpy import ndarray
+
+from talkingeyes.apps.study.answers import Answer
+from talkingeyes.apps.study.design import Design
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, interval, resamples
+
+INTERVALS = BootstrapSettings(draws=2000, level=0.95, seed=0)
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Preference:
+    """How often A was chosen over B; p-values against no preference, nan where there is nothing to test.
+
+    Wilcoxon's is that over all strata alone: in one, a person answers once or twice.
+    """
+
+    a: str
+    b: str
+    question: str
+    stratum: str
+    answers: int
+    participants: int
+    rate: Estimate
+    wilson_low: float
+    wilson_high: float
+    wilcoxon_p: float
+    binomial_p: float
+    left_rate: float
+
+
+def preferences(design: Design, answers: Sequence[Answer]) -> list[Preference]:
+    """Of each comparison and question, over all strata and in each, where there are answers."""
+    strata = [ALL, *(stratum.name for stratum in design.strata)] if len(design.strata) > 1 else [ALL]
+    found = []
+    for a, b in design.comparisons:
+        for question in design.questions:
+            for stratum in strata:
+                chosen = [
+                    each
+                    for each in answers
+                    if (each.a, each.b, each.question) == (a, b, question.name) and stratum in (ALL, each.stratum)
+                ]
+                if chosen:
+                    found.append(_preference(a, b, question.name, stratum, chosen))
+    return found
+
+
+def _preference(a: str, b: str, question: str, stratum: str, chosen: Sequence[Answer]) -> Preference:
+    from scipy.stats import binomtest
+
+    people = sorted({each.participant for each in chosen})
+    counts = np.zeros((len(people), 2), int)  # answers for A and for B, a row a person
+    for each in chosen:
+        counts[people.index(each.participant), int(not each.chose_a)] += 1
+    wins, total = int(counts[:, 0].sum()), int(counts.sum())
+    exact = binomtest(wins, total)
+    wilson = exact.proportion_ci(method="wilson")
+    drawn = counts[resamples(len(people), INTERVALS)]
+    rate = Estimate(wins / total, *interval(drawn[:, :, 0].sum(axis=1) / drawn.sum(axis=(1, 2)), INTERVALS))
+    return Preference(
+        a=a,
+        b=b,
+        question=question,
+        stratum=stratum,
+        answers=total,
+        participants=len(people),
+        rate=rate,
+        wilson_low=float(wilson.low),
+        wilson_high=float(wilson.high),
+        wilcoxon_p=wilcoxon_p(counts[:, 0] - counts[:, 1]) if stratum == ALL else math.nan,
+        binomial_p=float(exact.pvalue),
+        left_rate=sum(each.chose_a == each.a_left for each in chosen) / total,
+    )
+
+
+def wilcoxon_p(differences: Int[ndarray, " P"]) -> float:
+    """Two-sided signed-rank test of differences against 0; nan if all are 0."""
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(differences).pvalue) if differences.any() else math.nan

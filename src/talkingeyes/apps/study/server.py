@@ -1,0 +1,121 @@
+"""The study as local web pages: begin, pair after pair, the end. One JSON a step; the page holds nothing but a token.
+
+Which film is which stays here: a page learns two names that tell nothing, and answers left or right.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Literal
+
+from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse
+from pydantic import ValidationError
+
+from talkingeyes.apps.study.answers import Participant
+from talkingeyes.apps.study.folder import Study
+from talkingeyes.apps.study.page import files
+from talkingeyes.apps.viewer.serving import LOCAL, application
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+
+MOST_BYTES = 4096  # of what a page may send
+
+
+class Choice(Settings):
+    """What a page sends: the place of the pair, and for each question the side that was chosen."""
+
+    place: int
+    answers: dict[str, Literal["left", "right"]]
+
+
+def study_app(study: Study, host: str = LOCAL) -> FastAPI:
+    """The application of one study."""
+    app = application(host)
+    pages = files()
+
+    @app.post("/api/begin")
+    def begin() -> dict[str, str]:
+        try:
+            return {"token": study.answers.begin()}
+        except InputError as error:
+            raise HTTPException(429, str(error)) from None
+
+    @app.get("/api/state/{token}")
+    def state(token: str) -> dict[str, Any]:
+        return _state(study, _who(study, token))
+
+    @app.post("/api/state/{token}")
+    async def answer(token: str, request: Request) -> dict[str, Any]:
+        choice = await _choice(request)
+        return await run_in_threadpool(_answered, study, token, choice)
+
+    @app.get("/films/{name}.mp4")
+    def film(name: str) -> FileResponse:
+        if name not in study.films:
+            raise HTTPException(404, f"should be a film of this study, got {name[:100]!r}")
+        return FileResponse(study.film(name), media_type="video/mp4")
+
+    @app.get("/{name:path}")
+    def page(name: str) -> Response:
+        if name not in pages:
+            raise HTTPException(404, f"should be a page of the study, got {name[:100]!r}")
+        return Response(pages[name].content, media_type=pages[name].media)
+
+    return app
+
+
+def _who(study: Study, token: str) -> Participant:
+    found = study.answers.participant(token)
+    if found is None:
+        raise HTTPException(404, "token: should be that of a participant of this study")
+    return found
+
+
+async def _choice(request: Request) -> Choice:
+    """What was sent, if it is small and well formed."""
+    sent = b""
+    async for chunk in request.stream():
+        sent += chunk
+        if len(sent) > MOST_BYTES:
+            raise HTTPException(413, f"an answer should have at most {MOST_BYTES} bytes")
+    try:
+        return Choice.model_validate(json.loads(sent))
+    except (ValueError, RecursionError) as error:
+        first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not JSON"
+        raise HTTPException(
+            422, f"an answer should have a place and left or right for each question: {first}"
+        ) from None
+
+
+def _answered(study: Study, token: str, choice: Choice) -> dict[str, Any]:
+    who = _who(study, token)
+    pairs = study.pairs(who.number)
+    asked = {question.name for question in study.design.questions}
+    if set(choice.answers) != asked:
+        raise HTTPException(422, f"answers: should be about {', '.join(sorted(asked))}")
+    if who.done or choice.place != who.place:
+        raise HTTPException(409, f"place: should be {who.place}, got {choice.place}")
+    pair = pairs[who.place]
+    choices = {name: (side == "left") == pair.a_left for name, side in choice.answers.items()}
+    last = who.place + 1 == len(pairs)
+    if not study.answers.add(who, pair, choices, last, study.design.attention.ends):
+        raise HTTPException(409, "place: this pair was answered meanwhile")
+    return _state(study, _who(study, token))
+
+
+def _state(study: Study, who: Participant) -> dict[str, Any]:
+    """What the page shows next."""
+    pairs = study.pairs(who.number)
+    said = {
+        "title": study.design.title,
+        "introduction": study.design.introduction,
+        "of": len(pairs),
+        "place": who.place,
+    }
+    if who.done:
+        return {**said, "done": True}
+    left, right = study.names(pairs[who.place])
+    questions = [{"name": question.name, "text": question.text} for question in study.design.questions]
+    return {**said, "done": False, "left": left, "right": right, "questions": questions}

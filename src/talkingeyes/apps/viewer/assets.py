@@ -1,0 +1,48 @@
+"""The files of the pages: those beside this module, and three.js with its glTF loader and orbit controls.
+
+three.js comes out of the package nicegui, which ships it bundled as one ES module (MIT); nothing else of that package
+is used, and none of its code is run. A page can have these names alone, whatever it asks for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from talkingeyes.core.errors import InputError
+
+FOLDER = Path(__file__).parent / "assets"
+THREE = Path("elements", "scene", "dist", "index.js")  # in the package nicegui
+MEDIA = {".js": "text/javascript", ".css": "text/css", ".html": "text/html; charset=utf-8"}
+NAMES = ("stage.js", "style.css", "three.js", "timeline.js", "view.html", "view.js")
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file for a browser."""
+
+    content: bytes
+    media: str
+
+
+@cache
+def asset(name: str) -> Asset:
+    """One of NAMES. Raises KeyError for any other name, InputError if the package with three.js is missing."""
+    if name not in NAMES:
+        raise KeyError(name)
+    path = three_js() if name == "three.js" else FOLDER / name
+    return Asset(path.read_bytes(), MEDIA[path.suffix])
+
+
+def three_js() -> Path:
+    """Where three.js is installed."""
+    found = find_spec("nicegui")  # looks for the package, does not import it
+    places = [Path(each) / THREE for each in (found.submodule_search_locations or ())] if found else []
+    for path in places:
+        if path.is_file():
+            return path
+    raise InputError(
+        "three.js: should be installed with the extra `web` (`make setup` does so), got no package nicegui"
+    )

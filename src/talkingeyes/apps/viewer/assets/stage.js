@@ -1,0 +1,128 @@
+// Draws heads, each in the rectangle of an element of the page, from rows of numbers (apps/viewer/head_file.py: what they hold).
+//
+//   const stage = await Stage.open(canvas, "head.glb", [element, ...]);
+//   stage.pose(0, row);  // Float32Array: translation, four quaternions, weights
+//   stage.draw();
+//
+// The canvas lies under the elements (the canvas itself may be the only one). All heads are seen by one camera, which
+// the mouse turns. three.js is at ./three.js (apps/viewer/assets.py).
+
+import { THREE, GLTFLoader, OrbitControls } from "./three.js";
+
+const JOINTS = ["neck", "jaw", "left_eye", "right_eye"]; // in the order of the quaternions of a row
+const WEIGHTS = 3 + 4 * JOINTS.length; // where the weights begin in a row
+const RAY_M = [0.014, 0.4]; // where a gaze ray begins and ends, from the centre of the eye
+const AWAY_M = 0.9; // the camera from what it looks at
+
+// The framings of rendering/view.py, metres and degrees; that of the eyes is taller, for these pictures are no wider than tall.
+export const VIEWS = {
+  head: { height: 0.285, pivot: [0, 0.03, 0], yaw: 0 },
+  face: { height: 0.205, pivot: [0, 0.01, 0.06], yaw: 0 },
+  eyes: { height: 0.14, pivot: [0, 0.046, 0.09], yaw: 0 },
+  left: { height: 0.285, pivot: [0, 0.03, 0], yaw: 45 },
+  right: { height: 0.285, pivot: [0, 0.03, 0], yaw: -45 },
+};
+
+export class Stage {
+  static async open(canvas, address, cells) {
+    const answer = await fetch(address);
+    if (!answer.ok) throw new Error(`the head cannot be had (${answer.status})`);
+    const stage = new Stage(canvas, cells);
+    await stage.place(await answer.arrayBuffer());
+    return stage;
+  }
+
+  constructor(canvas, cells) {
+    this.canvas = canvas;
+    this.cells = cells;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.renderer.autoClear = false;
+    this.camera = new THREE.PerspectiveCamera(18, 1, 0.05, 20);
+    this.controls = cells.map((cell) => {
+      const controls = new OrbitControls(this.camera, cell);
+      Object.assign(controls, { enablePan: false, minDistance: 0.25, maxDistance: 5 });
+      return controls;
+    });
+    this.heads = [];
+  }
+
+  // The heads, at rest. They share the geometry, which is by far the most of them.
+  async place(glb) {
+    let shared = null;
+    for (const cell of this.cells) {
+      const { scene } = await new GLTFLoader().parseAsync(glb, "");
+      const mesh = scene.getObjectByProperty("isSkinnedMesh", true);
+      shared ??= mesh.geometry;
+      mesh.geometry = shared;
+      mesh.frustumCulled = false;
+      const joints = JOINTS.map((name) => scene.getObjectByName(name));
+      this.heads.push({ cell, mesh, joints, scene: lit(scene), root: scene.getObjectByName("root"), rays: rays(joints) });
+    }
+    this.look("head");
+  }
+
+  look(name) {
+    const { height, pivot, yaw } = VIEWS[name];
+    const angle = (yaw * Math.PI) / 180;
+    this.camera.fov = (2 * Math.atan(height / 2 / AWAY_M) * 180) / Math.PI;
+    this.camera.position.set(pivot[0] + Math.sin(angle) * AWAY_M, pivot[1], pivot[2] + Math.cos(angle) * AWAY_M);
+    for (const controls of this.controls) {
+      controls.target.set(...pivot);
+      controls.update();
+    }
+  }
+
+  pose(index, row) {
+    const { mesh, root, joints } = this.heads[index];
+    root.position.fromArray(row, 0);
+    joints.forEach((joint, place) => joint.quaternion.fromArray(row, 3 + 4 * place));
+    const weights = mesh.morphTargetInfluences;
+    for (let shape = 0; shape < weights.length; shape++) weights[shape] = row[WEIGHTS + shape];
+  }
+
+  showRays(shown) {
+    for (const head of this.heads) for (const ray of head.rays) ray.visible = shown;
+  }
+
+  draw() {
+    const { renderer, canvas, camera } = this;
+    const page = canvas.getBoundingClientRect();
+    renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    renderer.setSize(canvas.clientWidth, canvas.clientHeight, false);
+    renderer.setScissorTest(false);
+    renderer.clear();
+    renderer.setScissorTest(true);
+    for (const { cell, scene } of this.heads) {
+      const box = cell.getBoundingClientRect();
+      const place = [box.left - page.left, page.bottom - box.bottom, box.width, box.height];
+      renderer.setViewport(...place);
+      renderer.setScissor(...place);
+      camera.aspect = box.width / box.height;
+      camera.updateProjectionMatrix();
+      renderer.clear();
+      renderer.render(scene, camera);
+    }
+  }
+}
+
+function lit(scene) {
+  const stage = new THREE.Scene();
+  stage.background = new THREE.Color(0xf4f3f0);
+  stage.add(scene, new THREE.HemisphereLight(0xffffff, 0x9a8f86, 1.6));
+  const key = new THREE.DirectionalLight(0xffffff, 1.9);
+  key.position.set(0.5, 0.8, 1.2);
+  stage.add(key);
+  return stage;
+}
+
+function rays(joints) {
+  return joints.slice(2).map((eye) => {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, 0, RAY_M[0], 0, 0, RAY_M[1]], 3));
+    const ray = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xd1495b }));
+    ray.frustumCulled = false;
+    ray.visible = false;
+    eye.add(ray);
+    return ray;
+  });
+}

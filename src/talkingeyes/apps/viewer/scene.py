@@ -1,0 +1,94 @@
+"""What the viewer's page draws beside the heads: traces, blinks and saccades of motions, words, the sound's outline.
+
+Everything is plain numbers and texts, so that it becomes one JSON. Angles are degrees: yaw positive to the subject's
+left, pitch positive up; both eyes averaged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Span
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import Events, Motion
+
+OUTLINE_HZ = 100
+MOST_OUTLINE = 4000
+NO_EVENTS = Events()
+
+
+@dataclass(frozen=True)
+class Take:
+    """A motion to look at, its name on the page, its events if they are known, and whether it is the truth."""
+
+    name: str
+    motion: Motion
+    events: Events = NO_EVENTS
+    truth: bool = False
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Takes that play in step, with the sound and the words that are common to them."""
+
+    title: str
+    takes: tuple[Take, ...]
+    sound: Float[ndarray, " N"] | None = None
+    words: tuple[Span, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """The longest take."""
+        return max(take.motion.seconds for take in self.takes)
+
+
+def described(scene: Scene) -> dict[str, Any]:
+    """The scene as the page reads it."""
+    return {
+        "title": scene.title,
+        "seconds": scene.seconds,
+        "takes": [_take(take) for take in scene.takes],
+        "words": [[round(word.start_s, 3), round(word.end_s, 3), word.label] for word in scene.words],
+        "outline": [] if scene.sound is None else outline(scene.sound),
+        "sound": scene.sound is not None,
+    }
+
+
+def traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
+    """Gaze in space and head in degrees, and how far the lids are shut."""
+    space = np.degrees(rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)))
+    head = np.degrees(rotation.angles_of_gaze(motion.head))
+    return {
+        "gaze_yaw_deg": space[:, 0],
+        "gaze_pitch_deg": space[:, 1],
+        "head_yaw_deg": head[:, 0],
+        "head_pitch_deg": head[:, 1],
+        "lid": motion.lid.mean(axis=1),
+    }
+
+
+def outline(sound: Float[ndarray, " N"]) -> list[float]:
+    """The loudest sample of each of equal stretches, the loudest of all being 1."""
+    columns = int(np.clip(len(sound) * OUTLINE_HZ / SAMPLE_RATE, 1, MOST_OUTLINE))
+    edges = np.linspace(0, len(sound), columns, endpoint=False).astype(int)
+    peaks = np.maximum.reduceat(np.abs(sound), edges)
+    return [round(float(peak), 3) for peak in peaks / max(float(peaks.max()), 1e-9)]
+
+
+def _take(take: Take) -> dict[str, Any]:
+    blinks = [[each.onset_s, each.closing_s + each.hold_s + each.opening_s] for each in take.events.blinks]
+    return {
+        "name": take.name,
+        "truth": take.truth,
+        "fps": take.motion.fps,
+        "frames": len(take.motion),
+        "traces": {name: np.round(trace, 2).tolist() for name, trace in traces(take.motion).items()},
+        "saccades": [round(each.onset_s, 3) for each in take.events.saccades],
+        "blinks": [[round(onset, 3), round(onset + lasts, 3)] for onset, lasts in blinks],
+    }

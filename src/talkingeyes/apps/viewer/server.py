@@ -1,0 +1,54 @@
+"""The viewer's page as a web application: everything it serves is made when it starts, and kept in memory.
+
+Nothing is written, and nothing is read for a request: there is no name from a client that could lead anywhere.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import TYPE_CHECKING
+
+from talkingeyes.apps.viewer.assets import NAMES, Asset, asset
+from talkingeyes.apps.viewer.head_file import head_glb, pose_rows
+from talkingeyes.apps.viewer.scene import Scene, described
+from talkingeyes.apps.viewer.serving import LOCAL, application
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.head.model import HeadModel
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+
+def viewer_app(scene: Scene, head: HeadModel, host: str = LOCAL) -> FastAPI:
+    """The application that shows a scene on a head."""
+    from fastapi import HTTPException, Response
+
+    files = _files(scene, head)
+    app = application(host)
+
+    @app.get("/{name:path}")
+    def file(name: str) -> Response:
+        found = files.get(name)
+        if found is None:
+            raise HTTPException(404, f"should be one of the viewer's own files, got {name[:100]!r}")
+        return Response(found.content, media_type=found.media)
+
+    return app
+
+
+def _files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
+    """Everything by the name that the page asks for."""
+    files = {name: asset(name) for name in NAMES}
+    files[""] = files.pop("view.html")
+    files["head.glb"] = Asset(head_glb(head), "model/gltf-binary")
+    files["scene.json"] = Asset(json.dumps(described(scene)).encode(), "application/json")
+    for index, take in enumerate(scene.takes):
+        files[f"poses/{index}"] = Asset(pose_rows(head, take.motion).tobytes(), "application/octet-stream")
+    if scene.sound is not None:
+        import soundfile
+
+        buffer = io.BytesIO()
+        soundfile.write(buffer, scene.sound, SAMPLE_RATE, format="WAV", subtype="PCM_16")
+        files["sound.wav"] = Asset(buffer.getvalue(), "audio/wav")
+    return files

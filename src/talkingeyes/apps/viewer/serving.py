@@ -1,0 +1,76 @@
+"""Pages of this machine for this machine: what every local server here has in common.
+
+They answer to the name of this machine alone (a foreign page cannot reach them under a name of its own), load nothing
+from elsewhere, and leave no trace in caches or logs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from talkingeyes.core.errors import InputError
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+LOCAL = "127.0.0.1"
+MOST_MESSAGE_BYTES = 1 << 17  # of a WebSocket; what is longer ends it
+NAMES = (LOCAL, "localhost", "[::1]", "testserver")  # the last: of FastAPI's test client
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; media-src 'self' blob:; img-src 'self' data: blob:; "
+    "style-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+def application(host: str = LOCAL) -> FastAPI:
+    """An application without pages of its own, that answers requests to `host` or this machine."""
+    from fastapi import FastAPI
+    from starlette.datastructures import MutableHeaders
+    from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+    class Guarded:
+        """Adds HEADERS to every answer."""
+
+        def __init__(self, app: ASGIApp) -> None:
+            self.app = app
+
+        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+            async def guarded(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    MutableHeaders(scope=message).update(HEADERS)
+                await send(message)
+
+            await self.app(scope, receive, guarded)
+
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    hosts = ["*"] if host == "0.0.0.0" else [*NAMES, host]
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    app.add_middleware(Guarded)
+    return app
+
+
+def serve(app: FastAPI, host: str, port: int, started: Callable[[str], None], path: str = "/") -> None:
+    """Serve until interrupted; `started` is told the address. Port 0 takes a free one. Raises InputError if taken."""
+    import uvicorn
+
+    if not 0 <= port <= 65535:
+        raise InputError(f"port: should be 0 to 65535, got {port}")
+    try:
+        listener = socket.create_server((host, port))
+    except OSError as error:
+        raise InputError(f"port: should be free at {host}, got {port} ({error.strerror or error})") from None
+    with listener:
+        started(f"http://{host}:{listener.getsockname()[1]}{path}")
+        with contextlib.suppress(KeyboardInterrupt):  # how one ends it
+            # No pings: who is silent is sent away by the service itself, and a busy machine answers them late.
+            config = uvicorn.Config(
+                app, log_level="warning", access_log=False, ws_max_size=MOST_MESSAGE_BYTES, ws_ping_interval=None
+            )
+            uvicorn.Server(config).run(sockets=[listener])

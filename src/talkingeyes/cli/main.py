@@ -1,0 +1,64 @@
+"""The command line: every word that follows `talkingeyes`, and the function in commands/ that it calls.
+
+A command is a function there with its options as annotated arguments, and a line here; what it does stands elsewhere.
+A mistake is one line on stderr and exit status 2.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+
+import typer
+from typer.exceptions import TyperException
+
+from talkingeyes.cli import corpora, files, measures, pages, performances, pictures
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.run import shell
+
+COMMANDS: Mapping[str, Callable[..., None]] = {
+    "animate": performances.animate,
+    "evaluate": measures.evaluate,
+    "render": pictures.render,
+    "head": pictures.picture_of_head,
+    "export": files.export_motion,
+    "import": files.import_motions,
+    "pack": files.pack,
+    "track": corpora.track,
+    "view": pages.view,
+    "serve": pages.serve,
+}
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Speech in; eye gaze, head motion and blinks out.",
+)
+for _name, _command in COMMANDS.items():
+    app.command(_name)(_command)
+app.add_typer(pages.study, name="study")
+
+
+def main() -> None:
+    """The entry point of the console script."""
+    shell(_run)
+
+
+def _run() -> None:
+    """Run what was typed; what typer would tell in several lines of usage is one line here too."""
+    try:
+        status = app(prog_name="talkingeyes", standalone_mode=False)
+    except TyperException as error:
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context else "talkingeyes"
+        said = error.format_message() if hasattr(error, "format_message") else str(error)
+        raise InputError(f"{said.rstrip('.')} (`{where} --help` says what there is)") from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    if status:
+        sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""`talkingeyes animate`: speech in, motion out; of a sound, of text, of many sounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from talkingeyes.core.errors import InputError
+
+if TYPE_CHECKING:
+    from talkingeyes.workflows.animate import Order
+    from talkingeyes.workflows.speak import SpokenText
+
+
+def animate(
+    speech: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="SPEECH",
+            help="A sound file: wav, flac, ogg, mp3, m4a; 0.3 s to an hour; or several, or a folder.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write: new, or empty.")] = None,
+    text: Annotated[str | None, typer.Option(help="Words to speak and animate, in the place of SPEECH.")] = None,
+    voice: Annotated[str | None, typer.Option(help="Whose words: accent+variant of espeak-ng, as en-us+f3.")] = None,
+    language: Annotated[str | None, typer.Option(help="Of the words: en, fr, de, es, it, pt or nl.")] = None,
+    samples: Annotated[int, typer.Option(help="How many motions to draw for the speech.")] = 3,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same motions.")] = 0,
+    fps: Annotated[float, typer.Option(help="Frames a second, 10 to 240.")] = 25.0,
+    blinks: Annotated[str, typer.Option(help="Rate of blinks: physio, paper or corpus.")] = "physio",
+    target: Annotated[
+        str | None, typer.Option(help="What gaze goes to: camera, listener, or a track (.json, .csv; docs/control.md).")
+    ] = None,
+    contact: Annotated[float | None, typer.Option(help="Share of time with eye contact, 0 to 1.")] = None,
+    head_liveliness: Annotated[float, typer.Option(help="Head motion: 0 none, 1 the model's, 2 twice.")] = 1.0,
+    gaze_liveliness: Annotated[float, typer.Option(help="Gaze: 0 none, 1 the model's, 2 twice.")] = 1.0,
+    blink_liveliness: Annotated[float, typer.Option(help="Blinks: 0 none, 1 the profile's, 2 twice.")] = 1.0,
+    partner: Annotated[Path | None, typer.Option(help="The sound of whom the subject talks with, in step.")] = None,
+    dialogue: Annotated[
+        bool, typer.Option("--dialogue", help="Two people who talk: two sounds, or one with a channel each.")
+    ] = False,
+    person: Annotated[
+        str | None,
+        typer.Option(
+            help="Who moves: a speaker whom the model knows (two in a dialogue: A,B). Default: somebody, by the seed."
+        ),
+    ] = None,
+    style: Annotated[
+        str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
+    ] = None,
+    as_drawn: Annotated[
+        bool,
+        typer.Option("--as-drawn", help="Head and gaze as the model draws them: no laws laid over (docs/whole.md)."),
+    ] = False,
+    emotion: Annotated[
+        str, typer.Option(help="Of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt.")
+    ] = "neutral",
+    intensity: Annotated[int | None, typer.Option(help="Of the emotion: 1, 2 or 3.")] = None,
+    speaker: Annotated[str | None, typer.Option(help="Whose face: a speaker whom its model knows.")] = None,
+    without: Annotated[list[str] | None, typer.Option(help="A part to switch off: head, gaze, blinks or face.")] = None,
+    replaced: Annotated[
+        list[str] | None, typer.Option("--replace", help="PART=MOTION.npz: a part taken from another motion.")
+    ] = None,
+    model: Annotated[
+        Path, typer.Option(help="A trained model: a folder (`make repro` makes this one) or a file of `pack`.")
+    ] = Path("data/train/talkingeyes"),
+    formats: Annotated[
+        list[str] | None, typer.Option("-f", "--format", help="Another format for each motion, as `export` has them.")
+    ] = None,
+    flame: Annotated[Path | None, typer.Option(help="Your own FLAME file, for formats that show a face on it.")] = None,
+    pictures: Annotated[bool, typer.Option(help="A small film of each motion, a plot, a sheet of heads.")] = True,
+    jobs: Annotated[int | None, typer.Option(help="Processes; a sound each, each with a folder of its own.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
+) -> None:
+    """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
+    from talkingeyes.workflows.animate import Order
+    from talkingeyes.workflows.direct import direct
+
+    if out is None:
+        raise InputError("out: should be the folder to write (-o DIR), got none")
+    sounds = speech or []
+    if (text is None) == (not sounds):
+        raise InputError(f"speech: should be sound files or --text, got {'neither' if text is None else 'both'}")
+    if text is None and (voice or language):
+        raise InputError("voice: is for --text, got a sound file")
+    direction = direct(
+        blinks=blinks,
+        target=target,
+        contact=contact,
+        head=head_liveliness,
+        gaze=gaze_liveliness,
+        blinking=blink_liveliness,
+        partner=partner,
+        person=person,
+        style=style,
+        as_drawn=as_drawn,
+        emotion=emotion,
+        intensity=intensity,
+        speaker=speaker,
+        without=without or (),
+        replaced=_parts(replaced or []),
+    )
+    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures, flame)
+    if dialogue:
+        _animate_dialogue(sounds, out, order, model, force)
+        return
+    if len(sounds) > 1 or any(path.is_dir() for path in sounds) or (jobs is not None and sounds):
+        _animate_all(sounds, out, order, model, 1 if jobs is None else jobs, force)
+        return
+    if text is None:
+        _animate_one(sounds[0], out, order, model, force)
+        return
+    from talkingeyes.workflows.direct import strength
+    from talkingeyes.workflows.speak import speak
+
+    felt = strength(emotion, intensity)
+    spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=felt)
+    _animate_one(spoken, out, order, model, force)
+
+
+def _parts(replaced: list[str]) -> dict[str, str]:
+    """PART=FILE as a mapping."""
+    found = dict(each.split("=", 1) for each in replaced if "=" in each)
+    if len(found) < len(replaced):
+        raise InputError(f"replace: should be PART=MOTION.npz, a part each, got {' '.join(replaced)}")
+    return found
+
+
+def _animate_dialogue(sounds: list[Path], out: Path, order: Order, model: Path, force: bool) -> None:
+    from talkingeyes.audio.waveform import read_dialogue, read_speech
+    from talkingeyes.workflows.animate import carry_out_dialogue
+
+    if len(sounds) not in (1, 2) or order.direction.partner is not None:
+        raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
+    heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
+    dialogues = carry_out_dialogue(heard, out, order, model, force)
+    first = dialogues[0].first.motion
+    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {order.fps:g} frames a second")
+
+
+def _animate_one(speech: Path | SpokenText, out: Path, order: Order, model: Path, force: bool) -> None:
+    from talkingeyes.workflows.animate import carry_out
+
+    performances = carry_out(speech, out, order, model, force)
+    count = "1 motion" if order.samples == 1 else f"{order.samples} motions"
+    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {order.fps:g} frames a second")
+
+
+def _animate_all(sounds: list[Path], out: Path, order: Order, model: Path, jobs: int, force: bool) -> None:
+    from talkingeyes.workflows.animate_batch import FAILED, KEPT, MADE, animate_all
+
+    lines = animate_all(sounds, out, order, model=model, jobs=jobs, force=force)
+    counts = {status: sum(line.status == status for line in lines) for status in (MADE, KEPT, FAILED)}
+    typer.echo(f"{out}: {', '.join(f'{count} {status}' for status, count in counts.items() if count)}")
+    failed = [line for line in lines if line.status == FAILED]
+    if failed:
+        raise InputError(f"{len(failed)} of {len(lines)} failed ({out / 'summary.csv'}); the first: {failed[0].reason}")

@@ -1,0 +1,45 @@
+"""`talkingeyes render` and `talkingeyes head`: a motion as a film, a head as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def render(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz), as `animate` writes it.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The film to write (.mp4).")],
+    head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
+    model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
+    camera: Annotated[
+        str,
+        typer.Option(help="head, face, eyes, left or right; or yaw=, pitch= (degrees), distance=, height= (metres)."),
+    ] = "head",
+    sound: Annotated[Path | None, typer.Option(help="The speech to hear.")] = None,
+    size: Annotated[int, typer.Option(help="Pixels, 16 to 4096.")] = 512,
+    keys: Annotated[
+        Path | None, typer.Option(help="Its saccades and blinks as edited: an .events.json of `animate`.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Film a motion on a head, with sound, at the motion's own frame rate."""
+    from talkingeyes.workflows.render import render as make
+
+    done = make(motion, out, head=head, model=model, camera=camera, sound=sound, size=size, keys=keys, force=force)
+    typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} frames a second")
+
+
+def picture_of_head(
+    out: Annotated[Path, typer.Option("-o", "--out", help="The picture to write (.png).")],
+    head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
+    model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
+    size: Annotated[int, typer.Option(help="Width in pixels.")] = 1400,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Draw a head: gaze in nine directions, lids at five openings."""
+    from talkingeyes.workflows.render import picture
+
+    picture(out, head=head, model=model, size=size, force=force)
+    typer.echo(f"{out}: gaze in nine directions, lids at five openings")

@@ -1,0 +1,211 @@
+"""The Motion record: what a performance is, as arrays, and the events that it is rendered from.
+
+A frame t is the state at time t / fps (point sampled). Files are npz without pickles; units, axes, eye order, frame
+rate and head model are written in every file (docs/conventions.md). Events are JSON beside the npz.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.npz import save_npz
+
+CONVENTIONS = {
+    "schema": "talkingeyes.motion/1",
+    "axes": "right-handed, y up, +z out of the face, +x to the subject's left",
+    "units": "radians, metres",
+    "rotations": "rotation vectors",
+    "eye_order": "left,right (the subject's)",
+}
+# What numpy and zipfile raise for a file that is cut, altered or of another kind.
+DAMAGED = (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, NotImplementedError, zlib.error)
+ARRAYS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One performance of T frames at `fps`.
+
+    `head` is root and neck in one, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 at the
+    opening that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink
+    and jaw.
+    """
+
+    fps: float
+    head: Float[ndarray, "T 3"]
+    translation: Float[ndarray, "T 3"]
+    gaze: Float[ndarray, "T 2 3"]
+    lid: Float[ndarray, "T 2"]
+    jaw: Float[ndarray, "T 3"]
+    expression: Float[ndarray, "T C"]
+    valid: Bool[ndarray, " T"]
+    expression_names: tuple[str, ...] = ()
+    head_model: str = "anny"
+
+    def __post_init__(self) -> None:
+        frames = len(self.head) if self.head.ndim else 0
+        shapes = {
+            "head": (frames, 3),
+            "translation": (frames, 3),
+            "gaze": (frames, 2, 3),
+            "lid": (frames, 2),
+            "jaw": (frames, 3),
+            "expression": (frames, len(self.expression_names)),
+            "valid": (frames,),
+        }
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise InputError(f"motion: {name} should have shape {shape}, got {array.shape}")
+            if not np.isfinite(array).all():
+                raise InputError(f"motion: {name} holds NaN or infinite values; mark such frames as not valid instead")
+        if not self.fps > 0:
+            raise InputError(f"motion: fps should be above 0, got {self.fps}")
+
+    def __len__(self) -> int:
+        return len(self.head)
+
+    @property
+    def seconds(self) -> float:
+        return len(self) / self.fps
+
+    @classmethod
+    def of(
+        cls,
+        fps: float,
+        head: Float[ndarray, "T 3"],
+        gaze: Float[ndarray, "T 2 3"],
+        **others: Any,
+    ) -> Motion:
+        """A motion of head and gaze; whatever is not given is neutral."""
+        frames = len(head)
+        neutral: dict[str, Any] = {
+            "translation": np.zeros((frames, 3)),
+            "lid": np.zeros((frames, 2)),
+            "jaw": np.zeros((frames, 3)),
+            "expression": np.zeros((frames, len(others.get("expression_names", ())))),
+            "valid": np.ones(frames, bool),
+        }
+        return cls(fps=fps, head=head, gaze=gaze, **{**neutral, **others})
+
+    def cut(self, start: int, stop: int) -> Motion:
+        """Frames start to stop."""
+        return replace(self, **{name: getattr(self, name)[start:stop] for name in ARRAYS})
+
+    def save(self, path: Path) -> None:
+        """Write as npz (float32), with fps, units, axes, rotation form, eye order and head model inside."""
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        arrays = {name: a if a.dtype == bool else a.astype(np.float32) for name, a in arrays.items()}
+        texts = {**CONVENTIONS, "head_model": self.head_model, "expression_names": json.dumps(self.expression_names)}
+        save_npz(
+            path,
+            fps=np.float64(self.fps),
+            **arrays,
+            **{k: np.str_(v) for k, v in texts.items()},
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Motion:
+        """Read a motion npz. Raises InputError if it is missing, not a motion file, or of another schema."""
+        try:
+            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+        except DAMAGED as error:
+            raise InputError(f"{path}: not a readable motion npz ({error})") from None
+        schema = str(content.get("schema", "none"))
+        if schema != CONVENTIONS["schema"]:
+            raise InputError(f"{path}: schema should be {CONVENTIONS['schema']}, got {schema}")
+        missing = [name for name in (*ARRAYS, "fps", "expression_names", "head_model") if name not in content]
+        if missing:
+            raise InputError(f"{path}: missing {', '.join(missing)}")
+        try:
+            fps, names = float(content["fps"]), tuple(json.loads(str(content["expression_names"])))
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}: fps should be a number and expression_names a list ({error})") from None
+        return cls(
+            fps=fps,
+            expression_names=names,
+            head_model=str(content["head_model"]),
+            **{name: content[name] for name in ARRAYS},
+        )
+
+
+@dataclass(frozen=True)
+class Saccade:
+    """A rapid shift of gaze in space, both eyes. Angles are (yaw, pitch) in radians, times in seconds."""
+
+    onset_s: float
+    duration_s: float
+    start_rad: tuple[float, float]
+    end_rad: tuple[float, float]
+    skew: float
+
+
+@dataclass(frozen=True)
+class HeadMove:
+    """A head movement that adds the rotation vector `delta_rad` over `duration_s` (minimum jerk)."""
+
+    onset_s: float
+    duration_s: float
+    delta_rad: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Blink:
+    """A lid closure: closing, hold and opening times in seconds; `depth` 1 is fully shut."""
+
+    onset_s: float
+    closing_s: float
+    hold_s: float
+    opening_s: float
+    depth: float
+
+
+@dataclass(frozen=True)
+class Refocus:
+    """From `onset_s` on the eyes converge on a target `distance_m` away (slowly: physiology.vergence)."""
+
+    onset_s: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
+class Events:
+    """The events of a performance, each list in order of onset."""
+
+    saccades: tuple[Saccade, ...] = ()
+    head_moves: tuple[HeadMove, ...] = ()
+    blinks: tuple[Blink, ...] = ()
+    refocuses: tuple[Refocus, ...] = ()
+
+    def save(self, path: Path) -> None:
+        """Write as JSON with the schema inside."""
+        path.write_text(json.dumps({"schema": "talkingeyes.events/1", **asdict(self)}, indent=1))
+
+    @classmethod
+    def load(cls, path: Path) -> Events:
+        """Read events JSON; a kind that is absent has none. Raises InputError if it is not events."""
+        try:
+            content = json.loads(path.read_text())
+            kinds = {"saccades": Saccade, "head_moves": HeadMove, "blinks": Blink, "refocuses": Refocus}
+            rows = {name: content.get(name, ()) for name in kinds}
+            if not any(name in content for name in kinds):
+                raise ValueError(f"should hold {', '.join(kinds)}")
+            return cls(**{name: tuple(_event(kind, row) for row in rows[name]) for name, kind in kinds.items()})
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"{path}: not a readable events file ({error!r})") from None
+
+
+def _event(kind: type, row: dict[str, Any]) -> Any:
+    values = {field.name: row[field.name] for field in fields(kind)}
+    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})

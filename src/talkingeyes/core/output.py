@@ -1,0 +1,45 @@
+"""The folder that a command writes for a person: checked before any work, whole when it appears."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from talkingeyes.core.errors import InputError
+
+
+def target(out: Path, own_files: re.Pattern[str], force: bool) -> Path:
+    """The folder to write. Raises InputError unless it is new, empty, or (with `force`) holds only what we wrote."""
+    try:
+        folder = out.resolve()
+        nearest = next(path for path in (folder, *folder.parents) if path.exists())
+        found = sorted(path.name for path in nearest.iterdir()) if nearest == folder else []
+    except (OSError, ValueError) as error:  # ValueError: a NUL character
+        raise InputError(f"{str(out)!r}: should be a new or empty folder, got: {error}") from None
+    strange = [name for name in found if not own_files.fullmatch(name)]
+    if strange:
+        raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
+    if found and not force:
+        raise InputError(f"{out}: holds earlier output; should be a new or empty folder, or be replaced by --force")
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
+        raise InputError(f"{out}: should be a folder that can be written, got {nearest}, which cannot hold it")
+    return folder
+
+
+@contextlib.contextmanager
+def appearing(folder: Path) -> Iterator[Path]:
+    """A new folder beside the target that takes its place when the block ends well."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    try:
+        partial.mkdir()
+        yield partial
+        if folder.exists():
+            shutil.rmtree(folder)
+        partial.rename(folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

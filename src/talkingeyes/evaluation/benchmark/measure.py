@@ -1,0 +1,135 @@
+"""What a measure is: sums over a clip, and a figure of the sums over many clips.
+
+An observer turns one behaviour into named sums (counts, histograms, products, curves). A measure reads a figure off the
+totals of all clips. So clips are seen once, memory does not grow with them, and a resample of the clips is a weighted
+sum: the bootstrap costs one product of matrices for all measures together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.bootstrap import Statistic
+from talkingeyes.evaluation.distribution.mmd import Drawn
+
+# Rounding leaves speeds and squares of a motion that stands still; they sum up to 1e-11 or less, real ones to far more.
+STANDS_STILL = 1e-9
+# Sums of one clip: a number, or an array, a name.
+Sums = Mapping[str, "int | float | np.integer | ndarray"]
+# Totals of D draws of the clips: (D,) or (D, K) a name.
+Totals = Mapping[str, ndarray]
+
+Direction = Literal["truth", "less", "more"]
+TRUTH: Final = "truth"
+LESS: Final = "less"
+MORE: Final = "more"
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Sums that belong together. `needs` names fields of Behaviour; `sizes` says how long each sum is.
+
+    `observe` takes one Behaviour; where `together`, the sequence of all motions of a sound.
+    """
+
+    observe: Callable[..., Sums]
+    needs: tuple[str, ...]
+    sizes: Mapping[str, int]
+    together: bool = False
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One figure of the benchmark, with all that its page says of it.
+
+    `of` names the sum that counts what the figure is made of, and `least` how many of them it takes. `direction`:
+    "truth" is better the nearer to the reference, "less" and "more" as they say. A measure with `against` compares
+    with the totals of the reference, one that is `pairwise` with windows of it (both drawn, and whether clip i of both
+    is the same sound); then the reference's own figure is that between its halves. `rate_bound` figures depend on the
+    frame rate and are not compared across rates.
+    """
+
+    name: str
+    title: str
+    unit: str
+    formula: str
+    source: str
+    trap: str
+    observer: Observer
+    of: str
+    least: int
+    figure: Callable[[Totals], Float[ndarray, " D"]] | None = None
+    against: Callable[[Totals, Totals], Float[ndarray, " D"]] | None = None
+    pairwise: Callable[[Drawn, Drawn, bool], Statistic] | None = None
+    direction: Direction = TRUTH
+    rate_bound: bool = False
+
+    def __post_init__(self) -> None:
+        assert sum(each is not None for each in (self.figure, self.against, self.pairwise)) == 1, self.name
+        assert self.observer.sizes[self.of] == 1, self.name
+
+    @property
+    def counted(self) -> str:
+        """What `of` counts, in words: the end of its name."""
+        return self.of.split(".")[-1].replace("_", " ")
+
+
+def ratio(over: str, under: str, scale: float = 1.0) -> Callable[[Totals], Float[ndarray, " D"]]:
+    """One total over another."""
+    return lambda totals: divided(scale * totals[over], totals[under])
+
+
+def divided(over: Float[ndarray, "*D"], under: Float[ndarray, "*D"]) -> Float[ndarray, "*D"]:
+    """NaN where nothing was counted, or where nothing moved but for what rounding leaves (STANDS_STILL)."""
+    known = np.asarray(under) > STANDS_STILL
+    return np.asarray(np.divide(over, under, out=np.full(np.shape(over), np.nan), where=known))
+
+
+@dataclass(frozen=True)
+class Bins:
+    """A histogram of even bins from `low` to `high`; what lies beyond counts in the last (or first)."""
+
+    low: float
+    high: float
+    count: int
+
+    @property
+    def edges(self) -> Float[ndarray, " K"]:
+        return np.linspace(self.low, self.high, self.count + 1)
+
+    def __call__(self, values: Float[ndarray, " N"]) -> Float[ndarray, " K"]:
+        """Counts of values."""
+        index = ((values - self.low) * (self.count / (self.high - self.low))).astype(int)
+        return np.bincount(np.clip(index, 0, self.count - 1), minlength=self.count).astype(float)
+
+    def share_below(self, counts: Float[ndarray, "D K"], limit: float) -> Float[ndarray, " D"]:
+        """Share of values below a limit that is an edge."""
+        reach = round((limit - self.low) / (self.high - self.low) * self.count)
+        return divided(counts[:, :reach].sum(axis=1), counts.sum(axis=1))
+
+    def quantile(self, counts: Float[ndarray, "D K"], share: float) -> Float[ndarray, " D"]:
+        """The value that `share` of the values do not exceed; within a bin they count as even."""
+        below = np.cumsum(counts, axis=1)
+        wanted = share * below[:, -1]
+        index = np.minimum((below < wanted[:, None]).sum(axis=1), self.count - 1)
+        draw = np.arange(len(counts))
+        inside = divided(wanted - below[draw, index] + counts[draw, index], counts[draw, index])
+        return np.asarray(self.low + (index + inside) * (self.high - self.low) / self.count)
+
+    def distance(self, one: Float[ndarray, "D K"], other: Float[ndarray, "E K"]) -> Float[ndarray, " D"]:
+        """Wasserstein distance in standard deviations of `other`: the area between the distribution functions."""
+        shares = [
+            divided(counts, np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)) for counts in (one, other)
+        ]
+        width = (self.high - self.low) / self.count
+        centres = self.edges[:-1] + width / 2
+        mean = shares[1] @ centres
+        spread = np.sqrt(np.maximum(shares[1] @ centres**2 - mean**2, 0))
+        area = np.abs(np.cumsum(shares[0] - shares[1], axis=1)).sum(axis=1) * width
+        return divided(area, np.broadcast_to(spread, area.shape))

@@ -1,0 +1,314 @@
+"""Measures of saccades in space: how often, how far, where to, how fast, how long; and of the fixations between them.
+
+Peak speeds are compared with the main sequence as it looks when sampled at the frame rate of the motion: at 25 frames a
+second a five-degree saccade shows less than half its true peak (FACTS, sections 0g, 10), so the native law would
+condemn the truth. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
+Directions: sector 0 is the subject's left, 2 up, 4 right, 6 down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.evaluation.detectors.saccades import VELOCITY_FROM_FPS
+from talkingeyes.physiology import saccades as law
+
+AMPLITUDE_DEG = Bins(0.0, 40.0, 80)
+INTERVAL_S = Bins(0.0, 6.0, 120)
+SECTORS = 8
+# Steps smaller than this are near the noise of trackers; the law is compared from here on.
+LAW_FROM_DEG = 2.0
+LAW_GRID_DEG = np.arange(1.0, 46.0)
+LAW_PHASES = 40
+LEE = "Lee, Badler & Badler 2002 (Eyes Alive)"
+
+
+@lru_cache(maxsize=8)
+def sampled_log_peak(fps: float) -> Float[ndarray, " A"]:
+    """Logarithm of the peak speed (degrees a second) that frames show of a saccade, on LAW_GRID_DEG.
+
+    The largest step between frames times the frame rate, its logarithm averaged over when the frames fall.
+    """
+    amplitude = np.radians(LAW_GRID_DEG)[:, None, None]
+    duration = law.duration_s(amplitude)
+    frames = int(np.ceil(float(duration.max()) * fps)) + 2
+    times_s = (np.arange(frames)[None, None] - 1 + (np.arange(LAW_PHASES)[None, :, None] + 0.5) / LAW_PHASES) / fps
+    phase, skewness = np.broadcast_arrays(times_s / duration, law.skew(amplitude))
+    done = law.progress(phase, skewness)
+    peak = np.degrees(amplitude[..., 0]) * np.diff(done, axis=2).max(axis=2) * fps
+    return np.asarray(np.log(peak).mean(axis=1))
+
+
+def observe(behaviour: Behaviour) -> Sums:
+    """Counts, histograms and sums over the saccades of a clip."""
+    found, fps = behaviour.saccades, behaviour.fps
+    amplitude, duration, direction = found.amplitude_deg, found.duration_s, found.direction_rad
+    timed = np.full(len(found), fps >= VELOCITY_FROM_FPS)  # below, frames do not hold a duration
+    interval = np.diff(found.onset_s)
+    rest = found.onset_s[1:] - found.offset_s[:-1]
+    sector = np.floor(direction / (2 * np.pi / SECTORS) + 0.5).astype(int) % SECTORS
+    large = amplitude >= LAW_FROM_DEG
+    log_amplitude = np.log(amplitude[large])
+    excess = np.log(found.peak_speed_deg_s[large]) - np.interp(amplitude[large], LAW_GRID_DEG, sampled_log_peak(fps))
+    return {
+        "saccade.saccades": len(amplitude),
+        "saccade.seconds": behaviour.valid.sum() / fps,
+        "saccade.amplitude": AMPLITUDE_DEG(amplitude),
+        "saccade.amplitude_deg": amplitude.sum(),
+        "saccade.sector": np.bincount(sector, minlength=SECTORS),
+        "saccade.timed_saccades": timed.sum(),
+        "saccade.duration_s": duration[timed].sum(),
+        "saccade.intervals": len(interval),
+        "saccade.interval": INTERVAL_S(interval),
+        "saccade.interval_s": interval.sum(),
+        "saccade.interval_s2": np.square(interval).sum(),
+        "saccade.fixation": INTERVAL_S(rest),
+        "law.saccades": large.sum(),
+        "law.excess": excess.sum(),
+        "law.excess2": np.square(excess).sum(),
+        "law.amplitude": log_amplitude.sum(),
+        "law.amplitude2": np.square(log_amplitude).sum(),
+        "law.product": (log_amplitude * excess).sum(),
+    }
+
+
+OBSERVER = Observer(
+    observe,
+    ("head", "gaze"),
+    {
+        **dict.fromkeys(
+            (
+                "saccade.saccades",
+                "saccade.seconds",
+                "saccade.amplitude_deg",
+                "saccade.timed_saccades",
+                "saccade.duration_s",
+                "saccade.intervals",
+            ),
+            1,
+        ),
+        **dict.fromkeys(("saccade.interval_s", "saccade.interval_s2", "law.saccades", "law.excess", "law.excess2"), 1),
+        **dict.fromkeys(("law.amplitude", "law.amplitude2", "law.product"), 1),
+        "saccade.amplitude": AMPLITUDE_DEG.count,
+        "saccade.sector": SECTORS,
+        "saccade.interval": INTERVAL_S.count,
+        "saccade.fixation": INTERVAL_S.count,
+    },
+)
+
+
+def _cardinal(totals: Totals) -> Float[ndarray, " D"]:
+    sector = totals["saccade.sector"]
+    return divided(sector[:, ::2].sum(axis=1), sector[:, 1::2].sum(axis=1))
+
+
+def _towards(first: int) -> Float[ndarray, " S"]:
+    """Sectors within 45 degrees of one, less those within 45 degrees of the opposite one."""
+    return np.roll([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0, 1.0], first)
+
+
+def _asymmetry(first: int) -> Callable[[Totals], Float[ndarray, " D"]]:
+    sign = _towards(first)
+    return lambda totals: divided(totals["saccade.sector"] @ sign, totals["saccade.sector"] @ np.abs(sign))
+
+
+def _log_spread(totals: Totals) -> Float[ndarray, " D"]:
+    mean = divided(totals["law.excess"], totals["law.saccades"])
+    square = divided(totals["law.excess2"], totals["law.saccades"])
+    return np.asarray(np.sqrt(np.maximum(square - mean**2, 0)))
+
+
+def _law_slope(totals: Totals) -> Float[ndarray, " D"]:
+    count, x, y = (totals[f"law.{name}"] for name in ("saccades", "amplitude", "excess"))
+    return divided(count * totals["law.product"] - x * y, count * totals["law.amplitude2"] - x**2)
+
+
+def _interval_variation(totals: Totals) -> Float[ndarray, " D"]:
+    mean = divided(totals["saccade.interval_s"], totals["saccade.intervals"])
+    square = divided(totals["saccade.interval_s2"], totals["saccade.intervals"])
+    return divided(np.sqrt(np.maximum(square - mean**2, 0)), mean)
+
+
+_measure = partial(Measure, observer=OBSERVER, of="saccade.saccades", source=LEE)
+_law = partial(Measure, observer=OBSERVER, of="law.saccades", least=100)
+_interval = partial(Measure, observer=OBSERVER, of="saccade.intervals", least=100, rate_bound=True)
+
+MEASURES = (
+    _measure(
+        "saccades/rate",
+        "saccade rate",
+        "1/s",
+        "saccades / seconds of valid frames",
+        figure=ratio("saccade.saccades", "saccade.seconds"),
+        least=30,
+        rate_bound=True,
+        trap=(
+            "jitter above the detector's threshold counts as saccades; at 25 frames a second those under 1 "
+            "degree are lost"
+        ),
+    ),
+    _measure(
+        "saccades/amplitude",
+        "mean amplitude",
+        "deg",
+        "mean angle between gaze before and after",
+        figure=ratio("saccade.amplitude_deg", "saccade.saccades"),
+        least=50,
+        trap=(
+            "two saccades within two frames count as one; a model of few, huge saccades and many tiny ones "
+            "can have it right"
+        ),
+    ),
+    _measure(
+        "saccades/amplitude_median",
+        "median amplitude",
+        "deg",
+        "median of the amplitudes (half-degree bins)",
+        figure=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.5),
+        least=100,
+        trap="moves with the detector's threshold, which cuts the smallest",
+    ),
+    _measure(
+        "saccades/amplitude_p90",
+        "90 % of amplitudes below",
+        "deg",
+        "90th percentile of the amplitudes (half-degree bins)",
+        figure=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.9),
+        least=100,
+        trap="few events decide it",
+    ),
+    _measure(
+        "saccades/below_5",
+        "P(A < 5 deg)",
+        "share",
+        "share of amplitudes below 5 degrees",
+        figure=lambda totals: AMPLITUDE_DEG.share_below(totals["saccade.amplitude"], 5.0),
+        least=100,
+        source=f"{LEE}; Malinov et al. 2000 (.53)",
+        trap="noise that passes for saccades raises it",
+    ),
+    _measure(
+        "saccades/below_15",
+        "P(A < 15 deg)",
+        "share",
+        "share of amplitudes below 15 degrees",
+        figure=lambda totals: AMPLITUDE_DEG.share_below(totals["saccade.amplitude"], 15.0),
+        least=100,
+        source="Bahill, Adler & Stark 1975 (.86)",
+        trap="near 1 for anything timid",
+    ),
+    _measure(
+        "saccades/amplitude_distance",
+        "amplitudes, Wasserstein",
+        "truth's SD",
+        "area between the two distribution functions of amplitude / SD of the reference's",
+        against=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
+        least=100,
+        direction="less",
+        source="Kantorovich 1942; FACTS 9",
+        trap="never 0 in a finite sample: read it beside the distance between halves of the reference",
+    ),
+    _measure(
+        "saccades/cardinal",
+        "cardinal / diagonal",
+        "ratio",
+        "saccades in the 4 cardinal sectors of 45 deg / in the 4 diagonal ones",
+        figure=_cardinal,
+        least=200,
+        trap="a wrong vertical gain turns diagonals into horizontals",
+    ),
+    _measure(
+        "saccades/left_right",
+        "left - right",
+        "share",
+        "(leftward - rightward) / both, within 67.5 deg of the subject's left and right",
+        figure=_asymmetry(0),
+        least=200,
+        trap=(
+            "near 0 in a symmetric population, so that mirroring shows only where people have sides: see likeness/side"
+        ),
+    ),
+    _measure(
+        "saccades/up_down",
+        "up - down",
+        "share",
+        "(upward - downward) / both, within 67.5 deg of up and down",
+        figure=_asymmetry(2),
+        least=200,
+        trap="gaze that leaves must return: small by nature; see eye/pitch_skew",
+    ),
+    _law(
+        "main_sequence/peak",
+        "peak speed / sampled law",
+        "ratio",
+        "exp mean log (peak speed / peak of the Beta law at that amplitude, sampled at this frame rate); A >= 2 deg",
+        figure=lambda totals: np.exp(divided(totals["law.excess"], totals["law.saccades"])),
+        source="Bahill, Clark & Stark 1975; Mack et al. 2017",
+        trap="against the native law even the truth fails: .47 at 5 deg and 25 frames a second",
+    ),
+    _law(
+        "main_sequence/slope",
+        "slope against the law",
+        "log/log",
+        "slope of log (peak / sampled law) on log amplitude; 0 on the law",
+        figure=_law_slope,
+        source="Bahill, Clark & Stark 1975",
+        trap="naive upsampling has the right amplitudes and the wrong slope",
+    ),
+    _law(
+        "main_sequence/spread",
+        "spread about the law",
+        "log",
+        "SD of log (peak / sampled law)",
+        figure=_log_spread,
+        source="FACTS 10",
+        trap="sampling alone spreads it: .2 to .3 at 25 frames a second",
+    ),
+    _measure(
+        "saccades/duration",
+        "mean duration",
+        "s",
+        "mean of offset - onset",
+        figure=ratio("saccade.duration_s", "saccade.timed_saccades"),
+        of="saccade.timed_saccades",
+        least=100,
+        rate_bound=True,
+        source="Collewijn, Erkelens & Steinman 1988",
+        trap="only from 60 frames a second on: below, a frame is as long as a saccade; grows with smoothing",
+    ),
+    _interval(
+        "saccades/interval_cv",
+        "variation of intervals",
+        "CV",
+        "SD / mean of the time between onsets",
+        figure=_interval_variation,
+        source=LEE,
+        trap="clips cut long intervals short",
+    ),
+    _interval(
+        "saccades/interval_distance",
+        "intervals, Wasserstein",
+        "truth's SD",
+        "area between the distribution functions of the time between onsets / SD of the reference's",
+        against=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
+        direction="less",
+        source="FACTS 9",
+        trap="clips of unequal length cut intervals unequally",
+    ),
+    _interval(
+        "fixations/duration_median",
+        "median fixation",
+        "s",
+        "median time from the end of a saccade to the next",
+        figure=lambda totals: INTERVAL_S.quantile(totals["saccade.fixation"], 0.5),
+        source="Salvucci & Goldberg 2000",
+        trap="missed small saccades join fixations",
+    ),
+)

@@ -1,0 +1,105 @@
+"""Measures over all motions of one sound: do samples differ as people do, and is what happened among them?
+
+Diversity, the energy score and the distance to the nearest sample (coverage, minADE) need several motions of a sound.
+The truth itself is judged take against take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.measure import LESS, Measure, Observer, Sums, ratio
+from talkingeyes.evaluation.discrepancy import distance, diversity
+from talkingeyes.evaluation.distribution.energy import windowed_energy_score
+
+# Trajectories are scored in pieces of this length.
+WINDOW_S = 2.0
+PARTS = {"gaze": "eye-in-head", "head": "head"}
+
+
+def observe(motions: Sequence[Behaviour], part: str) -> Sums:
+    """Diversity of the motions; energy score and nearest distance of those that are not the reference itself."""
+    found: dict[str, Any] = {}
+    if len(motions) > 1:
+        stack = _stack(motions, part)
+        found |= {f"{part}.sounds": 1.0, f"{part}.diversity": diversity(stack, _valid(motions, stack.shape[1]))}
+    target = motions[0].other
+    others = [each for each in motions if not _same(each, target, part)]
+    if len(others) > 1:
+        stack = _stack([target, *others], part)
+        true, samples = stack[0], stack[1:]
+        scores = windowed_energy_score(samples, true, round(WINDOW_S * target.fps))
+        apart = distance(samples, true, _valid([target], stack.shape[1]))
+        found |= {
+            f"{part}.judged_sounds": 1.0,
+            f"{part}.windows": len(scores),
+            f"{part}.energy": scores.sum(),
+            f"{part}.nearest": apart.min(),
+        }
+    return found
+
+
+def _stack(motions: Sequence[Behaviour], part: str) -> Float[ndarray, "S T C"]:
+    frames = min(map(len, motions))
+    return np.stack([getattr(each, part)[:frames].reshape(frames, -1) for each in motions])
+
+
+def _valid(motions: Sequence[Behaviour], frames: int) -> Bool[ndarray, " T"]:
+    """Frames that all motions have; all, if there is none such."""
+    common = np.logical_and.reduce([each.valid[:frames] for each in motions])
+    return common if common.any() else np.ones(frames, bool)
+
+
+def _same(one: Behaviour, other: Behaviour, part: str) -> bool:
+    return np.array_equal(getattr(one, part), getattr(other, part))
+
+
+def _of_part(part: str) -> tuple[Measure, ...]:
+    title = PARTS[part]
+    names = ("sounds", "diversity", "judged_sounds", "windows", "energy", "nearest")
+    observer = Observer(
+        partial(observe, part=part), (part, "reference"), {f"{part}.{name}": 1 for name in names}, together=True
+    )
+    judged = partial(Measure, observer=observer, of=f"{part}.judged_sounds", least=5, direction=LESS)
+    return (
+        Measure(
+            f"samples/diversity_{part}",
+            f"Diversity, {title}",
+            "rad",
+            "mean over pairs of motions of a sound, and over sounds, of the mean distance between them",
+            figure=ratio(f"{part}.diversity", f"{part}.sounds"),
+            observer=observer,
+            of=f"{part}.sounds",
+            least=5,
+            source="TalkingEyes, section V-B; ProbTalk3D",
+            trap="noise wins: read it as a distance to the truth's own, which needs sounds with several takes",
+        ),
+        judged(
+            f"samples/energy_{part}",
+            f"energy score, {title}",
+            "rad",
+            f"E|X - y| - E|X - X'| / 2 over pieces of {WINDOW_S:g} s as whole trajectories (fair: Ferro 2014)",
+            figure=ratio(f"{part}.energy", f"{part}.windows"),
+            source="Gneiting & Raftery 2007",
+            trap="proper, yet in many dimensions it hardly tells the spread; a good constant costs little more",
+        ),
+        judged(
+            f"samples/nearest_{part}",
+            f"nearest sample, {title}",
+            "rad",
+            "mean over sounds of the smallest mean distance of a sample to the true motion (minADE)",
+            figure=ratio(f"{part}.nearest", f"{part}.judged_sounds"),
+            source="coverage error: FACTS 9",
+            trap="falls with the number of samples and for calm ones: the mean pose, with S = 10, is hard to beat",
+        ),
+    )
+
+
+MEASURES = (*_of_part("gaze"), *_of_part("head"))

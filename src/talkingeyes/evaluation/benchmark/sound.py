@@ -1,0 +1,153 @@
+"""Measures of what a motion has to do with its sound: Corr. by the critics, and against other sounds of the speaker.
+
+Corr. is a cosine of learnt features (evaluation/correlation.py): its level means nothing by itself, and whatever is
+predictable from the voice without being true (a conditional mean) has more of it than people have. So it is read as a
+distance to the truth's own, and its zero is the same motion under other sounds of the same speaker.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.measure import Measure, Observer, Sums, ratio
+
+# Parts of a motion and the critics that judge them.
+CRITICS = {"gaze": "eyes", "space": "space", "head": "head"}
+TITLES = {"gaze": "eye-in-head", "space": "gaze in space", "head": "head"}
+TRAPS = {
+    "gaze": "driven by the head: the eyes counter-rotate under it",
+    "space": "weakest of the three in life; a conditional mean beats the truth",
+    "head": "a conditional mean beats the truth; the level depends on the critic",
+}
+LEAST_SOUNDS = 20
+# Other sounds of the speaker under which Corr. is taken.
+OTHER_SOUNDS = 2
+
+
+@runtime_checkable
+class Critic(Protocol):
+    """What gives Corr. of motions under sounds (metrics.correlation.Correlation)."""
+
+    def under(
+        self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
+    ) -> Float[ndarray, "N S"]: ...
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Corr. of S motions by one critic: under their own sound, and the mean under others (NaN if there are none)."""
+
+    own: Float[ndarray, " S"]
+    others: Float[ndarray, " S"]
+
+
+def hear(
+    critics: Mapping[str, Critic],
+    speech: Float[ndarray, "T C"],
+    others: Sequence[Float[ndarray, "_ C"]],
+    head: Float[ndarray, "S T 3"],
+    gaze: Float[ndarray, "S T 2 3"],
+) -> dict[str, Heard]:
+    """What each critic says of the motions; under another sound as far as both last."""
+    found = {}
+    for name, critic in critics.items():
+        own, *wrong = critic.under([speech, *others], head, gaze)
+        found[name] = Heard(own, np.mean(wrong, axis=0) if wrong else np.full(len(head), np.nan))
+    return found
+
+
+def with_heard(motions: Sequence[Behaviour], heard: Mapping[str, Heard]) -> list[Behaviour]:
+    """Motions with what the critics say of them: the n-th of `heard` is of the n-th motion."""
+    parts = [heard[critic] for critic in CRITICS.values()]
+    return [
+        replace(motion, corr=np.array([[part.own[index], part.others[index]] for part in parts]))
+        for index, motion in enumerate(motions)
+    ]
+
+
+def with_corr(
+    motions: Sequence[Behaviour],
+    critics: Mapping[str, Critic],
+    speech: Float[ndarray, "T C"],
+    others: Sequence[Float[ndarray, "_ C"]],
+) -> list[Behaviour]:
+    """Motions with head and gaze, each judged under the sound as far as both last; the others as they are."""
+    judged = list(motions)
+    alike: dict[int, list[int]] = defaultdict(list)
+    for index, motion in enumerate(motions):
+        if motion.head is not None and motion.gaze is not None:
+            alike[min(len(motion), len(speech))].append(index)
+    for frames, indices in alike.items():
+        of_length = [motions[index] for index in indices]
+        head, gaze = (np.stack([getattr(each, part)[:frames] for each in of_length]) for part in ("head", "gaze"))
+        heard = hear(critics, speech[:frames], others, head, gaze)
+        for index, motion in zip(indices, with_heard(of_length, heard), strict=True):
+            judged[index] = motion
+    return judged
+
+
+def observe(behaviour: Behaviour) -> Sums:
+    """Corr. of each part, and what it is more than under other sounds."""
+    corr = behaviour.corr
+    assert corr is not None
+    found: dict[str, Any] = {"corr.judged_motions": 1.0}
+    shuffled = bool(np.isfinite(corr[:, 1]).all())
+    found["corr.shuffled_motions"] = float(shuffled)
+    for part, (own, others) in zip(CRITICS, corr, strict=True):
+        found[f"corr.{part}"] = own
+        found[f"corr.{part}_advantage"] = own - others if shuffled else 0.0
+    return found
+
+
+OBSERVER = Observer(
+    observe,
+    ("head", "gaze", "corr"),
+    dict.fromkeys(
+        (
+            "corr.judged_motions",
+            "corr.shuffled_motions",
+            *(f"corr.{part}{end}" for part in CRITICS for end in ("", "_advantage")),
+        ),
+        1,
+    ),
+)
+
+
+def _of_part(part: str) -> tuple[Measure, ...]:
+    return (
+        Measure(
+            f"corr/{part}",
+            f"Corr., {TITLES[part]}",
+            "cosine",
+            "mean over windows of 8 s of the cosine of the critic's features of sound and motion",
+            figure=ratio(f"corr.{part}", "corr.judged_motions"),
+            observer=OBSERVER,
+            of="corr.judged_motions",
+            least=LEAST_SOUNDS,
+            source="TalkingEyes, section V-B.3; van den Oord et al. 2018",
+            trap=TRAPS[part],
+        ),
+        Measure(
+            f"corr/{part}_advantage",
+            f"Corr. less Corr. under other sounds, {TITLES[part]}",
+            "cosine",
+            "the same less the same of that motion under other sounds of its speaker",
+            figure=ratio(f"corr.{part}_advantage", "corr.shuffled_motions"),
+            observer=OBSERVER,
+            of="corr.shuffled_motions",
+            least=LEAST_SOUNDS,
+            source="FACTS 9 (same-speaker negatives)",
+            trap="a few hundredths even in truth: needs many sounds",
+        ),
+    )
+
+
+MEASURES = tuple(measure for part in CRITICS for measure in _of_part(part))

@@ -1,0 +1,99 @@
+"""What models and settings are chosen by, on val and in free running: Corr. and distances of the eyes' dynamics.
+
+Distances are Wasserstein's between what was drawn and the truth, in standard deviations of the truth, so that speed
+and amplitude weigh the same: of the speed of eye-in-head between frames and of the amplitudes of saccades of gaze in
+space. A model without saccades is as far off as if all of its saccades were of no amplitude. The distance of places
+stands beside them and not in their mean: of how far gaze is from straight ahead, which says whether it wanders off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.core.kinematics import eye_speed_deg_s
+from talkingeyes.core.rotation import conjugate, gaze_in_space
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.detectors.saccades import detect_saccades
+
+# What a sweep may be told to look at.
+Figure = Literal[
+    "apart",
+    "corr",
+    "corr_space",
+    "corr_head",
+    "distance",
+    "eye_speed_distance",
+    "saccade_amplitude_distance",
+    "place_distance",
+]
+
+
+class AssessSettings(Settings):
+    """The section `assess`: samples for every val sound, and the seed that their seeds are made from."""
+
+    seed: int
+    samples: Annotated[int, Field(gt=1)]
+    bootstrap: BootstrapSettings  # intervals of the gaze benchmark
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """How eyes move in some motions: speeds between frames, amplitudes of saccades, angles to straight ahead."""
+
+    eye_speed_deg_s: Float[ndarray, " F"]
+    saccade_amplitude_deg: Float[ndarray, " N"]
+    eccentricity_deg: Float[ndarray, " P"]
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Of the distributions to the truth's, in its standard deviations."""
+
+    eye_speed: float
+    saccade_amplitude: float
+    place: float
+
+    @property
+    def mean(self) -> float:
+        """What is chosen by."""
+        return (self.eye_speed + self.saccade_amplitude) / 2
+
+
+def dynamics(samples: Samples) -> Dynamics:
+    """Of all samples of a sound together."""
+    space = conjugate(gaze_in_space(samples.head, samples.gaze))
+    amplitudes = [detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]
+    return Dynamics(
+        eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
+        np.concatenate(amplitudes),
+        np.degrees(np.linalg.norm(space, axis=-1)).ravel(),
+    )
+
+
+def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances:
+    """Between all that was drawn and all of the truth."""
+    return Distances(
+        distance([each.eye_speed_deg_s for each in drawn], [each.eye_speed_deg_s for each in truth]),
+        distance([each.saccade_amplitude_deg for each in drawn], [each.saccade_amplitude_deg for each in truth]),
+        distance([each.eccentricity_deg for each in drawn], [each.eccentricity_deg for each in truth]),
+    )
+
+
+def distance(drawn: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
+    """Wasserstein's distance in standard deviations of the truth."""
+    from scipy.stats import wasserstein_distance
+
+    one, other = np.concatenate(drawn), np.concatenate(truth)
+    if not len(other):
+        return 0.0 if not len(one) else float(one.mean())
+    spread = max(float(other.std()), 1e-6)
+    return float(wasserstein_distance(one if len(one) else np.zeros(1), other)) / spread

@@ -1,0 +1,262 @@
+"""Saccades in gaze in space, by the rule that suits the frame rate.
+
+Below 60 fps a saccade is one or two steps between frames: displacement, I-VT on steps of 25 degrees a second (1 degree
+a frame at 25 fps) or more, neighbouring steps joined, amplitude their sum (Salvucci & Goldberg 2000; FACTS, section 9).
+From 60 to 200 fps I-VT at 30 degrees a second on steps, or over 25 ms where noise hides that. From 200 fps Engbert &
+Kliegl (2003): velocities over five samples,
+
+    v_n = (x_{n+2} + x_{n+1} - x_{n-1} - x_{n-2}) / (6 dt),   sigma^2 = median(v^2) - median(v)^2,
+
+outside the ellipse of 6 sigma for 12 ms or longer. No rule has a threshold below its noise: I-VT takes five robust
+standard deviations of the steps if that is more, and Engbert & Kliegl's ellipse has a least size, because rendered
+motion has no noise at all. On eye-in-head the counter-rotation under the head makes false saccades: hand over gaze in
+space, R(head) R(eye), the mean direction of both eyes (`rotation.conjugate`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+
+from talkingeyes.evaluation.detectors.signal import MEDIAN_OF_RAYLEIGH, Runs, runs, seen
+from talkingeyes.physiology import saccades as law
+
+VELOCITY_FROM_FPS = 60.0  # below, durations are not measured: frames do not hold them
+ENGBERT_KLIEGL_FROM_FPS = 200.0
+DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S = 25.0, 5.0
+VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S = 30.0, 10.0
+NOISE_SIGMAS, EDGE_SIGMAS = 5.0, 3.0
+LEAST_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
+LEAST_SHARE_OF_STEP = 0.5  # of the threshold a step, that a saccade must lead to at least
+ECHO_S, ECHO_SHARE = 0.06, 0.5
+ENGBERT_KLIEGL_LAMBDA = 6.0
+ENGBERT_KLIEGL_LEAST_DEG_S = 15.0
+FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that they span 8 ms
+
+
+@dataclass(frozen=True)
+class Saccades:
+    """N saccades in order of time. Angles are (yaw to the subject's left, pitch up) of gaze in space.
+
+    Below `VELOCITY_FROM_FPS` the duration is that of the main sequence for the amplitude: only its middle is seen.
+    """
+
+    onset_s: Float[ndarray, " N"]
+    offset_s: Float[ndarray, " N"]
+    start_rad: Float[ndarray, "N 2"]
+    displacement_rad: Float[ndarray, "N 2"]
+    peak_speed_deg_s: Float[ndarray, " N"]
+
+    def __len__(self) -> int:
+        return len(self.onset_s)
+
+    @property
+    def amplitude_deg(self) -> Float[ndarray, " N"]:
+        """Angle between where it starts and where it ends."""
+        return np.asarray(np.degrees(np.linalg.norm(self._flat_rad, axis=1)))
+
+    @property
+    def duration_s(self) -> Float[ndarray, " N"]:
+        """From onset to offset."""
+        return np.asarray(self.offset_s - self.onset_s)
+
+    @property
+    def direction_rad(self) -> Float[ndarray, " N"]:
+        """0 to the subject's left, pi/2 up, pi to the subject's right, -pi/2 down."""
+        flat = self._flat_rad
+        return np.asarray(np.arctan2(flat[:, 1], flat[:, 0]))
+
+    @property
+    def _flat_rad(self) -> Float[ndarray, "N 2"]:
+        return flat_steps(self.start_rad, self.displacement_rad)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """I-VT with two thresholds: a saccade goes beyond `core_deg_s` and lasts as long as it is beyond `edge_deg_s`.
+
+    Velocity is that of single steps, or over `span_s` where the noise of steps hides the threshold.
+    """
+
+    core_deg_s: float
+    edge_deg_s: float
+    span_s: float
+
+
+DISPLACEMENT = Rule(DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S, span_s=0.0)
+VELOCITY = Rule(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S, span_s=0.025)
+
+
+def detect_saccades(
+    gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
+) -> Saccades:
+    """Saccades of gaze in space (yaw, pitch). Frames that are not valid take no part. Raises InputError."""
+    known = seen("gaze in space", gaze_in_space_rad, fps, valid)
+    if fps >= ENGBERT_KLIEGL_FROM_FPS:
+        return engbert_kliegl(gaze_in_space_rad, fps, known)
+    return velocity_threshold(gaze_in_space_rad, fps, known, DISPLACEMENT if fps < VELOCITY_FROM_FPS else VELOCITY)
+
+
+def velocity_threshold(
+    gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], rule: Rule
+) -> Saccades:
+    """I-VT on steps over the rule's span; a reversal starts another saccade."""
+    steps = _steps(gaze_in_space_rad, fps, known, 1)
+    if NOISE_SIGMAS * steps.noise_deg_s > rule.core_deg_s and round(rule.span_s * fps) > 1:
+        steps = _steps(gaze_in_space_rad, fps, known, round(rule.span_s * fps))
+    speed, noise = steps.speed_deg_s, steps.noise_deg_s
+    core, edge = max(rule.core_deg_s, NOISE_SIGMAS * noise), max(rule.edge_deg_s, EDGE_SIGMAS * noise)
+    reversal = np.zeros(len(speed), bool)
+    reversal[1:] = (steps.step_rad[1:] * steps.step_rad[:-1]).sum(axis=1) < 0
+    found = runs(speed >= edge, reversal)
+    if len(found):
+        found = found.where(np.maximum.reduceat(speed, found.first) >= core)
+    found = Runs(found.first, found.last + steps.span)
+    amplitude = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
+    # What goes round and comes back goes nowhere, however fast it is.
+    goes = np.degrees(amplitude) >= LEAST_SHARE_OF_STEP * core * steps.span / fps
+    found = found.where(goes & (found.last - found.first >= LEAST_S * fps))
+    found = _without_echoes(gaze_in_space_rad, fps, found)
+    return _timed(gaze_in_space_rad, fps, found, measured=fps >= VELOCITY_FROM_FPS)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """From each frame to the one `span` later (0 where one of them is not known), and how much of it is noise."""
+
+    span: int
+    step_rad: Float[ndarray, "S 2"]
+    speed_deg_s: Float[ndarray, " S"]
+    noise_deg_s: float  # robust standard deviation in one axis
+
+
+def _steps(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], span: int) -> Steps:
+    steps = flat_steps(gaze_in_space_rad[:-span], gaze_in_space_rad[span:] - gaze_in_space_rad[:-span])
+    whole = _stretches(known, span)
+    steps = np.where(whole[:, None], steps, 0.0)
+    speed = np.degrees(np.hypot(steps[:, 0], steps[:, 1])) * (fps / span)
+    noise = float(np.median(speed[whole])) / MEDIAN_OF_RAYLEIGH if whole.any() else 0.0
+    return Steps(span, steps, speed, noise)
+
+
+def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"]) -> Saccades:
+    """Velocities over five samples outside an ellipse of six robust standard deviations for 12 ms or longer."""
+    stride = max(1, round(fps / FIVE_SAMPLES_FPS))
+    reach = 2 * stride
+    flat = gaze_in_space_rad * np.stack([np.cos(gaze_in_space_rad[:, 1]), np.ones(len(gaze_in_space_rad))], axis=1)
+    velocity = np.zeros_like(flat)
+    middle = slice(reach, len(flat) - reach)
+    velocity[middle] = (
+        flat[2 * reach :]
+        + flat[reach + stride : len(flat) - stride]
+        - flat[stride : len(flat) - reach - stride]
+        - flat[: len(flat) - 2 * reach]
+    ) * (fps / (6 * stride))
+    whole = np.zeros(len(flat), bool)
+    whole[middle] = _stretches(known, 2 * reach)
+    velocity = np.degrees(np.where(whole[:, None], velocity, np.nan))
+    median = np.nanmedian(velocity, axis=0)
+    sigma = np.sqrt(np.maximum(np.nanmedian(velocity**2, axis=0) - median**2, 0.0))
+    radius = np.maximum(ENGBERT_KLIEGL_LAMBDA * sigma, ENGBERT_KLIEGL_LEAST_DEG_S)
+    with np.errstate(invalid="ignore"):
+        outside = ((velocity / radius) ** 2).sum(axis=1) > 1.0
+    found = runs(outside)
+    found = found.where(found.last - found.first + 1 >= LEAST_S * fps)
+    found = _without_echoes(gaze_in_space_rad, fps, found)
+    speed = np.nan_to_num(np.hypot(velocity[:, 0], velocity[:, 1]))
+    return _at_samples(gaze_in_space_rad, speed, fps, found)
+
+
+def flat_steps(start_rad: Float[ndarray, "N 2"], step_rad: Float[ndarray, "N 2"]) -> Float[ndarray, "N 2"]:
+    """Steps of (yaw, pitch) as angles of gaze: a degree of yaw is less of an angle when gaze is up or down."""
+    shrink = np.cos(start_rad[:, 1] + step_rad[:, 1] / 2)
+    return np.stack([step_rad[:, 0] * shrink, step_rad[:, 1]], axis=1)
+
+
+def _without_echoes(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Runs:
+    """Saccades without what follows a larger one at once: eyes rest for 100 ms or more between two of them.
+
+    What is half as large or less within 60 ms of the end is a post-saccadic oscillation (experts label it apart).
+    """
+    reach = ECHO_S * fps
+    if not (found.first[1:] - found.last[:-1] <= reach).any():
+        return found
+    size = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
+    kept: list[int] = []
+    for index in range(len(found)):
+        echo = kept and found.first[index] - found.last[kept[-1]] <= reach
+        if not (echo and size[index] <= ECHO_SHARE * size[kept[-1]]):
+            kept.append(index)
+    return Runs(found.first[kept], found.last[kept])
+
+
+def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, measured: bool) -> Saccades:
+    """Saccades from one frame to another, placed by the moments of their movement.
+
+    When the movement is half done, on average, is known to a fraction of a frame, whereas when it starts between two
+    frames is not. So onset and offset lie around the mean time, as far apart as the spread says (`measured`; less
+    Sheppard's dt^2 / 12 for sampling), or where frames are too few for that, as the main sequence says.
+    """
+    if not len(found):
+        return _none()
+    start = gaze_in_space_rad[found.first]
+    displacement = gaze_in_space_rad[found.last] - start
+    whole = flat_steps(start, displacement)
+    amplitude = np.linalg.norm(whole, axis=1)
+    counts = found.last - found.first
+    owner = np.repeat(np.arange(len(found)), counts)
+    step = np.arange(counts.sum()) + np.repeat(found.first - np.cumsum(counts) + counts, counts)
+    each = flat_steps(gaze_in_space_rad[step], gaze_in_space_rad[step + 1] - gaze_in_space_rad[step])
+    # How far each step goes the way of the saccade; noise across it does not count, and along it cancels.
+    share = (each * whole[owner]).sum(axis=1) / (amplitude**2)[owner]
+    time_s = (step + 0.5) / fps
+    middle_s = np.bincount(owner, share * time_s) / np.bincount(owner, share)
+    profile = law.progress_moments(amplitude)
+    duration = law.duration_s(amplitude)
+    if measured:
+        variance = np.bincount(owner, share * (time_s - middle_s[owner]) ** 2) - 1.0 / (12.0 * fps**2)
+        duration = np.maximum(np.sqrt(np.maximum(variance, 0.0)) / profile.deviation, 1.0 / fps)
+    onset = middle_s - duration * profile.mean
+    return Saccades(
+        onset_s=onset,
+        offset_s=onset + duration,
+        start_rad=start,
+        displacement_rad=displacement,
+        peak_speed_deg_s=np.maximum.reduceat(np.hypot(*each.T), np.cumsum(counts) - counts) * np.degrees(fps),
+    )
+
+
+def _at_samples(
+    gaze_in_space_rad: Float[ndarray, "T 2"], speed_deg_s: Float[ndarray, " T"], fps: float, found: Runs
+) -> Saccades:
+    """Saccades of runs of samples."""
+    if not len(found):
+        return _none()
+    start = gaze_in_space_rad[found.first]
+    return Saccades(
+        onset_s=found.first / fps,
+        offset_s=found.last / fps,
+        start_rad=start,
+        displacement_rad=gaze_in_space_rad[found.last] - start,
+        peak_speed_deg_s=_peaks(speed_deg_s, found.first, found.last),
+    )
+
+
+def _peaks(
+    speed_deg_s: Float[ndarray, " S"], first: Int[ndarray, " N"], last: Int[ndarray, " N"]
+) -> Float[ndarray, " N"]:
+    edges = np.minimum(np.stack([first, last + 1], axis=1).ravel(), len(speed_deg_s) - 1)
+    return np.asarray(np.maximum(np.maximum.reduceat(speed_deg_s, edges)[::2], speed_deg_s[last]))
+
+
+def _stretches(known: Bool[ndarray, " T"], reach: int) -> Bool[ndarray, " S"]:
+    """Whether frames n to n + reach are all known, for each n that has so many behind it."""
+    unknown = np.concatenate([[0], np.cumsum(~known)])
+    return np.asarray(unknown[reach + 1 :] == unknown[: -reach - 1])
+
+
+def _none() -> Saccades:
+    return Saccades(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))

@@ -1,0 +1,68 @@
+"""Coverage and precision: do S samples reach what people do, and do they do nothing else?
+
+Of one sound with several true takes: the coverage error is the mean over takes of the distance to the nearest of S
+samples (minADE with S = 10), the precision error the mean over samples of the distance to the nearest take. A constant
+near the mean has a good precision error, noise a bad one; coverage falls with S, so S is said.
+
+Of a whole set, in the features of windows: precision is the share of samples inside the k-nearest-neighbour ball of
+any true window (Kynkaanniemi et al. 2019), coverage the share of true windows whose ball holds a sample (Naeem et al.
+2020).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.distance import cdist
+
+from talkingeyes.evaluation.discrepancy import distance
+from talkingeyes.evaluation.distribution.mmd import Drawn
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Mean distance of takes to the nearest sample and of samples to the nearest take (radians)."""
+
+    coverage_error: float
+    precision_error: float
+
+
+def reach(samples: Float[ndarray, "S T C"], takes: Float[ndarray, "K T C"]) -> Reach:
+    """Of one sound."""
+    apart = np.stack([distance(samples, take) for take in takes])
+    return Reach(float(apart.min(axis=1).mean()), float(apart.min(axis=0).mean()))
+
+
+def own_reach(takes: Float[ndarray, "K T C"]) -> Reach:
+    """The truth's own: each take against the others. NaN for a single take."""
+    apart = np.stack([distance(takes, take) for take in takes])
+    np.fill_diagonal(apart, np.inf)
+    nearest = float(apart.min(axis=1).mean()) if len(takes) > 1 else float("nan")
+    return Reach(nearest, nearest)
+
+
+@dataclass(frozen=True)
+class Manifold:
+    """For each drawn sample whether it lies where truth does, for each drawn true window whether a sample is near."""
+
+    precise: Float[ndarray, " N"]
+    covered: Float[ndarray, " M"]
+
+
+def manifold(samples: Drawn, reference: Drawn, neighbours: int, paired: bool = False) -> Manifold:
+    """Balls reach to the k-th neighbour among true windows of other clips: those of one clip are too much alike.
+
+    `paired`: clip i of both sets is the same sound; then a window meets only those of other sounds, so that being a
+    copy of the truth is no help. Truth compared with itself still covers itself: compare it with other takes.
+    """
+    among = cdist(reference.features, reference.features)
+    among[reference.clip[:, None] == reference.clip] = np.inf
+    radius = np.partition(among, neighbours - 1, axis=1)[:, neighbours - 1]
+    across = cdist(samples.features, reference.features)
+    if paired:
+        across[samples.clip[:, None] == reference.clip] = np.inf
+    inside = across <= radius
+    return Manifold(inside.any(axis=1).astype(float), inside.any(axis=0).astype(float))

@@ -1,0 +1,172 @@
+"""Features of windows of motion, by a fixed network: what Frechet distance, MMD, precision and coverage are taken in.
+
+It learns on fitted motion of the train split alone, never from a model, and is frozen for all rows of a table: a
+network that has seen a generator rewards its faults (FACTS.md, section 9). Trained by the stage `critic`, chosen on
+speakers kept out of it. Reads and writes data/critic/encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.windows import Recording
+from talkingeyes.models.motion_autoencoder import AutoencoderSettings, MotionAutoencoder, described
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.loop import train as fit
+
+NAME = "encoder"
+
+
+class EncoderSettings(Settings):
+    """The part `encoder` of the section `critic`."""
+
+    window_s: Annotated[float, Field(ge=2, le=4)]
+    hop_s: Annotated[float, Field(gt=0)]  # from window to window of a clip
+    network: AutoencoderSettings
+    loop: LoopSettings
+
+
+class MotionEncoder:
+    """The frozen network as a metric's eye: windows of a clip to features."""
+
+    def __init__(self, network: MotionAutoencoder, settings: EncoderSettings, fps: float) -> None:
+        self.network, self.settings, self.fps = network.eval(), settings, fps
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """What is stored of it beside its weights."""
+        return {"fps": self.fps, **self.settings.model_dump(mode="json")}
+
+    @classmethod
+    def load(cls, folder: Path) -> MotionEncoder:
+        """From what the stage `critic` wrote."""
+        checkpoint = load(folder / NAME)
+        fps = float(checkpoint.config["fps"])
+        settings = EncoderSettings.model_validate({k: v for k, v in checkpoint.config.items() if k != "fps"})
+        tensors = checkpoint.tensors
+        network = MotionAutoencoder(settings.network, step_count(settings, fps), tensors["mean"], tensors["std"])
+        network.load_state_dict(tensors)
+        return cls(network, settings, fps)
+
+    @torch.no_grad()
+    def __call__(
+        self, head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"], fps: float
+    ) -> Float[ndarray, "W D"]:
+        """Features of all windows of S samples, sample by sample; none of a motion shorter than a window.
+
+        Motion of a higher rate is point sampled. Raises InputError if its rate is no multiple of the encoder's.
+        """
+        every = round(fps / self.fps)
+        if every < 1 or abs(fps - every * self.fps) > 1e-6 * fps:
+            raise InputError(f"encoder: takes motion at a multiple of {self.fps:g} frames a second, got {fps:g}")
+        frames, hop = round(self.settings.window_s * self.fps), round(self.settings.hop_s * self.fps)
+        cut = [windows_of(each[:, ::every], frames, hop) for each in (head, gaze)]
+        if not len(cut[0]):
+            return np.zeros((0, self.network.feature_count))
+        steps = described(cut[0], cut[1], self.fps, self.settings.network.step_frames)
+        return self.network.features(torch.from_numpy(steps.astype(np.float32))).numpy().astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A trained encoder and the history of its training."""
+
+    encoder: MotionEncoder
+    history: list[dict[str, float]]
+
+
+def windows_of(samples: Float[ndarray, "S T *C"], frames: int, hop: int) -> Float[ndarray, "W F *C"]:
+    """Windows of all samples, those of the first sample first."""
+    starts = np.arange(0, samples.shape[1] - frames + 1, max(1, hop))
+    cut = samples[:, starts[:, None] + np.arange(frames)]
+    return np.asarray(cut.reshape(-1, frames, *samples.shape[2:]))
+
+
+def step_count(settings: EncoderSettings, fps: float) -> int:
+    """Steps of a window."""
+    return round(settings.window_s * fps) // settings.network.step_frames
+
+
+def learn_encoder(
+    train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int
+) -> Learnt:
+    """Train the encoder."""
+    task = Autoencoding(train, kept_out, settings, seed)
+    history = fit(task, settings.loop, NAME)
+    with torch.no_grad():
+        task.network.scale_errors(task.known)
+    return Learnt(MotionEncoder(task.network, settings, task.fps), history)
+
+
+class Autoencoding:
+    """The task: random windows of the train speakers back from their code."""
+
+    def __init__(
+        self, train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int
+    ) -> None:
+        self.settings, self.fps = settings, train[0].clip.fps
+        self.frames = round(settings.window_s * self.fps)
+        self.recordings = [each for each in train if len(each) >= self.frames]
+        if not self.recordings:
+            raise InputError(f"critic.encoder.window_s: should fit into a train clip, got {settings.window_s:g}")
+        self.random = np.random.default_rng([seed, 2])
+        self.held = self._all(kept_out)
+        self.known = self._all(train)
+        statistics = self.known.flatten(0, 1)
+        torch.manual_seed(seed)
+        self.network = MotionAutoencoder(
+            settings.network,
+            step_count(settings, self.fps),
+            statistics.mean(dim=0),
+            statistics.std(dim=0).clamp_min(1e-3),
+        )
+        self.module: nn.Module = self.network
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Squared error and divergence, a described number."""
+        chosen = self.random.integers(len(self.recordings), size=self.settings.loop.batch)
+        cut = [self._random_window(self.recordings[int(index)]) for index in chosen]
+        steps = self._described(np.stack([head for head, _ in cut]), np.stack([gaze for _, gaze in cut]))
+        steps = steps.to(self.network.mean.device)
+        noise = self.random.standard_normal((len(steps), self.settings.network.latent)).astype(np.float32)
+        found = self.network(steps, torch.from_numpy(noise).to(steps.device))
+        error = (found.steps - self.network.standardised(steps)).square().mean()
+        divergence = found.divergence.mean() / steps[0].numel()
+        return {"total": error + self.settings.network.kl_weight * divergence, "error": error, "divergence": divergence}
+
+    def validate(self) -> dict[str, float]:
+        """Share of the variance of the kept-out speakers' windows that comes back."""
+        held = self.held.to(self.network.mean.device)
+        noise = held.new_zeros(len(held), self.settings.network.latent)
+        target = self.network.standardised(held)
+        explained = 1 - float((self.network(held, noise).steps - target).square().mean() / target.square().mean())
+        return {"score": explained, "explained": explained}
+
+    def _random_window(self, recording: Recording) -> tuple[Float[ndarray, "F 3"], Float[ndarray, "F 2 3"]]:
+        start = int(self.random.integers(len(recording) - self.frames + 1))
+        return recording.head[start : start + self.frames], recording.gaze[start : start + self.frames]
+
+    def _all(self, recordings: Sequence[Recording]) -> Float[Tensor, "W N C"]:
+        hop = round(self.settings.hop_s * self.fps)
+        cuts = [
+            self._described(*(windows_of(part[None], self.frames, hop) for part in (each.head, each.gaze)))
+            for each in recordings
+        ]
+        return torch.cat(cuts)
+
+    def _described(self, head: Float[ndarray, "B F 3"], gaze: Float[ndarray, "B F 2 3"]) -> Float[Tensor, "B N C"]:
+        steps = described(head.astype(float), gaze.astype(float), self.fps, self.settings.network.step_frames)
+        return torch.from_numpy(steps.astype(np.float32))

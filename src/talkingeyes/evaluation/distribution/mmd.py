@@ -1,0 +1,123 @@
+"""Maximum mean discrepancy between two sets of windows, with a permutation test (Gretton et al. 2012).
+
+MMD^2 = E k(x, x') + E k(y, y') - 2 E k(x, y) with a Gaussian kernel whose width is the median distance within the
+reference, unbiased. Windows of one clip are alike, so pairs within a clip are left out, of both sets where both have
+motion for the same sound, and the permutation test shuffles clips: it would find differences everywhere otherwise.
+Quadratic in the number of windows, so a fixed number of them is drawn, evenly over the clips.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+from scipy.spatial.distance import cdist
+
+from talkingeyes.evaluation.bootstrap import Statistic
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """N windows as features, and which clip each is from."""
+
+    features: Float[ndarray, "N D"]
+    clip: Int[ndarray, " N"]
+
+
+def draw(groups: Sequence[Float[ndarray, "_ D"]], most: int, seed: int) -> Drawn:
+    """About `most` windows of all clips (a group a clip), the same number of each; of some clips if there are more."""
+    random = np.random.default_rng([seed, len(groups)])
+    full = [index for index, group in enumerate(groups) if len(group)]
+    kept = full if len(full) <= most else sorted(random.choice(full, most, replace=False).tolist())
+    each = max(1, most // max(len(kept), 1))
+    picked = [random.permutation(len(groups[index]))[:each] for index in kept]
+    clip = np.repeat(np.array(kept, dtype=int), [len(windows) for windows in picked])
+    return Drawn(np.concatenate([groups[index][windows] for index, windows in zip(kept, picked, strict=True)]), clip)
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Kernel values within and between two sets, 0 for pairs that are left out, and which pairs count."""
+
+    ours: Float[ndarray, "N N"]
+    theirs: Float[ndarray, "M M"]
+    across: Float[ndarray, "N M"]
+    ours_count: Float[ndarray, "N N"]
+    theirs_count: Float[ndarray, "M M"]
+    across_count: Float[ndarray, "N M"]
+
+
+def kernels(one: Drawn, reference: Drawn, paired: bool) -> Kernels:
+    """All kernel values; `paired`: clip i of both sets belongs to the same sound."""
+    within = cdist(reference.features, reference.features)
+    width = float(np.median(within[~np.eye(len(within), dtype=bool)]))
+    scale = -0.5 / max(width, 1e-12) ** 2
+
+    def kernel(distance: Float[ndarray, "A B"]) -> Float[ndarray, "A B"]:
+        return np.asarray(np.exp(scale * np.square(distance)))
+
+    ours_count = (one.clip[:, None] != one.clip).astype(float)
+    theirs_count = (reference.clip[:, None] != reference.clip).astype(float)
+    across_count = ((one.clip[:, None] != reference.clip) | (not paired)).astype(float)
+    return Kernels(
+        kernel(cdist(one.features, one.features)) * ours_count,
+        kernel(within) * theirs_count,
+        kernel(cdist(one.features, reference.features)) * across_count,
+        ours_count,
+        theirs_count,
+        across_count,
+    )
+
+
+def mmd_of(one: Drawn, reference: Drawn, paired: bool = False) -> Statistic:
+    """MMD^2 of drawn clips; `paired`: the same clips are drawn of the reference, else all of it counts."""
+    found = kernels(one, reference, paired)
+
+    def statistic(clips: ndarray) -> float:
+        last = int(max(one.clip.max(), reference.clip.max(), clips.max())) + 1
+        times = np.bincount(clips, minlength=last).astype(float)
+        ours = times[one.clip]
+        theirs = times[reference.clip] if paired else np.ones(len(reference.clip))
+        return (
+            _mean(ours, found.ours, found.ours_count, ours)
+            + _mean(theirs, found.theirs, found.theirs_count, theirs)
+            - 2 * _mean(ours, found.across, found.across_count, theirs)
+        )
+
+    return statistic
+
+
+def mmd(one: Drawn, reference: Drawn, paired: bool = False) -> float:
+    """MMD^2 of all clips; about 0, and below 0 as often as above, where both sets are of one distribution."""
+    return mmd_of(one, reference, paired)(np.unique(np.concatenate([one.clip, reference.clip])))
+
+
+def permutation_p(one: Drawn, reference: Drawn, permutations: int, seed: int) -> float:
+    """How often whole clips dealt to two sets at random are as far apart: (1 + count) / (1 + permutations)."""
+    features = np.concatenate([one.features, reference.features])
+    clip = np.concatenate([one.clip, one.clip.max() + 1 + reference.clip])
+    names, owner = np.unique(clip, return_inverse=True)
+    pooled = Drawn(features, owner)
+    found = kernels(pooled, pooled, paired=False)
+    random = np.random.default_rng(seed)
+    mine = np.arange(len(names)) < len(np.unique(one.clip))
+    values = []
+    for turn in range(permutations + 1):
+        dealt = mine if turn == 0 else random.permutation(mine)
+        ours, theirs = dealt[owner].astype(float), (~dealt[owner]).astype(float)
+        values.append(
+            _mean(ours, found.ours, found.ours_count, ours)
+            + _mean(theirs, found.ours, found.ours_count, theirs)
+            - 2 * _mean(ours, found.ours, found.ours_count, theirs)
+        )
+    return float((1 + (np.array(values[1:]) >= values[0]).sum()) / (1 + permutations))
+
+
+def _mean(
+    left: Float[ndarray, " A"], values: Float[ndarray, "A B"], count: Float[ndarray, "A B"], right: Float[ndarray, " B"]
+) -> float:
+    pairs = left @ count @ right
+    return float(left @ values @ right / pairs) if pairs else float("nan")

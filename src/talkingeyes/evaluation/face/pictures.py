@@ -1,0 +1,118 @@
+"""Pictures of faces on the open head: how much each vertex moves (ProbTalk3D, Fig. 6), and emotions (its Fig. 7).
+
+A heat map shows, of each vertex, the mean or the SD over time of how far it goes from one frame to the next, in
+millimetres; all maps of a sheet share one scale, from 0 to the 99th percentile of the first row's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy import ndarray
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.evaluation.face.surface import Surface, blocks
+from talkingeyes.head.model import HeadModel
+from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.view import FRAMINGS
+
+LABEL_PX = 22
+# From cool to warm, linear albedo: still, a little, much.
+STILL, SOME, MUCH = np.array([0.02, 0.05, 0.30]), np.array([0.55, 0.50, 0.30]), np.array([0.65, 0.02, 0.01])
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Mean and SD over time of each vertex's way from frame to frame, millimetres, of the region `face`."""
+
+    mean_mm: Float[ndarray, " N"]
+    sd_mm: Float[ndarray, " N"]
+
+
+def heat(surface: Surface, faces: FaceSamples, sample: int = 0) -> Heat:
+    """Of one sample; nothing moves in a single frame."""
+    count, total, squares = 0, np.zeros(len(surface.regions["face"])), np.zeros(len(surface.regions["face"]))
+    last: ndarray | None = None
+    for frames in blocks(faces.jaw.shape[1]):
+        moved = surface.displacement_mm(faces, sample, frames, "face").astype(np.float64)
+        joined = moved if last is None else np.concatenate([last, moved])
+        way = np.linalg.norm(np.diff(joined, axis=0), axis=-1)
+        count, total, squares = count + len(way), total + way.sum(axis=0), squares + np.square(way).sum(axis=0)
+        last = moved[-1:]
+    mean = total / max(count, 1)
+    return Heat(mean, np.sqrt(np.maximum(squares / max(count, 1) - np.square(mean), 0.0)))
+
+
+def heat_sheet(surface: Surface, rows: Mapping[str, FaceSamples], size_px: int) -> UInt8[ndarray, "H W 3"]:
+    """A column a row of the table, under its name: mean above SD."""
+    maps = {name: heat(surface, faces) for name, faces in rows.items()}
+    first = next(iter(maps.values()))
+    lines = []
+    for figure, title in (("mean_mm", "mean"), ("sd_mm", "SD")):
+        most = max(float(np.quantile(getattr(first, figure), 0.99)), 1e-9)
+        tiles = []
+        for name, each in maps.items():
+            shares = np.zeros(len(surface.model.template))
+            shares[surface.regions["face"]] = getattr(each, figure) / most
+            painted = replace(surface.model, colours=coloured(surface.model, shares))
+            tiles.append(labelled(_still_picture(painted, size_px), f"{name}: {title}, 0 to {most:.2f} mm"))
+        lines.append(np.concatenate(tiles, axis=1))
+    return np.concatenate(lines, axis=0)
+
+
+def coloured(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarray, "V 3"]:
+    """Skin, lips and brows from cool to warm; eyes, teeth and tongue keep their colours."""
+    amount = np.clip(shares, 0.0, 1.0)[:, None]
+    cool, warm = np.minimum(2 * amount, 1.0), np.maximum(2 * amount - 1, 0.0)
+    heated = (1 - warm) * ((1 - cool) * STILL + cool * SOME) + warm * MUCH
+    colours = model.colours.copy()
+    face = model.vertices_of("skin", "lips", "brow")
+    colours[face] = heated[face]
+    return np.asarray(colours)
+
+
+def emotion_sheet(
+    model: HeadModel, rows: Mapping[str, FaceSamples], times_s: Sequence[float], size_px: int
+) -> UInt8[ndarray, "H W 3"]:
+    """A row an emotion, a column a moment of the same speech, of each row's first sample."""
+    lines = []
+    for name, faces in rows.items():
+        at = [min(round(time_s * faces.fps), faces.jaw.shape[1] - 1) for time_s in times_s]
+        still = np.zeros((len(at), 3)), np.zeros((len(at), 2, 3))
+        motion = Motion.of(
+            faces.fps,
+            *still,
+            jaw=faces.jaw[0, at],
+            expression=np.clip(faces.expression[0, at], 0.0, 1.0),
+            expression_names=faces.expression_names,
+            head_model=faces.head_model,
+        )
+        tiles = list(_painter(model, size_px).draw(motion))
+        lines.append(
+            np.concatenate([labelled(tile, name if not column else "") for column, tile in enumerate(tiles)], 1)
+        )
+    return np.concatenate(lines, axis=0)
+
+
+def labelled(picture: UInt8[ndarray, "H W 3"], text: str) -> UInt8[ndarray, "K W 3"]:
+    """A picture under a line of text."""
+    from PIL import Image, ImageDraw
+
+    height, width, _ = picture.shape
+    image = Image.new("RGB", (width, height + LABEL_PX), (255, 255, 255))
+    image.paste(Image.fromarray(picture), (0, LABEL_PX))
+    ImageDraw.Draw(image).text((4, 4), text, fill=(20, 30, 60))
+    return np.asarray(image)
+
+
+def _still_picture(model: HeadModel, size_px: int) -> UInt8[ndarray, "H W 3"]:
+    still = Motion.of(1.0, np.zeros((1, 3)), np.zeros((1, 2, 3)), head_model=model.name)
+    return next(_painter(model, size_px).draw(still))
+
+
+def _painter(model: HeadModel, size_px: int) -> Painter:
+    return Painter(model, FRAMINGS["face"].on(model.eye_centres).view(size_px, size_px))

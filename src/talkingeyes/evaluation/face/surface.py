@@ -1,0 +1,151 @@
+"""The face as a surface: how far the vertices of a head move, in millimetres, for jaw and expression alone.
+
+Head, eyes and lids stay at rest and the identity is the mean one, so that nothing but the face is compared. On the open
+head jaw and expression are blend shapes, and a displacement is one product of weights and shapes; on a head whose jaw
+is a joint (FLAME) the vertices are posed. Regions stand in for FLAME's masks of the published measures:
+    face   skin, lips and brows; no eyeballs, no inside of the mouth
+    lips   the lips; where a head has no such part, the skin around the mouth
+    upper  of `face`: in front of the temples and above the middle of the nose
+    points the corners of the named points
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.head.drive import jaw_weights, pose_of
+from talkingeyes.head.model import HeadModel
+
+MILLIMETRES = 1000.0
+BLOCK = 128  # frames that are held at a time
+INNER_LIPS = ("upper_lip_inner", "lower_lip_inner")
+LIP_POINTS = ("left_mouth_corner", "right_mouth_corner", "upper_lip", "lower_lip")
+AROUND_LIPS_M = 0.004
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A head whose face is measured. Its named points are needed (`regions` says so in one line)."""
+
+    model: HeadModel
+
+    @cached_property
+    def linear(self) -> bool:
+        """Whether jaw and expression move vertices in proportion to weights."""
+        return bool(self.model.jaw_open_rad) and not len(self.model.correctives)
+
+    @cached_property
+    def regions(self) -> dict[str, Int[ndarray, " N"]]:
+        """Vertices by the name of their region. Raises InputError for a head without named points."""
+        face = self.model.vertices_of("skin", "lips", "brow")
+        place = self.model.template[face]
+        nose, eye = self._rest(("nose_middle", "left_eye_outer"))
+        lips = self.model.vertices_of("lips")
+        return {
+            "face": face,
+            "lips": lips if len(lips) else face[self._around_lips(place)],
+            "points": self.model.landmarks.corners.ravel(),
+            "upper": face[(place[:, 1] > nose[1]) & (place[:, 2] > eye[2] / 2)],
+        }
+
+    @cached_property
+    def upper_of_face(self) -> Int[ndarray, " N"]:
+        """Where the region `upper` is among the vertices of the region `face`."""
+        return np.searchsorted(self.regions["face"], self.regions["upper"])
+
+    def displacement_mm(self, faces: FaceSamples, sample: int, frames: slice, region: str) -> Float[ndarray, "T N 3"]:
+        """How far the vertices of a region are from their rest in some frames of one sample (single precision).
+
+        Raises InputError if the expression is that of another head.
+        """
+        if self.linear:
+            weights = self._weights(faces, sample, frames)
+            return np.asarray((weights @ self._shapes_mm[region]).reshape(len(weights), -1, 3))
+        moved = self._posed(faces, sample, frames) - self._neutral
+        return np.asarray(MILLIMETRES * moved[:, self.regions[region]], np.float32)
+
+    def points_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, "T L 3"]:
+        """How far the named points are from their rest, in all frames of one sample."""
+        points = self.model.landmarks
+        found = [np.zeros((0, len(points.names), 3))]
+        for frames in blocks(faces.jaw.shape[1]):
+            moved = self.displacement_mm(faces, sample, frames, "points")
+            corners = moved.reshape(len(moved), *points.corners.shape, 3)
+            found.append(np.einsum("tlcd,lc->tld", corners, points.barycentric))
+        return np.concatenate(found)
+
+    def lip_gap_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, " T"]:
+        """How much further apart the inner rims of the lips are than at rest, upwards, in the middle."""
+        upper, lower = self._indices(INNER_LIPS)
+        heights = self.points_mm(faces, sample)[..., 1]
+        return np.asarray(heights[:, upper] - heights[:, lower])
+
+    @cached_property
+    def _shapes_mm(self) -> dict[str, Float[ndarray, "E N3"]]:
+        """What the shapes of the head do to each region."""
+        shapes, count = MILLIMETRES * self.model.expression, len(self.model.expression)
+        return {
+            name: shapes[:, chosen].reshape(count, 3 * len(chosen)).astype(np.float32)
+            for name, chosen in self.regions.items()
+        }
+
+    def _weights(self, faces: FaceSamples, sample: int, frames: slice) -> Float[ndarray, "T E"]:
+        """Weights of the shapes of a head that opens its mouth by them."""
+        if faces.head_model != self.model.name:
+            raise InputError(f"face: should be of the head {self.model.name}, got {faces.head_model}")
+        expression, jaw = faces.expression[sample, frames], faces.jaw[sample, frames]
+        weights = np.zeros((len(jaw), len(self.model.expression_names)), np.float32)
+        weights[:, [self.model.shape(name) for name in faces.expression_names]] = expression
+        for name, column in jaw_weights(jaw, self.model.jaw_open_rad).items():
+            weights[:, self.model.shape(name)] = column
+        return weights
+
+    def _posed(self, faces: FaceSamples, sample: int, frames: slice) -> Float[ndarray, "T V 3"]:
+        from talkingeyes.head.skinning import posed
+
+        jaw = faces.jaw[sample, frames]
+        motion = Motion.of(
+            faces.fps,
+            np.zeros((len(jaw), 3)),
+            np.zeros((len(jaw), 2, 3)),
+            jaw=jaw,
+            expression=faces.expression[sample, frames],
+            expression_names=faces.expression_names,
+            head_model=faces.head_model,
+        )
+        return posed(self.model, pose_of(self.model, motion))
+
+    @cached_property
+    def _neutral(self) -> Float[ndarray, "V 3"]:
+        still = FaceSamples(1.0, np.zeros((1, 1, 3)), np.zeros((1, 1, 0)), (), self.model.name)
+        return np.asarray(self._posed(still, 0, slice(None))[0])
+
+    def _around_lips(self, place: Float[ndarray, "N 3"]) -> ndarray:
+        points = self._rest(LIP_POINTS)
+        low, high = points.min(axis=0) - AROUND_LIPS_M, points.max(axis=0) + AROUND_LIPS_M
+        return np.asarray(((place > low) & (place < high)).all(axis=1))
+
+    def _rest(self, names: tuple[str, ...]) -> Float[ndarray, "L 3"]:
+        return self.model.landmarks.of(self.model.template)[self._indices(names)]
+
+    def _indices(self, names: tuple[str, ...]) -> list[int]:
+        known = self.model.landmarks.names
+        missing = [name for name in names if name not in known]
+        if missing:
+            raise InputError(f"head {self.model.name}: its face is measured by named points, got no {missing[0]}")
+        return [known.index(name) for name in names]
+
+
+def blocks(frames: int) -> Iterator[slice]:
+    """All frames, a few at a time, so that memory does not grow with a clip."""
+    for start in range(0, frames, BLOCK):
+        yield slice(start, min(start + BLOCK, frames))

@@ -1,0 +1,116 @@
+"""Table 1 of ProbTalk3D as text: the face of each row, with intervals over sounds, beside the paper's numbers.
+
+The paper heads its columns "x10^-3 mm" and the like; its code gives metres of FLAME and squares of them. Read so, which
+makes its LVE 5 to 18 mm, its numbers stand here in mm and mm2. They are of another corpus (3DMEAD), head and split:
+compare the order of rows, not the values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from talkingeyes.evaluation.table import SPLIT_TITLES, line
+
+# {figure: {value, low, high}} of one row and split, or, over seeds, also {least, most}.
+Figures = Mapping[str, Mapping[str, float]]
+
+TITLES = {
+    "truth": "Truth: its other takes",
+    "fitted": "Fitted: what models learn from",
+    "face_mean": "Mean face",
+    "face_random": "Random",
+    "face_similar": "Similar Sample",
+    "face_regression": "Regression (FaceFormer)",
+    "face_codes": "Codes (CodeTalker)",
+    "face_codes_sampled": "Codes, sampled (CodeTalker-ND)",
+    "face_ddpm": "Diffusion, DDPM (FaceDiffuser)",
+    "face_ddim": "Diffusion, DDIM",
+    "face_vae": "VAE",
+    "probtalk3d": "ProbTalk3D",
+    "probtalk3d_channels": "ProbTalk3D, codes over time as released",
+    "face_vae_no_emotion": "VAE without emotion control",
+    "probtalk3d_no_emotion": "ProbTalk3D without emotion control",
+}
+# MVE and Diversity in mm; LVE, FDD, MEE and CE in mm2 (metres and square metres in its code).
+PAPER = {
+    "face_regression": (2.8548, 202.66, 6.59, None, None, None),
+    "face_codes": (1.7121, 159.78, 20.36, None, None, None),
+    "face_codes_sampled": (3.4783, 313.25, 30.89, 315.93, 302.05, 0.1696),
+    "face_ddpm": (1.3242, 89.38, 9.06, 88.48, 87.84, 0.0449),
+    "face_ddim": (0.9334, 44.40, 6.25, 44.40, 44.38, 0.0009),
+    "face_vae": (0.6959, 56.73, 0.10, 56.57, 55.50, 0.0722),
+    "probtalk3d": (0.7243, 60.40, 4.15, 55.49, 52.27, 0.3274),
+    "face_vae_no_emotion": (1.3357, 145.76, 10.22, 145.29, 141.10, 0.1158),
+    "probtalk3d_no_emotion": (0.7799, 57.94, 5.79, 53.23, 49.89, 0.3136),
+}
+PAPER_COLUMNS = ("MVE", "LVE²", "FDD", "MEE²", "CE²", "Div.")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A heading, the figure under it and how it is written."""
+
+    heading: str
+    figure: str
+    digits: int
+
+
+ERRORS = (
+    Column("MVE mm", "mve", 3),
+    Column("LVE mm", "lve", 2),
+    Column("LVE² mm²", "lve_squared", 1),
+    Column("FDD mm²", "fdd_signed", 2),
+    Column("abs. FDD", "fdd_absolute", 2),
+    Column("MEE mm", "mee", 2),
+    Column("MEE² mm²", "mee_squared", 1),
+    Column("CE mm", "ce", 2),
+    Column("CE² mm²", "ce_squared", 1),
+    Column("Div. mm", "diversity", 3),
+    Column("Div. / truth", "diversity_ratio", 2),
+)
+SPEECH = (
+    Column("p, b, m closed", "bilabials_closed", 3),
+    Column("gap in them mm", "bilabial_gap", 2),
+    Column("gap in open vowels mm", "vowel_gap", 2),
+    Column("jaw and envelope r", "jaw_envelope", 3),
+    Column("emotion recognised", "emotion_recognised", 3),
+)
+
+
+def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Both tables of each split; `rows` {row: {split: {"face": figures}}}. Rows without a face are left out."""
+    lines: list[str] = []
+    for split, title in SPLIT_TITLES.items():
+        here = {name: row[split]["face"] for name, row in rows.items() if "face" in row.get(split, {})}
+        if not here:
+            continue
+        lines += [f"### {title}", ""]
+        lines += _table(here, ERRORS, with_paper=True)
+        lines += ["", *_table(here, SPEECH, with_paper=False), ""]
+    return "\n".join(lines)
+
+
+def _table(rows: Mapping[str, Figures], columns: Sequence[Column], with_paper: bool) -> list[str]:
+    headings = ["", *(column.heading for column in columns)]
+    headings += [f"paper: {', '.join(PAPER_COLUMNS)}"] * with_paper
+    lines = [line(headings), line(["---"] * len(headings))]
+    for name in [*(known for known in TITLES if known in rows), *sorted(set(rows) - set(TITLES))]:
+        cells = [_written(rows[name].get(column.figure), column.digits) for column in columns]
+        lines.append(line([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
+    return lines
+
+
+def _written(found: Mapping[str, float] | None, digits: int) -> str:
+    """The value with its interval over sounds and, of several seeds, the range over them."""
+    if not found:
+        return ""
+    text = f"{found['value']:.{digits}f} <sub>{found['low']:.{digits}f}–{found['high']:.{digits}f}"
+    if found.get("least", 0.0) < found.get("most", 0.0):
+        text += f"; seeds {found['least']:.{digits}f}–{found['most']:.{digits}f}"
+    return f"{text}</sub>"
+
+
+def _of_paper(name: str) -> str:
+    return ", ".join("–" if value is None else f"{value:.4g}" for value in PAPER[name]) if name in PAPER else ""

@@ -1,0 +1,147 @@
+"""Errors and variety of a talking face on its vertices: MVE, LVE, FDD, MEE, CE, Diversity (ProbTalk3D, eq. 6 to 10).
+
+With d a displacement in millimetres, x the truth, y_s a sample, of S:
+    mve              mean over frames and vertices of |x - y_1|                                   (eq. 6)
+    lve              mean over frames of the greatest |x - y_1| of the lips, mm                   (eq. 7)
+    lve_squared      the same of |x - y_1|^2, mm2: what CodeTalker, FaceDiffuser and ProbTalk3D's code print
+    fdd_signed       f(x) - f(y_1), mm2, f the mean over the upper face of the SD over time of |d|^2, as in their code:
+                     above 0 where the truth is livelier; clips of either sign cancel out
+    fdd_absolute     |f(x) - f(y_1)| of each clip
+    mee              lve of the mean of all samples (eq. 8); also squared
+    ce               the least lve of any sample of a clip (eq. 9); also squared
+    diversity        samples are dealt into two halves, mean of |y_s - y_s'| over pairs, frames, vertices (eq. 10)
+Eq. 6 and 10 leave open whether a norm is over a vertex or a whole frame; the published code takes the vertex's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.evaluation.face.surface import Surface, blocks
+
+
+@dataclass(frozen=True)
+class VertexErrors:
+    """One clip: means over its valid frames, and how many they are. Millimetres, those called squared mm2."""
+
+    frames: int
+    mve: float
+    lve: float
+    lve_squared: float
+    mee: float
+    mee_squared: float
+    ce: float
+    ce_squared: float
+    fdd_signed: float
+    fdd_absolute: float
+
+
+def vertex_errors(
+    surface: Surface, truth: FaceSamples, samples: FaceSamples, compared: Sequence[int], valid: Bool[ndarray, " T"]
+) -> VertexErrors:
+    """Of the `compared` samples against the first of `truth`; the first of them is the one that MVE, LVE, FDD see."""
+    first = compared[0]
+    whole = _Mean()
+    lips, squared = _Mean(), _Mean()
+    mean_lips, mean_squared = _Mean(), _Mean()
+    of_truth, of_sample = Dynamics(), Dynamics()
+    for frames in blocks(len(valid)):
+        seen = valid[frames]
+        true = surface.displacement_mm(truth, 0, frames, "face")[seen]
+        shown = surface.displacement_mm(samples, first, frames, "face")[seen]
+        whole.add(vertex_error(true, shown))
+        upper = surface.upper_of_face
+        of_truth.add(true[:, upper])
+        of_sample.add(shown[:, upper])
+        true_lips = surface.displacement_mm(truth, 0, frames, "lips")[seen]
+        all_lips = np.stack([surface.displacement_mm(samples, s, frames, "lips")[seen] for s in compared])
+        errors = lip_error(true_lips, all_lips)
+        of_mean = lip_error(true_lips, all_lips.mean(axis=0))
+        lips.add(errors)
+        squared.add(np.square(errors))
+        mean_lips.add(of_mean)
+        mean_squared.add(np.square(of_mean))
+    dynamics = of_truth.deviation() - of_sample.deviation()
+    return VertexErrors(
+        frames=int(valid.sum()),
+        mve=float(whole.value),
+        lve=float(lips.value[0]),
+        lve_squared=float(squared.value[0]),
+        mee=float(mean_lips.value),
+        mee_squared=float(mean_squared.value),
+        ce=float(lips.value.min()),
+        ce_squared=float(squared.value.min()),
+        fdd_signed=dynamics,
+        fdd_absolute=abs(dynamics),
+    )
+
+
+def halves_diversity(surface: Surface, samples: FaceSamples, random: np.random.Generator) -> float:
+    """Eq. 10: the mean distance of paired samples of two random halves; NaN where there are less than two samples."""
+    count, frames, _ = samples.jaw.shape
+    order, half = random.permutation(count).tolist(), count // 2
+    apart = _Mean()
+    for one, other in zip(order[:half], order[half : 2 * half], strict=True):
+        for at in blocks(frames):
+            pair = [surface.displacement_mm(samples, s, at, "face") for s in (one, other)]
+            apart.add(vertex_error(*pair))
+    return float(apart.value) if half else float("nan")
+
+
+def vertex_error(one: Float[ndarray, "*#B T N 3"], other: Float[ndarray, "*#B T N 3"]) -> Float[ndarray, "*#B T"]:
+    """The mean distance of a frame's vertices."""
+    return np.asarray(_distance(one, other).mean(axis=-1))
+
+
+def lip_error(one: Float[ndarray, "*#B T N 3"], other: Float[ndarray, "*#B T N 3"]) -> Float[ndarray, "*#B T"]:
+    """The distance of the lip vertex that is furthest off in a frame."""
+    return np.asarray(_distance(one, other).max(axis=-1))
+
+
+def _distance(one: Float[ndarray, "*#B N 3"], other: Float[ndarray, "*#B N 3"]) -> Float[ndarray, "*#B N"]:
+    away = one - other
+    return np.asarray(np.sqrt(np.einsum("...d,...d->...", away, away)))
+
+
+class Dynamics:
+    """The SD over time of squared displacements, as sums that grow block by block."""
+
+    def __init__(self) -> None:
+        self._frames = 0
+        self._sum: ndarray = np.zeros(1)
+        self._of_squares: ndarray = np.zeros(1)
+
+    def add(self, moved_mm: Float[ndarray, "T N 3"]) -> None:
+        """Count frames."""
+        squared = np.square(moved_mm).sum(axis=-1)
+        self._frames += len(squared)
+        self._sum = self._sum + squared.sum(axis=0)
+        self._of_squares = self._of_squares + np.square(squared).sum(axis=0)
+
+    def deviation(self) -> float:
+        """The mean over vertices, mm2."""
+        count = max(self._frames, 1)
+        variance = self._of_squares / count - np.square(self._sum / count)
+        return float(np.sqrt(np.maximum(variance, 0.0)).mean())
+
+
+class _Mean:
+    """The mean over the last axis of arrays that come one after another; NaN of none."""
+
+    def __init__(self) -> None:
+        self._sum: ndarray = np.zeros(())
+        self._count = 0
+
+    def add(self, values: Float[ndarray, "*B T"]) -> None:
+        self._sum = self._sum + values.sum(axis=-1)
+        self._count += values.shape[-1]
+
+    @property
+    def value(self) -> Float[ndarray, "*B"]:
+        return np.asarray(self._sum / self._count if self._count else self._sum * np.nan)

@@ -1,0 +1,178 @@
+"""Pictures of the comparison: figures with intervals, traces of one sound, distributions of speed, use of codes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.kinematics import STILL_DEG_S
+from talkingeyes.core.rotation import angles_of_direction, directions, gaze_in_space
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.evaluation.table import TITLES, Column, Table, figure, ordered
+
+COLOURS = {
+    "truth": "#111111",
+    "fitted": "#8a8a8a",
+    "mismatched": "#c9b037",
+    "mean": "#a6761d",
+    "random": "#7570b3",
+    "similar": "#1f78b4",
+    "vae": "#66a61e",
+    "talkingeyes_paper": "#e7298a",
+    "talkingeyes": "#d95f02",
+    "talkingeyes_live": "#1b9e77",
+}
+PANELS = (
+    Column("Diversity / truth's\neye-in-head", "gaze", "diversity_ratio"),
+    Column("L2 to fitted\neye-in-head, radians", "gaze", "l2"),
+    Column("Corr.\neye-in-head", "gaze", "corr"),
+    Column("Corr.\ngaze in space", "space", "corr"),
+    Column("Corr.\nhead", "head", "corr"),
+    Column("Eye speed\n/ truth's", "gaze", "speed_ratio"),
+    Column("Gaze in space\nstill, share", "space", "still"),
+)
+PARTS = {"gaze": "eye-in-head", "space": "gaze in space", "head": "head"}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Several motions of one sound, under a title."""
+
+    title: str
+    samples: Samples
+
+
+def plot_figures(rows: Mapping[str, Table], path: Path) -> None:
+    """Figures of all rows with their intervals; a line marks the true (of L2 and Corr.: the fitted) motion."""
+    names = ordered(rows)
+    canvas = _figure(12.5, 1.6 + 0.36 * len(names))
+    axes = canvas.subplots(1, len(PANELS), sharey=True)
+    height = np.arange(len(names))[::-1]
+    for axis, column in zip(axes, PANELS, strict=True):
+        for split, marker, shift in (("test", "o", 0.13), ("unseen", "D", -0.13)):
+            for name, y in zip(names, height, strict=True):
+                found = figure(rows[name], split, column.part, column.figure)
+                if found:
+                    colour = COLOURS.get(name, "black")
+                    axis.plot([found["low"], found["high"]], [y + shift] * 2, color=colour, linewidth=1.4, alpha=0.7)
+                    face = colour if split == "test" else "white"
+                    axis.plot(found["value"], y + shift, marker, color=colour, markerfacecolor=face, markersize=5)
+        _mark_reference(axis, rows, column)
+        axis.set_title(column.heading, fontsize=9)
+        axis.grid(True, axis="x", color="0.92")
+        axis.tick_params(axis="y", length=0)
+        axis.tick_params(axis="x", labelsize=8)
+        axis.locator_params(axis="x", nbins=4)
+    axes[0].set_yticks(height, [TITLES.get(name, name) for name in names])
+    axes[0].set_ylim(-0.6, len(names) - 0.4)
+    canvas.supxlabel(
+        "filled: test, new sentences; open: unseen speakers; bars: intervals over clips; dotted: the reference on test",
+        fontsize=8,
+        color="0.35",
+    )
+    _save(canvas, path)
+
+
+def _mark_reference(axis: Any, rows: Mapping[str, Table], column: Column) -> None:
+    row = "fitted" if column.figure in ("corr", "l2") else "truth"
+    found = figure(rows.get(row, {}), "test", column.part, column.figure)
+    if found:
+        axis.axvline(found["value"], color="0.3", linewidth=0.9, linestyle=":", zorder=0)
+
+
+def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rate: int, path: Path) -> None:
+    """Yaw of eyes, of gaze in space and of the head over time: a column a method, a colour a sample."""
+    canvas = _figure(3.4 * len(traces) + 0.6, 7.2)
+    axes = canvas.subplots(
+        4, len(traces), sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": [0.5, 1, 1, 1]}
+    )
+    sound_s = np.arange(len(sound)) / sample_rate
+    for column, trace in zip(axes.T, traces, strict=True):
+        column[0].plot(sound_s, sound, color="0.55", linewidth=0.3, rasterized=True)
+        column[0].set_title(trace.title, fontsize=11)
+        column[0].set_yticks([])
+        for axis, angles in zip(column[1:], yaw_deg(trace.samples).values(), strict=True):
+            times_s = np.arange(angles.shape[1]) / trace.samples.fps
+            for index, line in enumerate(angles):
+                axis.plot(times_s, line, color=f"C{index}", linewidth=1.1, alpha=0.9)
+            axis.grid(True, color="0.92")
+        column[-1].set_xlabel("seconds")
+    for axis, label in zip(axes[:, 0], ("sound", *yaw_deg(traces[0].samples)), strict=True):
+        axis.set_ylabel(label)
+    axes[-1, 0].set_xlim(0, sound_s[-1])
+    _save(canvas, path)
+
+
+def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
+    """Yaw in degrees, positive to the subject's left, by label."""
+    eye = angles_of_direction(directions(samples.gaze))[..., 0].mean(axis=-1)
+    space = gaze_in_space(samples.head, samples.gaze)[..., 0].mean(axis=-1)
+    head = angles_of_direction(directions(samples.head))[..., 0]
+    labels = (f"{title}, yaw °" for title in PARTS.values())
+    return {label: np.degrees(angles) for label, angles in zip(labels, (eye, space, head), strict=True)}
+
+
+def plot_speeds(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path: Path) -> None:
+    """Share of frames that are faster than a speed, for each row and part (row to part to speeds and shares)."""
+    canvas = _figure(12.5, 4.4)
+    axes = canvas.subplots(1, len(PARTS), sharey=True)
+    names = [name for name in ordered({name: {} for name in speeds}) if speeds[name]]
+    for axis, (part, title) in zip(axes, PARTS.items(), strict=True):
+        for name in names:
+            speed, share = speeds[name][part]
+            wide = name in ("truth", "talkingeyes")
+            shown = np.where(share > 0, share, np.nan)
+            axis.loglog(
+                speed, shown, color=COLOURS.get(name), linewidth=2.2 if wide else 1.2, label=TITLES.get(name, name)
+            )
+        axis.axvline(STILL_DEG_S, color="0.4", linewidth=0.9, linestyle=":")
+        axis.text(STILL_DEG_S * 0.9, 1.5e-4, "still", color="0.4", fontsize=8, ha="right")
+        axis.set_title(title, fontsize=11)
+        axis.set_xlabel("speed, degrees a second")
+        axis.grid(True, which="major", color="0.9")
+        axis.set_xlim(0.3, 1000)
+        axis.set_ylim(1e-4, 1.3)
+    axes[0].set_ylabel("share of frames that are faster")
+    handles, labels = axes[0].get_legend_handles_labels()
+    canvas.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
+    _save(canvas, path)
+
+
+def plot_codes(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> None:
+    """How often each code is used on the train split, most used first; a codebook in even use would be flat."""
+    canvas = _figure(7.5, 4.0)
+    axis = canvas.subplots()
+    for name, used in counts.items():
+        share = np.sort(used)[::-1] / max(used.sum(), 1)
+        seen = int((used > 0).sum())
+        known = share[share > 0]
+        entropy = -(known * np.log(known)).sum()
+        label = f"{name}: {seen} of {len(used)} codes in use, perplexity {np.exp(entropy):.0f}"
+        axis.semilogy(np.arange(1, len(share) + 1), np.where(share > 0, share, np.nan), linewidth=1.8, label=label)
+    axis.set_xlabel("code, most used first")
+    axis.set_ylabel("share of uses")
+    axis.grid(True, color="0.92")
+    axis.legend(frameon=False)
+    _save(canvas, path)
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(canvas)
+    return canvas
+
+
+def _save(canvas: Any, path: Path) -> None:
+    for axis in canvas.axes:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.set_axisbelow(True)
+    canvas.savefig(path, dpi=110, format="png", metadata={"Software": None})

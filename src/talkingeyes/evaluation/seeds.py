@@ -1,0 +1,69 @@
+"""A figure under several seeds of training and sampling: their mean, its interval over clips, the range over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_of
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A statistic of clips, and the number of clips that it is defined on."""
+
+    statistic: Statistic
+    count: int
+
+    def __call__(self, drawn: ndarray) -> float:
+        return self.statistic(drawn)
+
+    def whole(self) -> float:
+        """Its value over all clips."""
+        return self.statistic(np.arange(self.count))
+
+
+@dataclass(frozen=True)
+class SeededEstimate(Estimate):
+    """An estimate with its range over seeds."""
+
+    least: float
+    most: float
+
+
+def mean_of_known(values: Float[ndarray, " N"]) -> Measured:
+    """The mean over the clips that have the figure (NaN: has none)."""
+    known = values[~np.isnan(values)]
+    return Measured(mean_of(known), len(known))
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """The same figure of the same clips under several seeds. Resampled, the seeds are averaged on the same draws."""
+
+    by_seed: tuple[Measured, ...]
+
+    @property
+    def count(self) -> int:
+        """Of the clips."""
+        return self.by_seed[0].count
+
+    def __call__(self, drawn: ndarray) -> float:
+        return float(np.mean([each(drawn) for each in self.by_seed]))
+
+    def estimate(self, settings: BootstrapSettings) -> SeededEstimate:
+        """The mean of the seeds, its interval over clips, and the range."""
+        found, values = bootstrap(self, self.count, settings), [each.whole() for each in self.by_seed]
+        return SeededEstimate(found.value, found.low, found.high, min(values), max(values))
+
+
+def seeded(by_seed: Sequence[Mapping[str, Measured]]) -> dict[str, Seeded]:
+    """Figures by name, of those seeds that know as many clips as the first does."""
+    return {
+        name: Seeded(tuple(each[name] for each in by_seed if name in each and each[name].count == first.count))
+        for name, first in by_seed[0].items()
+    }

@@ -1,0 +1,39 @@
+"""ARKit's coefficients as JSON, as `export -f arkit` writes it: names beside the rows, so any order can be read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats import arkit
+
+
+def read_arkit_json(path: Path, fps: float | None = None) -> Motion:
+    """The motion; without rotations, gaze is that of the look coefficients."""
+    try:
+        content = json.loads(path.read_text())
+        names = [str(name)[0].lower() + str(name)[1:] for name in content["names"]]
+        rows = np.asarray(content["coefficients"], np.float64)
+        columns = dict(zip(names, rows.T, strict=True))
+        rate = float(content["fps"]) if fps is None else fps
+        turned = {
+            name: np.asarray(content[name], np.float64) for name in ("head", "eyes", "translation") if name in content
+        }
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"{path}: should be JSON with fps, names and coefficients ({error!r})") from None
+    table = np.stack([columns.get(name, np.zeros(len(rows))) for name in arkit.NAMES], axis=1)
+    taken = arkit.taken(table)
+    return Motion.of(
+        rate,
+        turned.get("head", np.zeros((len(rows), 3))),
+        turned.get("eyes", taken.gaze),
+        translation=turned.get("translation", np.zeros((len(rows), 3))),
+        lid=taken.lid,
+        jaw=taken.jaw,
+        expression=taken.expression,
+        expression_names=arkit.EXPRESSION,
+    )

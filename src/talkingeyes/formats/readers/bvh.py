@@ -1,0 +1,85 @@
+"""BVH of a head: joints by their names, rotations in whatever order the file's channels have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+
+CM = 100.0
+JOINTS = {
+    "head": ("head", "neck"),
+    "jaw": ("jaw",),
+    "left_eye": ("left_eye", "lefteye", "eyeleft", "leye"),
+    "right_eye": ("right_eye", "righteye", "eyeright", "reye"),
+}
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where the channels of a joint start in a row, and what they are."""
+
+    start: int
+    names: tuple[str, ...]
+
+
+def read_bvh(path: Path, fps: float | None = None) -> Motion:
+    """The motion of the joints of a head. Raises InputError if the file has none."""
+    try:
+        hierarchy, rows = path.read_text(errors="replace").split("MOTION", 1)
+        step_s = float(re.findall(r"Frame Time:\s*(\S+)", rows)[0])
+        numbers = [line.split() for line in rows.splitlines() if re.match(r"\s*-?[\d.]", line)]
+        values = np.array(numbers, np.float64)
+        columns = _columns(hierarchy)
+        if values.ndim != 2 or values.shape[1] != sum(len(each.names) for each in columns.values()) or step_s <= 0:
+            raise ValueError(f"rows of {values.shape} for {len(columns)} joints")
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: not a readable BVH ({' '.join(str(error).split())[:120]})") from None
+    found = {ours: next((columns[name] for name in theirs if name in columns), None) for ours, theirs in JOINTS.items()}
+    if found["head"] is None and found["left_eye"] is None:
+        raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)[:120]}")
+    turned = {name: _turned(values, each) for name, each in found.items()}
+    gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
+    return Motion.of(
+        fps or round(1 / step_s, 3), turned["head"], gaze, translation=_shift(values, found["head"]), jaw=turned["jaw"]
+    )
+
+
+def _columns(hierarchy: str) -> dict[str, Columns]:
+    """The channels of each joint, by its name in small letters."""
+    found: dict[str, Columns] = {}
+    name, start = "", 0
+    for line in hierarchy.splitlines():
+        words = line.split()
+        if words[:1] in (["ROOT"], ["JOINT"]):
+            name = words[1].lower()
+        elif words[:1] == ["CHANNELS"]:
+            found[name] = Columns(start, tuple(words[2 : 2 + int(words[1])]))
+            start += int(words[1])
+    return found
+
+
+def _turned(values: Float[ndarray, "T C"], columns: Columns | None) -> Float[ndarray, "T 3"]:
+    if columns is None:
+        return np.zeros((len(values), 3))
+    places = [columns.start + k for k, name in enumerate(columns.names) if name.endswith("rotation")]
+    order = "".join(columns.names[place - columns.start][0].upper() for place in places)
+    if not order:
+        return np.zeros((len(values), 3))
+    return np.asarray(Rotation.from_euler(order, values[:, places], degrees=True).as_rotvec())
+
+
+def _shift(values: Float[ndarray, "T C"], columns: Columns | None) -> Float[ndarray, "T 3"]:
+    moved = np.zeros((len(values), 3))
+    for place, name in enumerate(columns.names if columns else ()):
+        if columns and name.endswith("position"):
+            moved[:, "XYZ".index(name[0].upper())] = values[:, columns.start + place] / CM
+    return moved

@@ -1,0 +1,148 @@
+"""FLAME's parameters as its users write them: VHAP, DiffPoseTalk, EMOTE, ProbTalk3D, ARTalk, UniLS, and our own names.
+
+All turn joints by rotation vectors (radians), the left eye before the right; eyes inherit the head. Head and neck make
+one rotation, R(global) R(neck). Which one an npz is follows from its names, which one an array is from its width:
+
+    53   EMOTE, DEEPTalk: 50 expression, 3 jaw           403  ProbTalk3D: 300 shape, 100 expression, 3 jaw
+    106  ARTalk: 100 expression, 3 head, 3 jaw           108  UniLS: 100 expression, 3 head, 1 jaw, 2 + 2 eyes
+
+UniLS keeps x and y of an eye; the third is 0. What a layout lacks is neutral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import DAMAGED, Motion
+from talkingeyes.formats.readers.torch_file import read_torch
+from talkingeyes.formats.rotations import composed
+
+HEAD_MODEL = "flame"
+EXPRESSION = "expression_{:03d}"
+# What an npz may call it, in the order in which they are looked for.
+KEYS = {
+    "global": ("rotation", "global_orient", "head_pose"),
+    "neck": ("neck_pose",),
+    "jaw": ("jaw_pose", "jaw"),
+    "eyes": ("eyes_pose", "eye_pose"),
+    "expression": ("expr", "exp", "expression"),
+    "translation": ("translation", "transl"),
+    "lid": ("eyelids",),
+}
+LEAST_OF_VERTICES = 3000  # columns: no parameters of a face
+POSE = ("pose",)  # DiffPoseTalk: head and jaw in one
+
+
+def read_flame_npz(path: Path, fps: float | None = None) -> Motion:
+    """An npz of FLAME parameters by name."""
+    return of_arrays(path, _content(path), fps)
+
+
+def read_flame_array(path: Path, fps: float | None = None) -> Motion:
+    """An array (T, C), or one in a stack of one, that is told by its width; .npy, or a tensor in a torch file."""
+    content = read_torch(path) if path.suffix in (".pt", ".pth") else _array(path)
+    if isinstance(content, Mapping):
+        arrays = [value for value in content.values() if isinstance(value, ndarray) and value.ndim >= 2]
+        if len(arrays) != 1:
+            raise InputError(f"{path}: should hold one array of motion, got {len(arrays)}")
+        content = arrays[0]
+    array = np.asarray(content)
+    array = array[0] if array.ndim == 3 and len(array) == 1 else array
+    if array.ndim == 2 and array.shape[1] >= LEAST_OF_VERTICES:
+        from talkingeyes.formats.readers.vertices import read_vertices
+
+        return read_vertices(path, array, fps)
+    if array.ndim != 2 or array.shape[1] not in (53, 106, 108, 403) or array.dtype.kind != "f":
+        raise InputError(f"{path}: should be (T, 53), (T, 106), (T, 108) or (T, 403) numbers, got {array.shape}")
+    return of_arrays(path, _split(array.astype(np.float64)), fps)
+
+
+def of_arrays(path: Path, content: Mapping[str, ndarray], fps: float | None) -> Motion:
+    """The motion of named arrays. Raises InputError for a missing rate, or lengths that do not agree."""
+    found = {part: next((content[key] for key in keys if key in content), None) for part, keys in KEYS.items()}
+    if found["expression"] is None and found["jaw"] is None and found["global"] is None:
+        raise InputError(f"{path}: should hold FLAME parameters (expr, jaw_pose, ...), got {', '.join(content)[:120]}")
+    pose = next((content[key] for key in POSE if key in content), None)
+    if pose is not None:
+        rows = _rows(path, "pose", pose, 6)
+        found |= {"global": rows[:, :3], "jaw": rows[:, 3:]}
+    if "leye_pose" in content and "reye_pose" in content:
+        found["eyes"] = np.concatenate([_rows(path, name, content[name], 3) for name in ("leye_pose", "reye_pose")], 1)
+    rate = fps if fps is not None else _rate(path, content)
+    frames = max(len(np.atleast_2d(array)) for array in found.values() if array is not None)
+
+    def part(name: str, width: int) -> Float[ndarray, "T C"]:
+        array = found[name]
+        return np.zeros((frames, width)) if array is None else _rows(path, name, array, width, frames)
+
+    expression = found["expression"]
+    shown = np.zeros((frames, 0)) if expression is None else _rows(path, "expression", expression, None, frames)
+    return Motion.of(
+        rate,
+        composed(part("global", 3), part("neck", 3)),
+        part("eyes", 6).reshape(frames, 2, 3),
+        translation=part("translation", 3),
+        lid=part("lid", 2),
+        jaw=part("jaw", 3),
+        expression=shown,
+        expression_names=tuple(EXPRESSION.format(number) for number in range(shown.shape[1])),
+        head_model=HEAD_MODEL,
+    )
+
+
+def _split(array: Float[ndarray, "T C"]) -> dict[str, ndarray]:
+    """The parts of an array, by its width."""
+    frames, width = array.shape
+    if width == 53:
+        return {"expr": array[:, :50], "jaw_pose": array[:, 50:]}
+    if width == 403:
+        return {"expr": array[:, 300:400], "jaw_pose": array[:, 400:]}
+    if width == 106:
+        return {"expr": array[:, :100], "head_pose": array[:, 100:103], "jaw_pose": array[:, 103:]}
+    none = np.zeros((frames, 1))
+    return {
+        "expr": array[:, :100],
+        "head_pose": array[:, 100:103],
+        "jaw_pose": np.concatenate([array[:, 103:104], none, none], axis=1),
+        "eyes_pose": np.concatenate([array[:, 104:106], none, array[:, 106:108], none], axis=1),
+    }
+
+
+def _rows(path: Path, name: str, array: ndarray, width: int | None, frames: int | None = None) -> ndarray:
+    """T rows of so many numbers; one row is held for all frames."""
+    rows = np.asarray(array, np.float64)
+    rows = rows.reshape(len(rows), -1) if rows.ndim > 1 else np.atleast_2d(rows)
+    if frames is not None and len(rows) == 1 < frames:
+        rows = np.repeat(rows, frames, axis=0)
+    if (width is not None and rows.shape[1] != width) or (frames is not None and len(rows) != frames):
+        raise InputError(f"{path}: {name} should be ({frames or 'T'}, {width or 'C'}), got {np.shape(array)}")
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path}: {name} holds NaN or infinite values")
+    return rows
+
+
+def _rate(path: Path, content: Mapping[str, ndarray]) -> float:
+    if "fps" not in content:
+        raise InputError(f"{path}: does not say its frame rate; say --fps")
+    return float(np.asarray(content["fps"]).reshape(-1)[0])
+
+
+def _content(path: Path) -> dict[str, ndarray]:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files if file[name].dtype.kind in "fiub"}
+    except DAMAGED as error:
+        raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
+
+
+def _array(path: Path) -> ndarray:
+    try:
+        return np.asarray(np.load(path, allow_pickle=False))
+    except DAMAGED as error:
+        raise InputError(f"{path}: not a readable npy ({' '.join(str(error).split())[:120]})") from None

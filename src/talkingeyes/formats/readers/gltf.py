@@ -1,0 +1,220 @@
+"""glTF files with a head's animation: GLB of a head with joints and morph targets, and VRM animations (.vrma).
+
+Joints are found by their names (neck or head; jaw; left_eye or LeftEye; ...), weights by the names of the targets.
+Where the lids move by the shapes of the Eyelid model, closure is taken out of the weight of its blink.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation, Slerp
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats import arkit
+from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny_build import JAW_OPEN_RAD
+from talkingeyes.head.eyelid.drive import eyelid_weights
+
+DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+JOINTS = {  # ours, and what others call it; the first that moves counts
+    "head": ("neck", "head", "Head", "Neck"),
+    "jaw": ("jaw", "Jaw"),
+    "left_eye": ("left_eye", "leftEye", "LeftEye", "eyeLeft"),
+    "right_eye": ("right_eye", "rightEye", "RightEye", "eyeRight"),
+}
+VRM = "VRMC_vrm_animation"
+
+
+@dataclass(frozen=True)
+class Track:
+    """Values of one node over time."""
+
+    times_s: Float[ndarray, " K"]
+    values: Float[ndarray, "K C"]
+
+
+@dataclass(frozen=True)
+class Document:
+    """The JSON of a file and its bytes."""
+
+    path: Path
+    content: dict[str, Any]
+    binary: bytes
+
+    def array(self, index: int) -> Float[ndarray, "N C"]:
+        """An accessor, dense."""
+        accessor = self.content["accessors"][index]
+        dtype, width = np.dtype(DTYPES[accessor["componentType"]]), WIDTHS[accessor["type"]]
+        view = self.content["bufferViews"][accessor["bufferView"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        if view.get("byteStride", 0) not in (0, dtype.itemsize * width):
+            raise InputError(f"{self.path}: interleaved animation data is not read")
+        flat = np.frombuffer(self.binary, dtype, accessor["count"] * width, start).astype(np.float64)
+        return flat.reshape(-1, width)
+
+    def tracks(self) -> dict[tuple[int, str], Track]:
+        """The channels of the first animation, by node and path."""
+        animation = self.content["animations"][0]
+        found = {}
+        for channel in animation["channels"]:
+            sampler = animation["samplers"][channel["sampler"]]
+            if sampler.get("interpolation", "LINEAR") == "CUBICSPLINE":
+                raise InputError(f"{self.path}: animation should be LINEAR or STEP, got CUBICSPLINE")
+            times = self.array(sampler["input"])[:, 0]
+            target = channel["target"]
+            values = self.array(sampler["output"]).reshape(len(times), -1)
+            found[target["node"], target["path"]] = Track(times, values)
+        return found
+
+
+def read_gltf(path: Path, fps: float | None = None) -> Motion:
+    """The motion of a .glb or .vrma. Raises InputError if it holds no animation of a head."""
+    try:
+        document = _opened(path)
+        tracks = document.tracks()
+        return (
+            _vrm(document, tracks, fps)
+            if VRM in document.content.get("extensions", {})
+            else _head(document, tracks, fps)
+        )
+    except (OSError, KeyError, IndexError, TypeError, ValueError, struct.error) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not a GLB with an animation ({error!r})") from None
+
+
+def _opened(path: Path) -> Document:
+    data = path.read_bytes()
+    if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
+        raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
+    length = struct.unpack_from("<I", data, 12)[0]
+    return Document(path, json.loads(data[20 : 20 + length]), data[20 + length + 8 :])
+
+
+def _head(document: Document, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
+    names = [node.get("name", "") for node in document.content["nodes"]]
+    joints = {
+        ours: next(
+            (
+                tracks[names.index(n), "rotation"]
+                for n in theirs
+                if n in names and (names.index(n), "rotation") in tracks
+            ),
+            None,
+        )
+        for ours, theirs in JOINTS.items()
+    }
+    weights = next(((node, track) for (node, path), track in tracks.items() if path == "weights"), None)
+    known = [track for track in (*joints.values(), weights[1] if weights else None) if track is not None]
+    if not known:
+        raise InputError(
+            f"{document.path}: should turn a joint such as {', '.join(JOINTS)}, got {', '.join(names[:6])}"
+        )
+    rate, times = _grid(known[0], fps)
+    turned = {ours: _turns(track, times) for ours, track in joints.items()}
+    shapes: dict[str, ndarray] = {}
+    if weights is not None:
+        mesh = document.content["meshes"][document.content["nodes"][weights[0]]["mesh"]]
+        targets = mesh.get("extras", {}).get("targetNames", [])
+        shapes = dict(zip(targets, _sampled(weights[1], times).T, strict=True))
+    root = tracks.get((names.index("root"), "translation")) if "root" in names else None
+    rest = document.content["nodes"][names.index("root")].get("translation", [0, 0, 0]) if root else [0, 0, 0]
+    shift = np.zeros((len(times), 3)) if root is None else _sampled(root, times) - np.array(rest)
+    gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
+    return of_shapes(rate, turned["head"], gaze, turned["jaw"], shift, shapes)
+
+
+def of_shapes(
+    fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
+) -> Motion:
+    """A motion of joints and of weights by the names of shapes."""
+    if "expression_000" in shapes:  # FLAME's, which has no lids of its own
+        names = tuple(name for name in (EXPRESSION.format(k) for k in range(100)) if name in shapes)
+        made_for, lid = "flame", np.zeros((len(head), 2))
+        expression = np.stack([shapes[name] for name in names], axis=1)
+    else:
+        table = np.stack([shapes.get(name, np.zeros(len(head))) for name in arkit.NAMES], axis=1)
+        by_shape = arkit.taken(table)
+        names, made_for, lid = arkit.EXPRESSION, "anny", by_shape.lid
+        jaw = jaw if jaw.any() else by_shape.jaw
+        expression = by_shape.expression
+        if "lidBlinkLeft" in shapes:
+            whole = eyelid_weights(open_head(), gaze, np.ones((len(head), 2)))
+            both = [
+                shapes[f"lidBlink{side}"] / np.maximum(whole[f"lidBlink{side}"], 1e-6) for side in ("Left", "Right")
+            ]
+            lid = np.stack(both, axis=1)
+            wide = [arkit.EXPRESSION.index(f"eyeWide{side}") for side in ("Left", "Right")]
+            expression[:, wide] = table[:, [arkit.NAMES.index(f"eyeWide{side}") for side in ("Left", "Right")]]
+    return Motion.of(
+        fps,
+        head,
+        gaze,
+        translation=shift,
+        lid=lid,
+        jaw=jaw,
+        expression=expression,
+        expression_names=names,
+        head_model=made_for,
+    )
+
+
+def _vrm(document: Document, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
+    content = document.content["extensions"][VRM]
+    bones, shown = content["humanoid"]["humanBones"], content.get("expressions", {}).get("preset", {})
+    turning = {name: tracks.get((bones[name]["node"], "rotation")) for name in ("head", "neck") if name in bones}
+    looking = tracks.get((content["lookAt"]["node"], "rotation")) if "lookAt" in content else None
+    weights = {name: tracks.get((place["node"], "translation")) for name, place in shown.items()}
+    known = [track for track in (looking, *turning.values(), *weights.values()) if track is not None]
+    if not known:
+        raise InputError(f"{document.path}: should move the head, the look-at or expressions, got none")
+    rate, times = _grid(known[0], fps)
+    head = Rotation.from_rotvec(_turns(turning.get("neck"), times)) * Rotation.from_rotvec(
+        _turns(turning.get("head"), times)
+    )
+
+    def weight(*names: str) -> ndarray:
+        track = next((weights[name] for name in names if weights.get(name) is not None), None)
+        return np.zeros(len(times)) if track is None else _sampled(track, times)[:, 0]
+
+    jaw = np.zeros((len(times), 3))
+    jaw[:, 0] = JAW_OPEN_RAD * weight("aa")
+    gaze = np.repeat(_turns(looking, times)[:, None], 2, axis=1)
+    lid = np.stack([weight("blinkLeft", "blink"), weight("blinkRight", "blink")], axis=1)
+    return Motion.of(rate, np.asarray(head.as_rotvec()), gaze, lid=lid, jaw=jaw)
+
+
+def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
+    """The rate of a track, unless it is given, and the times of its frames."""
+    steps = np.diff(track.times_s)
+    if fps is None and (not len(steps) or np.ptp(steps) > 0.1 * np.median(steps)):
+        raise InputError("animation: keys should be evenly spaced, or say --fps")
+    span = float(track.times_s[-1] - track.times_s[0])
+    rate = fps if fps is not None else round(len(steps) / span, 3)
+    frames = round(span * rate) + 1
+    return rate, track.times_s[0] + np.arange(frames) / rate
+
+
+def _sampled(track: Track, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+    return np.stack([np.interp(times, track.times_s, column) for column in track.values.T], axis=1)
+
+
+def _turns(track: Track | None, times: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+    """Rotation vectors of a track of quaternions, between keys along the shortest way."""
+    if track is None:
+        return np.zeros((len(times), 3))
+    keys = Rotation.from_quat(track.values)
+    if len(track.times_s) == 1:
+        return np.repeat(keys.as_rotvec(), len(times), axis=0)
+    return np.asarray(Slerp(track.times_s, keys)(np.clip(times, track.times_s[0], track.times_s[-1])).as_rotvec())

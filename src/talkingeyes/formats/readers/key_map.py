@@ -1,0 +1,176 @@
+"""Any npy or npz by a map of its names: what the arrays mean is said once, in YAML, and checked.
+
+    fps: 25                          # or {key: fps}
+    head_model: flame                # anny or flame: whose expression it is
+    head: {key: pose, columns: [0, 3], form: rotation_vector, unit: radians}
+    gaze: {key: eyes, columns: [0, 6], form: rotation_vector, unit: radians, eyes: left_right, frame: head}
+    jaw:  {key: pose, columns: [3, 6], form: rotation_vector}
+    lid:  {key: eyelids, eyes: left_right}
+    translation: {key: transl, scale: 0.001}
+    expression: {key: exp}
+
+An npy has one array, and no key. `form` is that of `rotations`; `signs` turns the axes of vectors into this project's
+(+x left, +y up, +z out of the face); `frame: space` is gaze in space, whose head rotation is taken out. One value for
+both eyes serves both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from numpy import ndarray
+from pydantic import ValidationError
+
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import DAMAGED, Motion
+from talkingeyes.core.settings import Settings
+from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+from talkingeyes.formats.rotations import as_vectors, width_of
+
+
+class Field(Settings):
+    """Where a quantity stands in a file, and what its numbers mean. These defaults are the project's conventions."""
+
+    key: str | None = None
+    columns: tuple[int, int] | None = None
+    form: str = "rotation_vector"
+    unit: Literal["radians", "degrees"] = "radians"
+    eyes: Literal["left_right", "right_left"] = "left_right"
+    frame: Literal["head", "space"] = "head"
+    signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    scale: float = 1.0
+
+
+class KeyMap(Settings):
+    """The map of a kind of file."""
+
+    fps: float | Field | None = None
+    head_model: Literal["anny", "flame"] = "flame"
+    head: Field | None = None
+    gaze: Field | None = None
+    jaw: Field | None = None
+    lid: Field | None = None
+    translation: Field | None = None
+    expression: Field | None = None
+
+
+def load_key_map(path: Path) -> KeyMap:
+    """Read a map. Raises InputError, which names the key and what came."""
+    try:
+        return KeyMap.model_validate(yaml.safe_load(path.read_text()))
+    except (OSError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not a readable map ({' '.join(str(error).split())[:120]})") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{path}: {where}: {first['msg']}, got {str(first['input'])[:60]!r}") from None
+
+
+def read_mapped(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
+    """The motion of a file by its map."""
+    content = _content(path)
+    parts = {name: getattr(mapping, name) for name in ("head", "gaze", "jaw", "lid", "translation", "expression")}
+    if parts["head"] is None and parts["gaze"] is None:
+        raise InputError(f"{path}: the map should place head or gaze, got neither")
+    rows = {name: _rows(path, content, name, field) for name, field in parts.items() if field is not None}
+    lengths = {name: len(array) for name, array in rows.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"{path}: all arrays should have the same number of frames, got {lengths}")
+    frames = next(iter(lengths.values()))
+    head = _joint(rows["head"], parts["head"]) if "head" in rows else np.zeros((frames, 3))
+    others: dict[str, Any] = {}
+    if "jaw" in rows:
+        others["jaw"] = _joint(rows["jaw"], parts["jaw"])
+    if "lid" in rows:
+        others["lid"] = _of_eyes(rows["lid"], parts["lid"], 1)[..., 0] * parts["lid"].scale
+    if "translation" in rows:
+        others["translation"] = rows["translation"] * parts["translation"].scale * np.array(parts["translation"].signs)
+    if "expression" in rows:
+        others["expression"] = rows["expression"] * parts["expression"].scale
+        others["expression_names"] = _names(path, mapping.head_model, rows["expression"].shape[1])
+    gaze = _eyes(rows["gaze"], parts["gaze"], head) if "gaze" in rows else np.zeros((frames, 2, 3))
+    return Motion.of(_rate(path, content, mapping, fps), head, gaze, head_model=mapping.head_model, **others)
+
+
+def _names(path: Path, head_model: str, width: int) -> tuple[str, ...]:
+    if head_model == "flame":
+        return tuple(EXPRESSION.format(number) for number in range(width))
+    from talkingeyes.formats.arkit import EXPRESSION as names
+
+    if width != len(names):
+        raise InputError(f"{path}: expression of anny should have {len(names)} columns, got {width}")
+    return names
+
+
+def _joint(rows: ndarray, field: Field) -> ndarray:
+    angles = field.form in ("rotation_vector", "yaw_pitch") or field.form.startswith("euler_")
+    turned = as_vectors(np.radians(rows) if angles and field.unit == "degrees" else rows, field.form)
+    # A reflection of axes turns the sense of rotations: a rotation vector is an axial one.
+    return np.asarray(turned * np.array(field.signs) * np.prod(field.signs))
+
+
+def _eyes(rows: ndarray, field: Field, head: ndarray) -> ndarray:
+    both = _of_eyes(rows, field, width_of(field.form))
+    turned = np.stack([_joint(both[:, eye], field) for eye in range(2)], axis=1)
+    return rotation.eye_in_head(head, rotation.angles_of_gaze(turned)) if field.frame == "space" else turned
+
+
+def _of_eyes(rows: ndarray, field: Field, width: int) -> ndarray:
+    """(T, 2, width): the eyes in this project's order."""
+    if rows.shape[1] == width:
+        return np.repeat(rows[:, None], 2, axis=1)
+    if rows.shape[1] != 2 * width:
+        raise InputError(f"{field.key or 'array'}: should have {width} or {2 * width} columns, got {rows.shape[1]}")
+    both = rows.reshape(len(rows), 2, width)
+    return np.asarray(both[:, ::-1] if field.eyes == "right_left" else both)
+
+
+def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: Field) -> ndarray:
+    key = field.key or ("" if "" in content else name)
+    if key not in content:
+        raise InputError(f"{path}: should hold {key or name}, got {', '.join(content)[:120] or 'one array'}")
+    array = np.asarray(content[key])
+    array = array[0] if array.ndim > 2 and len(array) == 1 else array
+    if array.ndim < 2 or array.dtype.kind not in "fiu":
+        raise InputError(f"{path}: {key or name} should be numbers (T, ...), got {array.shape} {array.dtype}")
+    rows = array.astype(np.float64).reshape(len(array), -1)
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path}: {key or name} holds NaN or infinite values")
+    if field.columns is not None:
+        first, stop = field.columns
+        if not 0 <= first < stop <= rows.shape[1]:
+            raise InputError(f"{path}: columns of {name} should lie in 0 to {rows.shape[1]}, got {first} to {stop}")
+        rows = rows[:, first:stop]
+    width = {"head": width_of(field.form), "jaw": width_of(field.form), "translation": 3}.get(name)
+    if width is not None and rows.shape[1] != width:
+        raise InputError(f"{path}: {name} should have {width} columns ({field.form}), got {rows.shape[1]}")
+    return rows
+
+
+def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: float | None) -> float:
+    if fps is not None:
+        return fps
+    if isinstance(mapping.fps, Field):
+        key = mapping.fps.key or "fps"
+        if key not in content:
+            raise InputError(f"{path}: should hold {key}, got {', '.join(content)[:120]}")
+        return float(np.asarray(content[key]).reshape(-1)[0])
+    if mapping.fps is None:
+        raise InputError(f"{path}: does not say its frame rate; say --fps, or fps in the map")
+    return mapping.fps
+
+
+def _content(path: Path) -> dict[str, ndarray]:
+    try:
+        with path.open("rb") as stream:
+            found = np.load(stream, allow_pickle=False)
+            if isinstance(found, np.ndarray):
+                return {"": found}
+            return {name: found[name] for name in found.files}
+    except DAMAGED as error:
+        raise InputError(f"{path}: not a readable npy or npz ({' '.join(str(error).split())[:120]})") from None

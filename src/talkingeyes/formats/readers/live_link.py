@@ -1,0 +1,134 @@
+"""Live Link Face's CSV: ARKit's coefficients with time codes and nine angles; read by the names of its columns.
+
+    LeftEyeYaw = -yaw to the subject's left,  Pitch = down,  Roll = to the subject's right shoulder;  radians
+
+Evidence, from eleven recordings of the app: a look coefficient of 1 goes with 34 to 42 degrees when the columns are
+read as radians (as degrees it would be 0.65), and the yaw of an eye is negative when it looks to the subject's left.
+The sign of pitch is that of public players; that of roll is not known from any recording. Angles are those of
+R = Ry Rx Rz. Where the columns are empty, as of takes without rotations, the look coefficients give the gaze; where
+they disagree with them in sign or unit they are turned, since other programs write other ones.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats import arkit
+from talkingeyes.formats.readers import tables
+from talkingeyes.formats.rotations import of_turns
+
+ROTATIONS = tuple(f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll"))
+SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `rotations.turns`
+COUNT = 61
+TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
+RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frames a second that time codes count in
+STRAIGHT_S = 0.003  # by which times may leave a straight line
+IN_DEGREES = 5.0  # radians a look coefficient cannot mean
+LEAST_LOOK = 0.05  # a standard deviation of look coefficients that tells the sign
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Frames a second of a take, and the time of each of its rows."""
+
+    fps: float
+    times_s: Float[ndarray, " T"]
+
+
+def read_live_link(path: Path, fps: float | None = None) -> Motion:
+    """A take. Raises InputError if it is not one, or if its rate does not follow from its time codes."""
+    table = tables.read(path)
+    found = {name.lower(): name for name in table.names}
+    if not all(f"eyelook{way}{side}" in found for way in ("in", "out") for side in ("left", "right")):
+        raise InputError(f"{path}: should have columns EyeLookInLeft, ..., got {', '.join(table.names[:5])}, ...")
+    values = np.stack(
+        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in arkit.NAMES], axis=1
+    )
+    angles = np.stack(
+        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in ROTATIONS], axis=1
+    )
+    clock = _clock(path, table.texts(found["timecode"]) if "timecode" in found else (), len(table), fps)
+    grid_s = np.arange(int(clock.times_s[-1] * clock.fps + 1.5)) / clock.fps
+    values, angles = (_on(grid_s, clock.times_s, each) for each in (values, angles))
+    taken = arkit.taken(values)
+    head = of_turns(angles[:, :3] * SIGNS)
+    gaze = _gaze(angles[:, 3:].reshape(-1, 2, 3) * SIGNS, taken.gaze)
+    return Motion.of(
+        clock.fps,
+        head,
+        gaze,
+        lid=taken.lid,
+        jaw=taken.jaw,
+        expression=taken.expression,
+        expression_names=arkit.EXPRESSION,
+    )
+
+
+def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
+    """Gaze by the angles, in the sign and unit that the look coefficients have; by those where there are no angles."""
+    if not turned.any():
+        return looks
+    told = rotation.angles_of_gaze(looks) / arkit.LOOK_RAD * [1.0, -1.0]  # yaw to the left, pitch down
+    angles = turned.copy()
+    for axis in range(2):
+        if told[..., axis].std() > LEAST_LOOK:
+            slope = float(np.polyfit(told[..., axis].ravel(), turned[..., axis].ravel(), 1)[0])
+            angles[..., axis] *= -1.0 if slope < 0 else 1.0
+            if abs(slope) > IN_DEGREES:
+                angles[..., axis] = np.radians(angles[..., axis])
+    return of_turns(angles.reshape(-1, 3)).reshape(-1, 2, 3)
+
+
+def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> Clock:
+    """By time codes if there are any: the rate in which their frames run straight; else by `fps`."""
+    read = [TIMECODE.fullmatch(code.strip()) for code in codes]
+    if rows < 2 or (read and not all(read)):
+        raise InputError(f"{path}: should hold two or more frames with time codes like 18:48:59:39.473")
+    if not read:
+        if fps is None:
+            raise InputError(f"{path}: has no time codes; say --fps")
+        return Clock(fps, np.arange(rows) / fps)
+    parts = np.array([[float(part) for part in match.groups()] for match in read if match])
+    seconds = parts[:, :3] @ [3600.0, 60.0, 1.0]
+    for rate in RATES:
+        if parts[:, 3].max() >= rate + 0.5 or (fps is None and seconds[-1] == seconds[0]):
+            continue
+        times = seconds + parts[:, 3] / rate
+        times = np.where(times < times[0], times + 86_400, times) - times[0]
+        steps = np.diff(times)
+        if (steps > 0).all() and _straight(steps):
+            step = float(np.median(steps)) if fps is None else 1 / fps
+            within = np.abs(np.round(steps / step) * step - steps).max() < STRAIGHT_S
+            if within:
+                counted = np.round(steps / step).sum()
+                return Clock(_round_rate(counted / float(times[-1])) if fps is None else fps, times)
+    raise InputError(f"{path}: the rate does not follow from its time codes (too short a take?); say --fps")
+
+
+def _straight(steps: Float[ndarray, " T"]) -> bool:
+    """Whether times go on evenly, but for frames that were dropped."""
+    step = float(np.median(steps))
+    return bool(np.abs(steps / step - np.round(steps / step)).max() * step < STRAIGHT_S)
+
+
+def _round_rate(fps: float) -> float:
+    """The usual rate that this is, if it is one."""
+    usual = [*map(float, RATES), *(rate * 1000 / 1001 for rate in (24, 30, 60, 120))]
+    nearest = min(usual, key=lambda rate: abs(rate - fps))
+    return nearest if abs(nearest / fps - 1) < 2e-4 else fps
+
+
+def _on(grid_s: Float[ndarray, " G"], times_s: Float[ndarray, " T"], values: Float[ndarray, "T C"]) -> ndarray:
+    """Dropped frames filled in, between their neighbours."""
+    if len(grid_s) == len(times_s):
+        return values
+    return np.stack([np.interp(grid_s, times_s, column) for column in values.T], axis=1)

@@ -1,0 +1,132 @@
+"""Motion files of others, whatever they are: which reader reads a file, and what is checked of what it gave.
+
+.npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
+.csv, .csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker
+.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a map of names (key_map)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import CONVENTIONS, DAMAGED, Motion
+from talkingeyes.formats.readers import tables
+from talkingeyes.formats.readers.key_map import KeyMap, read_mapped
+
+Reader = Callable[[Path, float | None], Motion]
+
+SUFFIXES = (
+    *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".frame", ".json", ".glb", ".vrma", ".usd", ".usda", ".usdc"),
+    ".bvh",
+)
+MOST_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # beyond, numbers are no radians
+LID_BOUNDS = (-1.5, 1.5)
+ASIDE = 0.01  # of the frames may be anything
+APART_DEG = (
+    12.0  # on average, no person's eyes: optical axes diverge by some 5 degrees when lines of sight are parallel
+)
+
+
+@dataclass(frozen=True)
+class Read:
+    """A motion, the format that it was in, and what there is to say about it."""
+
+    motion: Motion
+    format: str
+    notes: tuple[str, ...]
+
+
+def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = None) -> Read:
+    """Read a file of any format, and check units and eyes. `fps` is for files that do not say theirs."""
+    if fps is not None and not 1 <= fps <= 1000:
+        raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    name, reader = ("map", partial(_mapped, mapping)) if mapping is not None else _reader(path)
+    try:
+        motion = reader(path, fps)
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+    except (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError) as error:  # what no reader foresaw
+        raise InputError(f"{path}: not readable as {name} ({' '.join(repr(error).split())[:120]})") from None
+    return Read(motion, name, tuple(checked(path, motion)))
+
+
+def _mapped(mapping: KeyMap, path: Path, fps: float | None) -> Motion:
+    return read_mapped(path, mapping, fps)
+
+
+def checked(path: Path, motion: Motion) -> list[str]:
+    """Notes on a motion. Raises InputError where its numbers cannot be what they should be."""
+    if not len(motion):
+        raise InputError(f"{path}: should have frames, got none")
+    for name, most in MOST_RAD.items():
+        angle = np.linalg.norm(getattr(motion, name), axis=-1).reshape(-1)
+        typical = float(np.quantile(angle, 1 - ASIDE))
+        if typical > most:
+            hint = "; degrees? say unit: degrees in a map" if typical > 3.2 else ""
+            raise InputError(f"{path}: {name} should turn by {most:g} radians at most, got {typical:.3g}{hint}")
+    low, high = np.quantile(motion.lid, [ASIDE, 1 - ASIDE])
+    if low < LID_BOUNDS[0] or high > LID_BOUNDS[1]:
+        raise InputError(f"{path}: lids should be 0 open to 1 shut, got {low:.3g} to {high:.3g}")
+    notes = []
+    yaw = np.degrees(rotation.angles_of_gaze(motion.gaze)[motion.valid][..., 0])
+    apart = float((yaw[:, 0] - yaw[:, 1]).mean()) if len(yaw) else 0.0
+    if abs(apart) > APART_DEG:
+        notes.append(f"the left eye looks {apart:.1f} degrees left of the right one on average: is their order right?")
+    if not motion.gaze.any():
+        notes.append("no gaze in it: the eyes look straight ahead")
+    return notes
+
+
+def _reader(path: Path) -> tuple[str, Reader]:
+    """The format of a file, and what reads it."""
+    from talkingeyes.formats.readers import arkit_json, bvh, flame_parameters, gltf, metrical, usd
+
+    name = path.name.lower()
+    if path.is_dir() or name.endswith(".frame"):
+        return "metrical-tracker", metrical.read_metrical
+    if name.endswith((".csv", ".csv.gz")):
+        return _table_reader(path)
+    by_suffix: dict[str, tuple[str, Reader]] = {
+        ".json": ("arkit", arkit_json.read_arkit_json),
+        ".bvh": ("bvh", bvh.read_bvh),
+        ".npy": ("flame array", flame_parameters.read_flame_array),
+        ".npz": ("flame", _read_npz),
+        **dict.fromkeys((".pt", ".pth"), ("flame array", flame_parameters.read_flame_array)),
+        **dict.fromkeys((".glb", ".vrma"), ("gltf", gltf.read_gltf)),
+        **dict.fromkeys((".usd", ".usda", ".usdc"), ("usd", usd.read_usd)),
+    }
+    if path.suffix.lower() not in by_suffix:
+        raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}, or be read by --map")
+    return by_suffix[path.suffix.lower()]
+
+
+def _table_reader(path: Path) -> tuple[str, Reader]:
+    from talkingeyes.formats.readers.live_link import read_live_link
+    from talkingeyes.formats.readers.trackers import read_openface_motion, read_pyfeat
+
+    names = [column.lower() for column in tables.read(path).names]
+    if "gaze_angle_x" in names:
+        return "openface", read_openface_motion
+    if "facescore" in names and "gaze_yaw" in names:
+        return "py-feat", read_pyfeat
+    return "livelink", read_live_link
+
+
+def _read_npz(path: Path, fps: float | None) -> Motion:
+    from talkingeyes.formats.readers.flame_parameters import read_flame_npz
+
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            ours = "schema" in file.files and str(file["schema"]) == CONVENTIONS["schema"]
+    except DAMAGED as error:
+        raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
+    return Motion.load(path) if ours else read_flame_npz(path, fps)

@@ -1,0 +1,33 @@
+"""Files that torch saved (.pt, .pth, metrical-tracker's .frame): arrays, read without running them and without torch.
+
+Such a file is a zip of a pickle, `*/data.pkl`, and of the memory of each tensor, `*/data/<key>`. The pickle goes
+through the restricted reader (head.pickles), which knows no class beside arrays and torch's tensors.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import DAMAGED
+from talkingeyes.head.pickles import read_tensors
+
+
+def read_torch(path: Path) -> Any:
+    """The content, tensors as arrays. Raises InputError in one line for anything else."""
+    try:
+        with ZipFile(path) as archive:
+            names = archive.namelist()
+            pickled = [name for name in names if name.endswith("data.pkl")]
+            if len(pickled) != 1:
+                raise InputError(f"{path}: should be a file that torch saved, got a zip of {', '.join(names[:3])}")
+            stem = pickled[0].removesuffix("data.pkl")
+            return read_tensors(path, archive.read(pickled[0]), lambda key: archive.read(f"{stem}data/{key}"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except InputError:
+        raise
+    except (*DAMAGED, KeyError) as error:
+        raise InputError(f"{path}: not a file that torch saved ({' '.join(str(error).split())[:120]})") from None

@@ -1,0 +1,61 @@
+"""USD stages with a SkelAnimation of a head: joints and blend shapes by their names. It needs the package usd-core."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats.readers.gltf import JOINTS, of_shapes
+
+
+def read_usd(path: Path, fps: float | None = None) -> Motion:
+    """The first SkelAnimation of a stage."""
+    try:
+        from pxr import Tf, Usd, UsdSkel
+    except ImportError:
+        raise InputError(f"{path}: reading USD needs the package usd-core (pip install usd-core)") from None
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise InputError(f"{path}: not a readable USD stage ({' '.join(str(error).split())[:120]})") from None
+    found = next((UsdSkel.Animation(prim) for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)), None)
+    if found is None:
+        raise InputError(f"{path}: should hold a SkelAnimation, got none")
+    rate = float(stage.GetTimeCodesPerSecond()) if fps is None else fps
+    step = stage.GetTimeCodesPerSecond() / rate
+    frames = round((stage.GetEndTimeCode() - stage.GetStartTimeCode()) / step) + 1
+    codes = stage.GetStartTimeCode() + step * np.arange(frames)
+    names = [str(name).rsplit("/", 1)[-1] for name in found.GetJointsAttr().Get() or ()]
+    turned = {ours: _turns(found, names, theirs, codes) for ours, theirs in JOINTS.items()}
+    shapes = [str(name) for name in found.GetBlendShapesAttr().Get() or ()]
+    rows = [found.GetBlendShapeWeightsAttr().Get(code) for code in codes] if shapes else []
+    weights = dict(zip(shapes, np.array(rows, np.float64).T, strict=True)) if shapes else {}
+    places = np.array([np.array(found.GetTranslationsAttr().Get(code))[0] for code in codes], np.float64)
+    gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
+    rest = _rest(stage)
+    return of_shapes(rate, turned["head"], gaze, turned["jaw"], places - rest, weights)
+
+
+def _turns(animation: Any, names: list[str], theirs: tuple[str, ...], codes: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    joint = next((names.index(name) for name in theirs if name in names), None)
+    if joint is None:
+        return np.zeros((len(codes), 3))
+    values = [animation.GetRotationsAttr().Get(code)[joint] for code in codes]
+    wxyz = np.array([[value.GetReal(), *value.GetImaginary()] for value in values], np.float64)
+    return np.asarray(Rotation.from_quat(wxyz, scalar_first=True).as_rotvec())
+
+
+def _rest(stage: Any) -> np.ndarray:
+    """Where the root of the skeleton rests."""
+    from pxr import UsdSkel
+
+    skeleton = next((UsdSkel.Skeleton(prim) for prim in stage.Traverse() if prim.IsA(UsdSkel.Skeleton)), None)
+    if skeleton is None:
+        return np.zeros(3)
+    return np.array(skeleton.GetRestTransformsAttr().Get()[0].ExtractTranslation())

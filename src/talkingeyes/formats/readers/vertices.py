@@ -1,0 +1,92 @@
+"""Vertices of the open head, in the layout of VOCASET (T, 3 V), back to a motion.
+
+Skinning is linear in the weights of shapes once the head's rotation is known: that follows from the vertices that no
+shape moves (Kabsch 1976), the eyes' from those of the eyeballs. What gaze alone does to the lids is taken away; the
+face, the jaw and the blinks are what is left, by least squares over the vertices that follow the head alone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.core import rotation
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats import arkit
+from talkingeyes.head.anny import open_head
+from talkingeyes.head.drive import DRIVEN_JAW, SIDE_RAD, SIDES
+from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights
+from talkingeyes.head.model import JOINTS, HeadModel
+
+STILL_M = 1e-7  # that a vertex no shape moves may move
+ALONE = 0.9999  # of the weights of a vertex that follows one joint
+RIGHT_ANSWER_M = 1e-3  # root mean square over vertices that a head with these parameters may be off by
+BLINKS = tuple(f"lidBlink{side}" for side in SIDES)
+
+
+def read_vertices(path: Path, table: Float[ndarray, "T C"], fps: float | None = None) -> Motion:
+    """The motion that poses the open head so. Raises InputError for vertices of another head."""
+    head = open_head()
+    if table.shape[1] != 3 * len(head.template):
+        raise InputError(
+            f"{path}: vertices should be those of the open head (T, {3 * len(head.template)}), got {table.shape}"
+        )
+    if fps is None:
+        raise InputError(f"{path}: does not say its frame rate; say --fps")
+    points = table.reshape(len(table), -1, 3).astype(np.float64)
+    still = np.abs(head.expression).max(axis=(0, 2)) < STILL_M
+    neck, *eyes = (_alone(head, joint) & still for joint in ("neck", "left_eye", "right_eye"))
+    turned = _turn(head.template[neck], points[:, neck])
+    shift = points[:, neck].mean(axis=1) - np.einsum("tij,j->ti", turned, head.template[neck].mean(axis=0))
+    gaze = rotation.vectors(
+        np.stack([np.swapaxes(turned, 1, 2) @ _turn(head.template[eye], points[:, eye]) for eye in eyes], axis=1)
+    )
+    straight = np.einsum("tji,tvj->tvi", turned, points - shift[:, None])
+    shown = _weights(path, head, gaze, straight)
+    jaw = [head.jaw_open_rad * shown["jawOpen"], SIDE_RAD * (shown["jawLeft"] - shown["jawRight"])]
+    whole = eyelid_weights(head, gaze, np.ones((len(points), 2)))
+    return Motion.of(
+        fps,
+        rotation.vectors(turned),
+        gaze,
+        translation=shift,
+        lid=np.stack([shown[name] / np.maximum(whole[name], 1e-6) for name in BLINKS], axis=1),
+        jaw=np.stack([*jaw, np.zeros(len(points))], axis=1),
+        expression=np.stack([shown[name] for name in arkit.EXPRESSION], axis=1),
+        expression_names=arkit.EXPRESSION,
+    )
+
+
+def _alone(head: HeadModel, joint: str) -> Bool[ndarray, " V"]:
+    return np.asarray(head.weights[:, JOINTS.index(joint)] > ALONE)
+
+
+def _turn(rest: Float[ndarray, "K 3"], moved: Float[ndarray, "T K 3"]) -> Float[ndarray, "T 3 3"]:
+    """The rotations that bring points nearest to where they are."""
+    here, there = rest - rest.mean(axis=0), moved - moved.mean(axis=1, keepdims=True)
+    left, _, right = np.linalg.svd(np.einsum("tki,kj->tij", there, here))
+    left[..., -1] *= np.linalg.det(left @ right)[:, None]
+    return np.asarray(left @ right)
+
+
+def _weights(
+    path: Path, head: HeadModel, gaze: Float[ndarray, "T 2 3"], straight: Float[ndarray, "T V 3"]
+) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of expression, jaw and blinks, by name."""
+    names = (*arkit.EXPRESSION, *DRIVEN_JAW, *BLINKS)
+    part = _alone(head, "neck")
+    opened = eyelid_weights(head, gaze, np.zeros((len(gaze), 2)))
+    left = straight - head.template
+    for name in LID_SHAPES:
+        left = left - opened[name][:, None, None] * head.expression[head.shape(name)]
+    basis = head.expression[[head.shape(name) for name in names]][:, part].reshape(len(names), -1).astype(np.float64)
+    wanted = left[:, part].reshape(len(left), -1)
+    found = np.linalg.solve(basis @ basis.T, basis @ wanted.T)
+    missed = float(np.sqrt(3 * ((wanted - found.T @ basis) ** 2).mean()))
+    if missed > RIGHT_ANSWER_M:
+        raise InputError(f"{path}: vertices should be those of the open head, got some {1e3 * missed:.1f} mm off")
+    return dict(zip(names, found, strict=True))

@@ -1,0 +1,72 @@
+"""ARKit's 52 coefficients with rotations of head and eyes: as Live Link Face's CSV, and as JSON.
+
+The CSV has the names, the order and the time codes of real recordings; its angles are radians (formats.live_link has
+the evidence). The JSON is the same with names beside: coefficients by frame, rotation vectors in this project's axes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.motion import CONVENTIONS, Motion
+from talkingeyes.core.whole_file import written
+from talkingeyes.formats import arkit
+from talkingeyes.formats.readers.live_link import COUNT, ROTATIONS, SIGNS
+from talkingeyes.formats.rotations import turns
+
+SCHEMA = "talkingeyes.arkit/1"
+DIGITS = 7
+
+
+def write_live_link(motion: Motion, path: Path) -> None:
+    """One row a frame; the time code starts at 0."""
+    header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *ROTATIONS)
+    table = np.concatenate([arkit.coefficients(motion), _angles(motion)], axis=1)
+    rows = [
+        ",".join([timecode(frame, motion.fps), str(COUNT), *(f"{value:.{DIGITS}f}" for value in row)])
+        for frame, row in enumerate(table.tolist())
+    ]
+    with written(path) as partial:
+        partial.write_text("\n".join([",".join(header), *rows]) + "\n")
+
+
+def write_json(motion: Motion, path: Path) -> None:
+    """{schema, fps, names, coefficients, head, eyes, translation}: a row a frame."""
+    content = {
+        "schema": SCHEMA,
+        "fps": motion.fps,
+        **{name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")},
+        "look_degrees": round(math.degrees(arkit.LOOK_RAD), 6),
+        "names": list(arkit.NAMES),
+        "coefficients": _rounded(arkit.coefficients(motion)),
+        "head": _rounded(motion.head),
+        "eyes": _rounded(motion.gaze),
+        "translation": _rounded(motion.translation),
+    }
+    with written(path) as partial:
+        partial.write_text(json.dumps(content, separators=(",", ":")))
+
+
+def timecode(frame: int, fps: float) -> str:
+    """HH:MM:SS:FF.fff of a frame: whole frames of the take's rate in the second, and thousandths of one."""
+    rate = max(round(fps), 1)
+    thousandths = round(frame / fps * rate * 1000)
+    seconds, left = divmod(thousandths, rate * 1000)
+    return (
+        f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}:{left // 1000:02d}.{left % 1000:03d}"
+    )
+
+
+def _angles(motion: Motion) -> Float[ndarray, "T 9"]:
+    parts = (motion.head, motion.gaze[:, 0], motion.gaze[:, 1])
+    return np.concatenate([turns(part) * SIGNS for part in parts], axis=1)
+
+
+def _rounded(array: ndarray) -> list[object]:
+    return list(np.round(array.astype(np.float64), DIGITS).tolist())

@@ -1,0 +1,35 @@
+"""The head, the jaw and the eyes as BVH, for every program that animates joints.
+
+Degrees and centimetres, y up, the face towards +z. The root is the head, about the neck joint; its channels and those
+of the joints are Y, X, Z: R = Ry Rx Rz. Lids and face have no place in BVH.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.whole_file import written
+from talkingeyes.formats.rotations import turns
+from talkingeyes.head.model import HeadModel
+
+CM = 100.0
+ROTATION = "Yrotation Xrotation Zrotation"
+END_CM = (0.0, 0.0, 1.3)  # where a joint's end is drawn
+
+
+def write_bvh(motion: Motion, head: HeadModel, path: Path) -> None:
+    """Write hierarchy and motion."""
+    lines = ["HIERARCHY", "ROOT head", "{", "  OFFSET 0 0 0", f"  CHANNELS 6 Xposition Yposition Zposition {ROTATION}"]
+    for name, place in zip(("jaw", "left_eye", "right_eye"), (head.joints[2:] - head.joints[1]) * CM, strict=True):
+        lines += [f"  JOINT {name}", "  {", "    OFFSET {:.6f} {:.6f} {:.6f}".format(*place)]
+        lines += [f"    CHANNELS 3 {ROTATION}", "    End Site", "    {"]
+        lines += ["      OFFSET {:g} {:g} {:g}".format(*END_CM), "    }", "  }"]
+    lines += ["}", "MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / motion.fps:.9f}"]
+    joints = (motion.head, motion.jaw, motion.gaze[:, 0], motion.gaze[:, 1])
+    rows = np.concatenate([motion.translation * CM, *(np.degrees(turns(joint)) for joint in joints)], axis=1)
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
+    with written(path) as partial:
+        partial.write_text("\n".join(lines) + "\n")

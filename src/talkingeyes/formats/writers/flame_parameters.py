@@ -1,0 +1,92 @@
+"""FLAME's parameters as npz: our own documented names, VHAP's (which GaussianAvatars plays), DiffPoseTalk's.
+
+The neck joint turns the head, so the head's rotation is `neck_pose` and `rotation` is 0: then the pivot is the same as
+here. Blinks have no place in FLAME: they stand beside, as `eyelids`, which players pass over. Where a layout has no
+eyes (DiffPoseTalk), they stand beside too. Numbers are float32; texts say units, eye order and head model.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+
+from talkingeyes.core.motion import CONVENTIONS, Motion
+from talkingeyes.core.npz import save_npz
+from talkingeyes.core.whole_file import written
+from talkingeyes.formats.readers.flame_parameters import EXPRESSION
+
+SHAPES, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth
+FACTS = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
+
+
+def write_flame(motion: Motion, path: Path) -> None:
+    """global_orient, neck_pose, jaw_pose, leye_pose, reye_pose, expression (100), betas (300), transl, eyelids, fps."""
+    _save(
+        path,
+        motion,
+        {
+            "global_orient": np.zeros((len(motion), 3)),
+            "neck_pose": motion.head,
+            "jaw_pose": motion.jaw,
+            "leye_pose": motion.gaze[:, 0],
+            "reye_pose": motion.gaze[:, 1],
+            "expression": components(motion, 100),
+            "betas": np.zeros((1, SHAPES)),
+            "transl": motion.translation,
+            "eyelids": motion.lid,
+        },
+    )
+
+
+def write_vhap(motion: Motion, path: Path) -> None:
+    """The names of VHAP's `tracked_flame_params`: one row a frame, one identity for all."""
+    _save(
+        path,
+        motion,
+        {
+            "rotation": np.zeros((len(motion), 3)),
+            "neck_pose": motion.head,
+            "jaw_pose": motion.jaw,
+            "eyes_pose": motion.gaze.reshape(-1, 6),
+            "expr": components(motion, 100),
+            "shape": np.zeros(SHAPES),
+            "translation": motion.translation,
+            "static_offset": np.zeros((1, VHAP_VERTICES, 3)),
+            "eyelids": motion.lid,
+        },
+        timestep_id=np.arange(len(motion)),
+    )
+
+
+def write_diffposetalk(motion: Motion, path: Path) -> None:
+    """shape (100), exp (T, 50), pose (T, 6: head and jaw)."""
+    _save(
+        path,
+        motion,
+        {
+            "shape": np.zeros(100),
+            "exp": components(motion, 50),
+            "pose": np.concatenate([motion.head, motion.jaw], axis=1),
+            "eyes_pose": motion.gaze.reshape(-1, 6),
+            "eyelids": motion.lid,
+            "transl": motion.translation,
+        },
+    )
+
+
+def components(motion: Motion, count: int) -> ndarray:
+    """Weights of FLAME's first expression components, by the names of the motion's."""
+    table = np.zeros((len(motion), count))
+    for number in range(count):
+        if EXPRESSION.format(number) in motion.expression_names:
+            table[:, number] = motion.expression[:, motion.expression_names.index(EXPRESSION.format(number))]
+    return table
+
+
+def _save(path: Path, motion: Motion, arrays: dict[str, ndarray], **others: ndarray) -> None:
+    numbers = {name: array.astype(np.float32) for name, array in arrays.items()}
+    texts = {name: np.str_(text) for name, text in FACTS.items()}
+    with written(path) as partial:
+        save_npz(partial, fps=np.float64(motion.fps), **numbers, **others, **texts)

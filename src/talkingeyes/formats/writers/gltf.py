@@ -1,0 +1,107 @@
+"""A glTF 2.0 document in one binary file (.glb): nodes, accessors (dense and sparse) and one animation."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.whole_file import written
+
+FLOAT, UNSIGNED_INT, UNSIGNED_SHORT = 5126, 5125, 5123
+COMPONENTS = {"float32": FLOAT, "uint32": UNSIGNED_INT, "uint16": UNSIGNED_SHORT}
+KINDS = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+
+
+@dataclass
+class Gltf:
+    """A document that grows: each method adds something and gives its index."""
+
+    document: dict[str, Any] = field(
+        default_factory=lambda: {
+            "asset": {"version": "2.0", "generator": "talkingeyes"},
+            "scene": 0,
+            "scenes": [{"nodes": []}],
+            "nodes": [],
+        }
+    )
+    blocks: list[bytes] = field(default_factory=list)
+    size: int = 0
+
+    def node(self, name: str, **content: Any) -> int:
+        """A node."""
+        return self.add("nodes", {"name": name, **content})
+
+    def add(self, section: str, item: dict[str, Any]) -> int:
+        """An item of a section of the document."""
+        items = self.document.setdefault(section, [])
+        items.append(item)
+        return len(items) - 1
+
+    def accessor(self, array: ndarray, target: int | None = None) -> int:
+        """An array (N), (N, 2..4) or (N, 4, 4), with its bounds; matrices are written column by column."""
+        by_column = array.swapaxes(1, 2) if array.ndim == 3 else array
+        return self.add("accessors", {"bufferView": self._view(by_column, target), **_described(array)})
+
+    def sparse_accessor(self, array: Float[ndarray, "N 3"]) -> int:
+        """An array that is mostly 0: the other rows alone."""
+        rows = np.flatnonzero(array.any(axis=1))
+        rows = rows if len(rows) else np.zeros(1, np.int64)  # a sparse accessor may not be empty
+        sparse = {
+            "count": len(rows),
+            "indices": {"bufferView": self._view(rows.astype(np.uint32), None), "componentType": UNSIGNED_INT},
+            "values": {"bufferView": self._view(array[rows], None)},
+        }
+        return self.add("accessors", {**_described(array), "sparse": sparse})
+
+    def animate(self, channels: dict[tuple[int, str], ndarray], fps: float) -> None:
+        """One animation: values of T frames by (node, path), between which players go in a straight line."""
+        frames = len(next(iter(channels.values())))
+        times = self.accessor((np.arange(frames) / fps).astype(np.float32))
+        samplers: list[dict[str, Any]] = []
+        targets = []
+        for (node, path), values in channels.items():
+            output = self.accessor(
+                values.astype(np.float32).reshape(-1) if path == "weights" else values.astype(np.float32)
+            )
+            targets.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
+            samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
+        self.add("animations", {"name": "motion", "channels": targets, "samplers": samplers})
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all."""
+        binary = b"".join(self.blocks)
+        document = {**self.document, "buffers": [{"byteLength": len(binary)}]}
+        text = json.dumps(document, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        with written(path) as partial, partial.open("wb") as file:
+            file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary)))
+            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+            file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+
+    def _view(self, array: ndarray, target: int | None) -> int:
+        data = np.ascontiguousarray(array).tobytes()
+        view = {"buffer": 0, "byteOffset": self.size, "byteLength": len(data)}
+        self.blocks.append(data + b"\0" * (-len(data) % 4))
+        self.size += len(self.blocks[-1])
+        return self.add("bufferViews", view if target is None else {**view, "target": target})
+
+
+def _described(array: ndarray) -> dict[str, Any]:
+    facts: dict[str, Any] = {
+        "componentType": COMPONENTS[array.dtype.name],
+        "count": len(array),
+        "type": KINDS[array.shape[1:]],
+    }
+    if array.dtype == np.float32 and array.ndim < 3:
+        facts |= {
+            name: np.atleast_1d(edge(array, axis=0)).tolist() for name, edge in (("min", np.min), ("max", np.max))
+        }
+    return facts

@@ -1,0 +1,32 @@
+"""Vertices of the posed head, in the layout of VOCASET: an npy of (T, 3 V) float32, metres.
+
+On FLAME V is 5,023, in the order of its vertices; the origin is the neck joint. Head, gaze and lids move, which
+VOCASET's do not; the rate is the motion's (VOCASET's is 60, usually halved). Written bit by bit: memory does not grow
+with the motion.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.whole_file import written
+from talkingeyes.head.drive import pose_of
+from talkingeyes.head.model import HeadModel
+
+FRAMES = 64  # at a time
+
+
+def write_vertices(motion: Motion, head: HeadModel, path: Path) -> None:
+    """Write one row a frame."""
+    from talkingeyes.head.skinning import posed
+
+    shape = (len(motion), 3 * len(head.template))
+    with written(path) as partial:
+        table = np.lib.format.open_memmap(partial, "w+", np.float32, shape)
+        for start in range(0, len(motion), FRAMES):
+            part = posed(head, pose_of(head, motion.cut(start, min(start + FRAMES, len(motion)))))
+            table[start : start + len(part)] = part.reshape(len(part), -1)
+        table.flush()

@@ -1,0 +1,126 @@
+"""What every stage reads, imports and writes, as dvc.yaml says it: the one place where it is declared.
+
+`dvc repro` follows dvc.yaml itself; the result store (store.py) reads it through this file. Both see the same chain.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from talkingeyes.core.errors import InputError
+
+CHECKOUT = Path(__file__).resolve().parents[3]
+# Where the corpus stands that the project makes itself.
+OWN_CORPUS = "data/synthesize"
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of a stage, for one item if it runs over several."""
+
+    stage: str
+    item: str | None
+    data: tuple[str, ...]  # what it reads under data/, or of a corpus from elsewhere
+    code: tuple[str, ...]  # the rooms and files that it imports
+    sections: tuple[str, ...]  # the dotted keys that it reads of the composition
+
+    @property
+    def address(self) -> str:
+        """The name that DVC gives it."""
+        return self.stage if self.item is None else f"{self.stage}@{self.item}"
+
+    @property
+    def folder(self) -> Path:
+        """Where it writes, relative to a workspace."""
+        return Path("data", self.stage, self.item or "")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The arguments of the stage's function."""
+        return () if self.item is None else (self.item,)
+
+    def reads(self, other: Call) -> bool:
+        """Whether it reads what another call writes, or a part of it."""
+        return any(path.is_relative_to(other.folder) or other.folder.is_relative_to(path) for path in self._paths())
+
+    def _paths(self) -> list[Path]:
+        return [Path(each) for each in self.data]
+
+
+def recipe(params: Mapping[str, Any], order: Iterable[Sequence[str]], path: Path = CHECKOUT / "dvc.yaml") -> list[Call]:
+    """The calls (stage, or stage and item) of a chain, in the given order, with all that dvc.yaml says of them."""
+    stages = yaml.safe_load(path.read_text())["stages"]
+    return [_call(stages[stage], stage, rest[0] if rest else None, params) for stage, *rest in order]
+
+
+def needed(calls: Sequence[Call], until: str) -> list[Call]:
+    """The calls that `until` needs, itself the last: an address such as train@talkingeyes, or a stage with all items.
+
+    Raises InputError if there is none.
+    """
+    wanted = [call for call in calls if until in (call.address, call.stage)]
+    if not wanted:
+        addresses = ", ".join(call.address for call in calls)
+        raise InputError(f"until: should be a stage or one of {addresses}; got {until!r}")
+    found: dict[str, Call] = {}
+    while wanted:
+        call = wanted.pop()
+        if call.address not in found:
+            found[call.address] = call
+            wanted += [other for other in calls if other is not call and call.reads(other)]
+    return [call for call in calls if call.address in found]
+
+
+def section(params: Mapping[str, Any], key: str) -> Any:
+    """The node at a dotted key. Raises InputError if it is not there."""
+    node: Any = params
+    for part in key.split("."):
+        if not isinstance(node, Mapping) or part not in node:
+            raise InputError(f"params: {key} is missing; `make params` writes it from conf/")
+        node = node[part]
+    return node
+
+
+def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: Mapping[str, Any]) -> Call:
+    own = definition.get("do", definition)
+    scope = _scope(definition, item)
+    deps = [each for each in (_filled(text, scope, params) for text in own.get("deps", [])) if each]
+    code = tuple(each for each in deps if each.startswith(("src/", "pipelines/")))
+    data = tuple(each for each in deps if each not in code)
+    if stage == "train" and item is not None:  # a model may be made of others that are trained, or start from one
+        model = section(params, f"model.{item}")
+        others = [*model.get("made_of", ()), *filter(None, [model.get("start_from")])]
+        data += tuple(f"data/train/{each}" for each in others)
+    sections = tuple(filter(None, (_filled(each, scope, params) for each in own.get("params", []))))
+    return Call(stage, item, data, code, sections)
+
+
+def _scope(definition: Mapping[str, Any], item: str | None) -> dict[str, str]:
+    """What ${item}, ${item.x} and ${key} stand for."""
+    if item is None:
+        return {}
+    if "matrix" in definition:
+        return {f"item.{next(iter(definition['matrix']))}": item}
+    rows = dict(definition["foreach"])
+    if item in rows:
+        return {"key": item, "item": rows[item]}
+    # One that only the composition names (an experiment may add a model) reads what the last one reads, of its own.
+    last = list(rows)[-1]
+    return {"key": item, "item": re.sub(rf"\b{re.escape(last)}\b", item, rows[last])}
+
+
+def _filled(text: str, scope: Mapping[str, str], params: Mapping[str, Any]) -> str:
+    """The text with every ${reference} replaced; empty if one of them is null (a model without a prior reads none)."""
+    for reference in re.findall(r"\$\{([\w.]+)\}", text):
+        value = scope[reference] if reference in scope else section(params, reference)
+        inner = "" if value is None else _filled(str(value), scope, params)
+        if not inner:
+            return ""
+        text = text.replace(f"${{{reference}}}", inner)
+    return text

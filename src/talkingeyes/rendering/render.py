@@ -1,0 +1,210 @@
+"""Pictures of a head by ray casting on the CPU: no GPU, no GL library (embree through embreex).
+
+One ray a pixel inside the box that the head covers, and four more where the picture changes: part, depth or brightness.
+Normals and colours are interpolated over each face. Eyeballs stand behind the lids, so they are seen through the
+opening alone, in the shadow of the upper lid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from numpy import ndarray
+from scipy.sparse import csr_array
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.head.drive import pose_of
+from talkingeyes.head.model import PARTS, HeadModel
+from talkingeyes.head.normals import incidence, summed
+from talkingeyes.rendering.shading import BACKGROUND, EYE, MATT, MOIST, moist_highlights, to_pixels, vertex_light
+from talkingeyes.rendering.view import View
+
+BLOCK_FRAMES = 16
+DEPTH_STEP_M = 0.004  # between neighbouring pixels, from which an edge is drawn more finely ...
+LIGHT_STEP = 0.06  # ... and of light
+CORNERS = np.array([[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32)  # rotated grid
+SHADOW_RAYS = np.array([[-0.35, 0.75, 0.60], [0.10, 0.85, 0.52], [-0.15, 0.60, 0.78], [0.30, 0.65, 0.70]], np.float32)
+SHADOW_RAYS /= np.linalg.norm(SHADOW_RAYS, axis=1, keepdims=True)
+SHADOW = 0.45  # of the lamps' light, where all of SHADOW_RAYS are cut off
+AWAY = 1e4
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What rays met: light, part (-1 nothing) and distance."""
+
+    light: Float[ndarray, "N 3"]
+    parts: Int[ndarray, " N"]
+    depth_m: Float[ndarray, " N"]
+
+
+@dataclass(frozen=True)
+class Painter:
+    """Draws one head from one view; what stays the same from frame to frame is kept."""
+
+    model: HeadModel
+    view: View
+
+    @cached_property
+    def _around(self) -> csr_array:
+        return incidence(self.model.faces, len(self.model.template))
+
+    @cached_property
+    def _brows(self) -> Int[ndarray, " N"]:
+        return self.model.vertices_of("brow")
+
+    @cached_property
+    def matt(self) -> Bool[ndarray, " V"]:
+        """Vertices of parts without light under the surface."""
+        matt = np.zeros(len(self.model.template), bool)
+        matt[self.model.vertices_of(*(part for part, is_matt in zip(PARTS, MATT, strict=True) if is_matt))] = True
+        return matt
+
+    @cached_property
+    def _pixels(self) -> Float[ndarray, "H W 2"]:
+        camera = self.view.camera
+        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        return np.stack([columns, rows], axis=-1).astype(np.float32) + np.float32(0.5)
+
+    @cached_property
+    def _rays(self) -> Float[ndarray, "H W 3"]:
+        height, width = self._pixels.shape[:2]
+        return self.view.rays(self._pixels.reshape(-1, 2)).astype(np.float32).reshape(height, width, 3)
+
+    def draw(self, motion: Motion) -> Iterator[UInt8[ndarray, "H W 3"]]:
+        """A picture a frame."""
+        from talkingeyes.head.skinning import posed
+
+        for start in range(0, len(motion), BLOCK_FRAMES):
+            vertices = posed(self.model, pose_of(self.model, motion.cut(start, start + BLOCK_FRAMES)))
+            normals = summed(vertices, self.model.faces, self._around)
+            if len(self._brows):  # a strip of hair shows the form of the skin under it
+                normals[:, self._brows] = self.model.brows.of(normals)
+            for frame, frame_normals in zip(vertices, normals, strict=True):
+                yield self.picture(frame, frame_normals.astype(np.float32))
+
+    def picture(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> UInt8[ndarray, "H W 3"]:
+        """One frame."""
+        camera = self.view.camera
+        picture = np.empty((camera.height, camera.width, 3), np.uint8)
+        picture[:] = to_pixels(BACKGROUND)
+        box = self._box(vertices)
+        rays = self._rays[box]
+        if not rays.size:
+            return picture
+        caster = Caster.of(self, vertices, normals)
+        shape = rays.shape[:2]
+        seen = caster.see(rays.reshape(-1, 3))
+        light = seen.light.reshape(*shape, 3)
+        rough = changing(light, seen.parts.reshape(shape), seen.depth_m.reshape(shape))
+        finer = (self._pixels[box][rough][:, None] + CORNERS).reshape(-1, 2)
+        light[rough] = (
+            caster.see(self.view.rays(finer).astype(np.float32)).light.reshape(-1, len(CORNERS), 3).mean(axis=1)
+        )
+        picture[box] = to_pixels(light)
+        return picture
+
+    def _box(self, vertices: Float[ndarray, "V 3"]) -> tuple[slice, slice]:
+        """Rows and columns that the head may cover."""
+        camera = self.view.camera
+        places = self.view.project(vertices)
+        low, high = np.floor(places.min(axis=0)).astype(int) - 1, np.ceil(places.max(axis=0)).astype(int) + 1
+        return slice(max(low[1], 0), min(high[1], camera.height)), slice(max(low[0], 0), min(high[0], camera.width))
+
+
+@dataclass(frozen=True)
+class Caster:
+    """One frame's geometry and light, ready for rays. `faces` are those turned to the camera."""
+
+    scene: Any
+    origin: Float[ndarray, " 3"]
+    faces: Int[ndarray, "F 3"]
+    parts: Int[ndarray, " F"]
+    light: Float[ndarray, "V 6"]  # from the sky, from the lamps
+    normals: Float[ndarray, "V 3"]
+
+    @classmethod
+    def of(cls, painter: Painter, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> Caster:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        model, origin = painter.model, painter.view.origin.astype(np.float32)
+        away = vertices - origin
+        first, second, third = (vertices[model.faces[:, corner]] for corner in range(3))
+        turned = np.einsum("fd,fd->f", np.cross(second - first, third - first), away[model.faces[:, 0]]) < 0
+        faces = np.ascontiguousarray(model.faces[turned])
+        scene = EmbreeScene(robust=False)
+        TriangleMesh(scene, np.ascontiguousarray(vertices), faces)
+        looking = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
+        light = vertex_light(facing(normals, looking), looking, model.colours, model.ambient, painter.matt)
+        return cls(scene, origin, faces, model.parts[turned], np.hstack([light.sky, light.lamps]), normals)
+
+    def see(self, rays: Float[ndarray, "N 3"]) -> Seen:
+        """What lies along rays from the camera."""
+        met = self.scene.run(np.tile(self.origin, (len(rays), 1)), rays, output=True)
+        hit = np.flatnonzero(met["primID"] >= 0)
+        light = np.empty((len(rays), 3), np.float32)
+        light[:] = BACKGROUND
+        parts = np.full(len(rays), -1)
+        if len(hit):
+            prim, u, v = met["primID"][hit], met["u"][hit], met["v"][hit]
+            corners, weights = self.faces[prim], (1 - u - v, u, v)
+            parts[hit] = part = self.parts[prim]
+            shown = mixed(self.light, corners, weights)
+            moist = np.flatnonzero(MOIST[part])
+            lit = np.ones(len(hit), np.float32)
+            shine = np.zeros(len(hit), np.float32)
+            if len(moist):
+                looking = rays[hit[moist]]
+                normals = mixed(self.normals, corners[moist], tuple(weight[moist] for weight in weights))
+                lit[moist] = self._lit(self.origin + met["tfar"][hit[moist], None] * looking, part[moist])
+                shine[moist] = lit[moist] * moist_highlights(facing(normals, looking), looking, part[moist])
+            light[hit] = shown[:, :3] + lit[:, None] * shown[:, 3:] + shine[:, None]
+        return Seen(light, parts, np.where(parts >= 0, met["tfar"], AWAY))
+
+    def _lit(self, points: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]) -> Float[ndarray, " N"]:
+        """The share of the lamps that reaches each point: eyes lie in the shadow of lids and brows."""
+        lit = np.ones(len(points), np.float32)
+        eyes = np.flatnonzero(EYE[parts])
+        if len(eyes):
+            starts = np.repeat(points[eyes], len(SHADOW_RAYS), axis=0) + np.tile(0.0005 * SHADOW_RAYS, (len(eyes), 1))
+            cut = self.scene.run(starts, np.tile(SHADOW_RAYS, (len(eyes), 1)), query="OCCLUDED")
+            lit[eyes] = 1 - SHADOW * (cut.reshape(len(eyes), -1) >= 0).mean(axis=1)
+        return lit
+
+
+def mixed(
+    values: Float[ndarray, "V C"], corners: Int[ndarray, "N 3"], weights: tuple[Float[ndarray, " N"], ...]
+) -> Float[ndarray, "N C"]:
+    """Values of vertices at points of faces."""
+    total: ndarray = np.take(values, corners[:, 0], axis=0) * weights[0][:, None]
+    for corner in (1, 2):
+        total += np.take(values, corners[:, corner], axis=0) * weights[corner][:, None]
+    return total
+
+
+def facing(normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
+    """Unit normals bent towards the viewer where interpolation turned them away; flipped, they draw black rims."""
+    away = np.maximum(np.einsum("nd,nd->n", normals, looking), 0.0)
+    bent = normals - away[:, None] * looking
+    return np.asarray(bent / np.sqrt(np.maximum(np.einsum("nd,nd->n", bent, bent), 1e-12))[:, None])
+
+
+def changing(
+    light: Float[ndarray, "H W 3"], parts: Int[ndarray, "H W"], depth_m: Float[ndarray, "H W"]
+) -> Bool[ndarray, "H W"]:
+    """Pixels that differ from a neighbour in part, depth or brightness."""
+    rough = np.zeros(parts.shape, bool)
+    green = np.sqrt(np.maximum(light[..., 1], 0.0))
+    for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        step = parts[first] != parts[second]
+        step |= np.abs(depth_m[first] - depth_m[second]) > DEPTH_STEP_M
+        step |= np.abs(green[first] - green[second]) > LIGHT_STEP
+        rough[first] |= step
+        rough[second] |= step
+    return rough

@@ -1,0 +1,64 @@
+"""How emotions move head, eyes and lids: factors on a person's style at full strength, in one table.
+
+Head: range, speed and activation rise in anger and happiness and fall in sadness (Busso et al. 2007, IEEE TASLP 15(3)).
+Gaze: anger and joy look at the partner, fear and sadness away (Adams & Kleck 2005, Emotion 5(1)); disgust and contempt
+turn away; sadness sinks the head, contempt lifts the chin (Ekman & Friesen 1986). Blinks rise with arousal and fall in
+sadness (Maffei & Angrilli 2019, Int J Psychophysiol). The directions are those of the sources; the sizes are choices of
+this project, kept small, so that people still differ more than their moods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from talkingeyes.synthesis.speakers import Style
+
+
+@dataclass(frozen=True)
+class Affect:
+    """Factors of head range, head speed, nods, odds of looking away and blinks; how far the head hangs, degrees."""
+
+    head_range: float = 1.0
+    head_tempo: float = 1.0
+    nods: float = 1.0
+    averting: float = 1.0
+    blinks: float = 1.0
+    head_down_deg: float = 0.0
+
+
+TABLE: dict[str, Affect] = {
+    "neutral": Affect(),
+    "happy": Affect(head_range=1.25, head_tempo=1.10, nods=1.2, averting=0.85, blinks=1.05, head_down_deg=-1.0),
+    "sad": Affect(head_range=0.75, head_tempo=0.85, nods=0.7, averting=1.50, blinks=0.90, head_down_deg=5.0),
+    "surprised": Affect(head_range=1.15, head_tempo=1.15, nods=0.9, averting=0.80, blinks=0.85, head_down_deg=-2.0),
+    "fear": Affect(head_range=0.90, head_tempo=1.15, nods=0.8, averting=1.35, blinks=1.25, head_down_deg=-1.0),
+    "disgusted": Affect(head_range=1.05, head_tempo=0.95, nods=0.9, averting=1.30, blinks=1.10, head_down_deg=-1.5),
+    "angry": Affect(head_range=1.30, head_tempo=1.15, nods=1.3, averting=0.70, blinks=1.05, head_down_deg=2.0),
+    "contempt": Affect(head_range=0.95, head_tempo=0.95, nods=0.8, averting=1.20, head_down_deg=-3.0),
+}
+
+
+def moved(style: Style, emotion: str, share: float) -> Style:
+    """The style of somebody in an emotion; `share` is how much of it shows (0 nothing, 1 its full strength)."""
+    affect = TABLE[emotion]
+
+    def part(factor: float) -> float:
+        return float(factor**share)
+
+    return replace(
+        style,
+        look=_averting(style.look, part(affect.averting)),
+        look_listening=_averting(style.look_listening, part(affect.averting)),
+        head_scale=style.head_scale * part(affect.head_range),
+        head_tempo=style.head_tempo * part(affect.head_tempo),
+        nod_probability=style.nod_probability * part(affect.nods),
+        blinks_per_min=style.blinks_per_min * part(affect.blinks),
+        rest_pitch=style.rest_pitch + share * float(np.radians(affect.head_down_deg)),
+    )
+
+
+def _averting(look: float, factor: float) -> float:
+    """The share of looking when the odds of looking away are so many times as high."""
+    return look / (look + factor * (1.0 - look))

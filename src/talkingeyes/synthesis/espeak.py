@@ -1,0 +1,142 @@
+"""espeak-ng through ctypes (its speak_lib.h): text in, sound with word and phoneme events out, always the same bytes.
+
+espeakng_loader bundles the library and its data (GPL-3, the extra `synthesis`), so it is imported only when something
+is spoken.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+
+NATIVE_HZ = 22050
+WORD, PHONEME = 1, 7
+_SYNCHRONOUS = 2
+_PHONEME_EVENTS, _DONT_EXIT = 0x0001, 0x8000
+_RATE, _VOLUME, _PITCH, _RANGE, _WORD_GAP = 1, 2, 3, 4, 7
+_UTF8 = 1
+_one_at_a_time = Lock()
+
+
+class _Id(ctypes.Union):
+    _fields_ = (("number", ctypes.c_int), ("name", ctypes.c_char_p), ("string", ctypes.c_char * 8))
+
+
+class _EventStruct(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("unique_identifier", ctypes.c_uint),
+        ("text_position", ctypes.c_int),
+        ("length", ctypes.c_int),
+        ("audio_position", ctypes.c_int),
+        ("sample", ctypes.c_int),
+        ("user_data", ctypes.c_void_p),
+        ("id", _Id),
+    )
+
+
+_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_EventStruct))
+
+
+@dataclass(frozen=True)
+class Event:
+    """The start of a word or phoneme: its sample, its place in the text (from 1), its mnemonic with stress mark."""
+
+    kind: int
+    sample: int
+    text_position: int
+    symbol: str
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What espeak gave: sound at NATIVE_HZ in -1..1, word and phoneme events in order."""
+
+    sound: Float[ndarray, " N"]
+    events: tuple[Event, ...]
+
+
+# text, rate in words a minute, pitch and pitch range (espeak's 0 to 99) -> sound and events
+Say = Callable[[str, int, int, int], Raw]
+
+
+@contextmanager
+def engine(espeak_voice: str) -> Iterator[Say]:
+    """espeak-ng loaded afresh (0.4 ms), because its flutter and noise go on from what was said before.
+
+    Loading it anew and seeding its noise is the one way to the same bytes in any order and process. Its state is global
+    to the process, hence the lock.
+    """
+    import _ctypes
+
+    import espeakng_loader
+
+    data = Path(espeakng_loader.get_data_path())
+    _check(espeak_voice, data)
+    with _one_at_a_time:
+        library = ctypes.CDLL(str(espeakng_loader.get_library_path()))
+        try:
+            wanted = _PHONEME_EVENTS | _DONT_EXIT
+            if library.espeak_Initialize(_SYNCHRONOUS, 0, str(data).encode(), wanted) != NATIVE_HZ:
+                raise InputError(f"voices: espeak-ng could not be started with the data in {data}; install it again")
+            library.espeak_ng_SetRandSeed(ctypes.c_long(1))
+            if library.espeak_SetVoiceByName(espeak_voice.encode()) != 0:
+                raise InputError(f"voices: espeak-ng does not know the voice {espeak_voice!r}")
+            yield partial(_synthesise, library)
+        finally:
+            library.espeak_Terminate()
+            _ctypes.dlclose(library._handle)
+
+
+@cache
+def _check(espeak_voice: str, data: Path) -> None:
+    """espeak-ng falls back to another voice in silence, so the name is looked up in its data first."""
+    accent, _, variant = espeak_voice.partition("+")
+    accents = {path.name.lower() for path in (data / "lang").glob("*/*")}
+    variants = {path.name for path in (data / "voices" / "!v").iterdir()}
+    if accent not in accents or variant not in variants:
+        raise InputError(f"voices: should be an accent and variant of espeak-ng such as en-us+f3, got {espeak_voice!r}")
+
+
+def _synthesise(library: ctypes.CDLL, text: str, rate_wpm: int, pitch: int, pitch_range: int) -> Raw:
+    chunks: list[bytes] = []
+    events: list[Event] = []
+
+    def collect(wave: int | None, samples: int, reported: Any) -> int:
+        if wave and samples > 0:
+            chunks.append(ctypes.string_at(wave, 2 * samples))
+        for event in _until_end(reported):
+            symbol = bytes(event.id.string).decode("utf-8", "replace") if event.type == PHONEME else ""
+            events.append(Event(event.type, event.sample, event.text_position, symbol))
+        return 0
+
+    callback = _Callback(collect)
+    library.espeak_SetSynthCallback(callback)
+    settings = {_RATE: rate_wpm, _VOLUME: 100, _PITCH: pitch, _RANGE: pitch_range, _WORD_GAP: 0}
+    for parameter, value in settings.items():
+        library.espeak_SetParameter(parameter, value, 0)
+    encoded = text.encode() + b"\0"
+    library.espeak_Synth(encoded, ctypes.c_size_t(len(encoded)), 0, 1, 0, _UTF8, None, None)
+    library.espeak_Synchronize()
+    sound = np.frombuffer(b"".join(chunks), np.int16).astype(np.float64) / 32768
+    return Raw(sound, tuple(event for event in events if event.kind in (WORD, PHONEME)))
+
+
+def _until_end(reported: Any) -> Iterator[Any]:
+    """The events of one callback: an array that ends with an event of type 0."""
+    i = 0
+    while reported[i].type:
+        yield reported[i]
+        i += 1

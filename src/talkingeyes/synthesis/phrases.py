@@ -1,0 +1,129 @@
+"""Phrases spoken one by one by espeak-ng: each trimmed to where it sounds, with the times of words and phonemes.
+
+Pauses are not left to espeak: a sentence is cut into runs of words, fillers and silences of exactly the length that
+the script asks for. Pure: nothing is read or written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Phoneme, Span
+from talkingeyes.synthesis.accents import Voice
+from talkingeyes.synthesis.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say
+from talkingeyes.synthesis.text import Filler, Part, Pause, Word
+
+FADE_S = 0.004
+TRIM_LEVEL = 10 ** (-42 / 20)
+FILLER_RATE = 0.7  # an um is drawn out
+PUNCTUATION = " .,?!¿"
+PROMINENCE_DB = 12.0  # from half to full prominence are 6 dB above the usual stressed vowel of the phrase
+NUCLEUS = 0.8
+
+
+@dataclass(frozen=True)
+class Run:
+    """Words without a pause between them, or one filler."""
+
+    text: str
+    filler: bool = False
+
+
+@dataclass(frozen=True)
+class Said:
+    """A spoken run, times counted in seconds from its own start."""
+
+    sound: Float[ndarray, " N"]
+    words: tuple[Span, ...]
+    phonemes: tuple[Phoneme, ...]
+    filler: str
+
+
+def runs(parts: Sequence[Part]) -> list[Run | Pause]:
+    """Runs of words, fillers and pauses. A run broken off gets a comma, so the voice stays up."""
+    found: list[Run | Pause] = []
+    words: list[str] = []
+
+    def flush() -> None:
+        if words:
+            text = " ".join(words)
+            found.append(Run(text if text[-1] in PUNCTUATION else text + ","))
+            words.clear()
+
+    for part in parts:
+        if isinstance(part, Word):
+            words.append(part.text)
+            continue
+        flush()
+        found.append(Run(part.text + ",", filler=True) if isinstance(part, Filler) else part)
+    flush()
+    return found
+
+
+def said(say: Say, run: Run, voice: Voice) -> Said:
+    """Speak a run and cut espeak's own padding off by level, so that silence outside it is the script's alone."""
+    rate_wpm = round(voice.rate_wpm * (FILLER_RATE if run.filler else 1))
+    raw = say(run.text, rate_wpm, voice.pitch, voice.pitch_range)
+    level = np.abs(raw.sound)
+    loud = level > TRIM_LEVEL * level.max(initial=1e-6)
+    fade = round(FADE_S * NATIVE_HZ)
+    start = max(int(loud.argmax()) - fade, 0)
+    stop = min(len(loud) - 1 - int(loud[::-1].argmax()) + fade, len(loud))
+    sound = raw.sound[start:stop].copy()
+    ramp = np.sin(np.linspace(0, np.pi / 2, fade)) ** 2
+    sound[:fade] *= ramp
+    sound[-fade:] *= ramp[::-1]
+    phonemes, words = _timed(raw, run.text, start, stop)
+    return Said(sound, words, _prominent(phonemes, sound), run.text.strip(PUNCTUATION) if run.filler else "")
+
+
+def _prominent(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tuple[Phoneme, ...]:
+    """Stressed vowels by how loud they are in their phrase; the last one carries its accent, whatever its level."""
+    stressed = [index for index, phoneme in enumerate(phonemes) if phoneme.stressed]
+    if not stressed:
+        return phonemes
+    level_db = np.array([_level_db(phonemes[index], sound) for index in stressed])
+    above = np.clip(0.5 + (level_db - np.median(level_db)) / PROMINENCE_DB, 0.0, 1.0)
+    above[-1] = max(above[-1], NUCLEUS)
+    found = list(phonemes)
+    for index, prominence in zip(stressed, above, strict=True):
+        found[index] = replace(phonemes[index], prominence=round(float(prominence), 3))
+    return tuple(found)
+
+
+def _level_db(phoneme: Phoneme, sound: Float[ndarray, " N"]) -> float:
+    piece = sound[round(phoneme.start_s * NATIVE_HZ) : round(phoneme.end_s * NATIVE_HZ)]
+    return float(10 * np.log10(piece @ piece / max(len(piece), 1) + 1e-12))
+
+
+def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
+    """Phonemes and words in seconds from sample `start`. A word lasts from its first phoneme to its last."""
+    ends = [*[event.sample for event in raw.events if event.kind == PHONEME][1:], stop]
+    phonemes: list[Phoneme] = []
+    positions: list[int] = []
+    first_of: list[int] = []
+    following = iter(ends)
+    for event in raw.events:
+        if event.kind == WORD:
+            at = event.text_position - 1
+            if not text[max(at - 1, 0) : at].isalnum():  # espeak reports "most of" as m, ost, of
+                positions.append(at)
+                first_of.append(len(phonemes))
+            continue
+        begin_s, end_s = ((min(max(at, start), stop) - start) / NATIVE_HZ for at in (event.sample, next(following)))
+        symbol = event.symbol.lstrip("',%=")
+        if symbol == ";" and phonemes:  # a palatal glide into the next sound: no phoneme of its own
+            phonemes[-1] = Phoneme(phonemes[-1].start_s, end_s, phonemes[-1].symbol, phonemes[-1].stressed)
+        elif end_s > begin_s and not symbol.startswith(("_", "|")) and symbol:
+            phonemes.append(Phoneme(begin_s, end_s, symbol, event.symbol.startswith("'")))
+    words = []
+    for (i, j), (a, b) in zip(pairwise([*first_of, len(phonemes)]), pairwise([*positions, len(text)]), strict=True):
+        if j > i:
+            words.append(Span(phonemes[i].start_s, phonemes[j - 1].end_s, text[a:b].strip(PUNCTUATION)))
+    return tuple(phonemes), tuple(words)

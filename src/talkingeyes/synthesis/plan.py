@@ -1,0 +1,168 @@
+"""Which sounds a synthetic corpus has, by whom, and the randomness that each is made from.
+
+Every draw has a generator of its own, made from the corpus seed and what it is for, so a sound or a take is the same
+whatever else the corpus holds, and however many processes make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
+from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.physiology.blinks import PROFILES, BlinkProfile
+from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, draw_voice, in_mood, is_voice
+from talkingeyes.synthesis.acoustics import AcousticsSettings
+from talkingeyes.synthesis.individual import individual
+from talkingeyes.synthesis.noise import NoiseSettings
+from talkingeyes.synthesis.observations import CameraSettings
+from talkingeyes.synthesis.speakers import Speaker, draw_speaker
+from talkingeyes.synthesis.text import languages
+from talkingeyes.synthesis.voices import Cast
+
+STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
+STREAMS |= {"individual": 9}
+NARROWEST_S = 0.5
+
+
+class SourceSettings(Settings):
+    """People who are alike in how they were recorded: how many, how long, how lively."""
+
+    clips: int = Field(ge=1, le=10_000_000)  # sounds; further takes of a sound come on top
+    speakers: int = Field(ge=1, le=100_000)
+    shortest_s: float = Field(ge=4, le=600)  # a clip lasts between these (log-uniform)
+    longest_s: float = Field(ge=4, le=600)
+    listening_share: float = Field(ge=0, le=1)  # of the sounds have a partner who speaks by turns
+    liveliness: float = Field(gt=0, le=3)  # of gaze: how often and how far it leaves its place
+
+    @model_validator(mode="after")
+    def _source_fits(self) -> SourceSettings:
+        least_s = self.shortest_s + NARROWEST_S
+        if self.longest_s < least_s:
+            raise out_of_bounds(f"longest_s should be at least shortest_s + {NARROWEST_S} ({least_s})", self.longest_s)
+        if self.clips < self.speakers:
+            raise out_of_bounds(f"clips should be at least speakers ({self.speakers})", self.clips)
+        return self
+
+
+class SynthesizeSettings(SourceSettings):
+    """The synthetic corpus: texts, voices, motion, noise. Its own keys are those of its first source."""
+
+    seed: int = Field(ge=0)
+    clips: int = Field(ge=10, le=10_000_000)
+    speakers: int = Field(ge=4, le=100_000)  # 15 % of all are unseen
+    source: str = Field(pattern=r"^\w+$")
+    further_sources: dict[str, SourceSettings]
+    takes: int = Field(ge=1, le=100)  # of each multi-take sound: same sound, motion drawn again
+    multi_take_sounds: int = Field(ge=0)  # so many sounds of test, and so many of unseen
+    fps: float = Field(ge=5, le=500)  # of motion and observations
+    blinks: Literal["physio", "paper"]  # the profile of blinks
+    individuality: float = Field(ge=0, le=3)  # how far people differ in their heads' motion beyond what is usual
+    languages: tuple[str, ...] = Field(min_length=1)  # speakers take turns in them
+    voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; none: all of these languages
+    neutral_share: float = Field(ge=0, le=1)  # of the sounds; the others are in one of seven emotions
+    acoustics: AcousticsSettings
+    camera: CameraSettings
+    noise: NoiseSettings
+
+    @model_validator(mode="after")
+    def _fits(self) -> SynthesizeSettings:
+        if self.source in self.further_sources:
+            raise out_of_bounds(f"further_sources should have other names than {self.source}", self.source)
+        if unknown := set(self.languages) - set(languages()):
+            raise out_of_bounds(f"languages should be among {', '.join(languages())}", ", ".join(sorted(unknown)))
+        for voice in self.voices:
+            if not is_voice(voice):
+                raise out_of_bounds(f"voices should be {VOICE_NAMES}", voice)
+        for language in self.languages if self.voices else ():
+            if not any(voice.partition("+")[0] in ACCENTS[language] for voice in self.voices):
+                raise out_of_bounds(
+                    f"voices should have one for {language} ({', '.join(ACCENTS[language])})", ", ".join(self.voices)
+                )
+        return self
+
+    @property
+    def blink_profile(self) -> BlinkProfile:
+        """The profile that `blinks` names."""
+        return PROFILES[self.blinks]
+
+    @property
+    def sources(self) -> Mapping[str, SourceSettings]:
+        """All sources by name."""
+        return {self.source: self, **self.further_sources}
+
+
+@dataclass(frozen=True)
+class Sound:
+    """A sound of the plan: who says it in which mood, and whether a partner speaks too."""
+
+    index: int
+    speaker: int
+    id: str
+    source: str
+    emotion: str
+    intensity: int
+    listening: bool
+
+
+def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Generator:
+    """The generator of one draw; motion and sound have streams of their own."""
+    return np.random.default_rng([seed, STREAMS[stream], index, take])
+
+
+def sounds(settings: SynthesizeSettings) -> list[Sound]:
+    """All sounds, source by source; speakers take turns."""
+    found: list[Sound] = []
+    first_speaker = 0
+    for source, each in settings.sources.items():
+        for number in range(each.clips):
+            found.append(_sound(settings, source, len(found), first_speaker + number % each.speakers))
+        first_speaker += each.speakers
+    return found
+
+
+def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> Sound:
+    random = generator(settings.seed, "scene", index)
+    listening = bool(random.random() < settings.sources[source].listening_share)
+    emotion, intensity = "neutral", 0
+    if random.random() >= settings.neutral_share:
+        emotion, intensity = EMOTIONS[random.integers(1, len(EMOTIONS))], INTENSITIES[random.integers(len(INTENSITIES))]
+    return Sound(index, speaker, f"{speaker_name(speaker)}-{index:06d}", source, emotion, intensity, listening)
+
+
+def speaker_name(number: int) -> str:
+    """The id of a speaker."""
+    return f"s{number:04d}"
+
+
+def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
+    """Who says it: the same person in all sounds of that speaker."""
+    random = generator(settings.seed, "speaker", sound.speaker)
+    speaker = draw_speaker(
+        speaker_name(sound.speaker),
+        _language(settings, sound),
+        random,
+        settings.blink_profile,
+        settings.sources[sound.source].liveliness,
+        settings.voices,
+    )
+    own = generator(settings.seed, "individual", sound.speaker)
+    return replace(speaker, style=individual(speaker.style, settings.individuality, own))
+
+
+def cast_of(settings: SynthesizeSettings, sound: Sound) -> Cast:
+    """Whose voices are heard: the speaker's in the mood of the sound, and a partner's, drawn for this sound."""
+    voice = in_mood(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
+    if not sound.listening:
+        return Cast(voice)
+    random = generator(settings.seed, "partner", sound.index)
+    return Cast(voice, draw_voice(random, _language(settings, sound), settings.voices))
+
+
+def _language(settings: SynthesizeSettings, sound: Sound) -> str:
+    return settings.languages[sound.speaker % len(settings.languages)]

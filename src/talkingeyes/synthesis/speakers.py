@@ -1,0 +1,122 @@
+"""Who speaks: a voice and a style. Styles are drawn per person and stay the same in all clips (FACTS, section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
+from talkingeyes.physiology.lids import draw_eyes
+from talkingeyes.synthesis.accents import Voice, draw_voice
+
+LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
+BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)
+KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 to the side, 1 to 2 vertically
+IDENTITY_SHAPES = 6
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one person moves. Angles in radians; scales are factors about 1.
+
+    `look` is the share of talking time spent looking at the partner, `look_listening` that of listening time, `side`
+    the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place at all (1 in an
+    interview; a source of quiet eyes has less), `coupling` (0 to 1) how far what is said moves gaze and head at all,
+    `head_tempo` how fast the head moves, `head_axes` how far about each axis (pitch, yaw, roll) and `sway` how far it
+    is carried, `head_threshold` and `head_gain` the eccentricity from which, and the share
+    with which, the head goes along with gaze, `speaking_lift` how far speech raises the head, `blink_completeness` the
+    share of blinks that shut the lids, `kappa` the (yaw, pitch) from the visual to the optical axis of the left and the
+    right eye.
+    """
+
+    look: float
+    look_listening: float
+    liveliness: float
+    side: float
+    aversion_scale: float
+    saccade_rate: float
+    coupling: float
+    head_scale: float
+    head_axes: tuple[float, float, float]
+    sway: float
+    head_tempo: float
+    head_threshold: float
+    head_gain: float
+    nod_probability: float
+    speaking_lift: float
+    blinks_per_min: float
+    blink_completeness: float
+    rest_pitch: float
+    rest_roll: float
+    lid_rest: float
+    jaw_scale: float
+    jaw_asymmetry: float
+    lip_scale: float
+    expressiveness: float
+    eyelids: tuple[Person, Person]
+    kappa: tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Speaker:
+    """A person of the synthetic world. `identity` are standard normal numbers: what shape the head has."""
+
+    name: str
+    voice: Voice
+    style: Style
+    identity: tuple[float, ...]
+
+
+def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, liveliness: float = 1.0) -> Style:
+    """A style from the distributions over people; `blinks` is the profile of blink rates."""
+    return Style(
+        liveliness=liveliness,
+        look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
+        side=float(random.normal(0.0, 0.25)),
+        aversion_scale=float(np.exp(0.25 * random.standard_normal())),
+        saccade_rate=float(np.exp(0.20 * random.standard_normal())),
+        coupling=float(random.beta(5.0, 2.0)),
+        head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
+        head_axes=(1.0, 1.0, 1.0),
+        sway=1.0,
+        head_tempo=1.0,
+        head_threshold=float(np.radians(random.uniform(5.0, 15.0))),
+        head_gain=float(random.uniform(0.3, 0.9)),
+        nod_probability=float(random.uniform(0.2, 0.4)),
+        speaking_lift=float(np.radians(random.normal(3.8, 1.2))),
+        blinks_per_min=draw_rate_per_min(blinks, random),
+        rest_pitch=float(np.radians(random.normal(2.0, 2.5))),
+        rest_roll=float(np.radians(random.normal(0.0, 1.5))),
+        lid_rest=float(np.clip(random.normal(0.0, 0.04), -0.1, 0.12)),
+        jaw_scale=float(np.exp(0.15 * random.standard_normal())),
+        jaw_asymmetry=float(random.normal(0.0, 0.12)),
+        lip_scale=float(np.exp(0.12 * random.standard_normal())),
+        expressiveness=float(np.exp(0.2 * random.standard_normal())),
+        eyelids=draw_eyes(random),
+        look_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
+        blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
+        kappa=_kappa(random),
+    )
+
+
+def _kappa(random: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The optical axis points to the temple's side of the visual one, mirrored in the eyes, and a little down."""
+    temporal = np.radians(random.normal(*KAPPA_DEG) + KAPPA_EYE_DEG * random.standard_normal(2))
+    down = np.radians(random.normal(*KAPPA_DOWN_DEG, size=2))
+    return (float(temporal[0]), float(-down[0])), (float(-temporal[1]), float(-down[1]))
+
+
+def draw_speaker(
+    name: str,
+    language: str,
+    random: np.random.Generator,
+    blinks: BlinkProfile = PHYSIO,
+    liveliness: float = 1.0,
+    voices: Sequence[str] = (),
+) -> Speaker:
+    """A person who speaks `language`, in one of the named voices if any are."""
+    voice, style = draw_voice(random, language, voices), draw_style(random, blinks, liveliness)
+    return Speaker(name, voice, style, tuple(map(float, random.standard_normal(IDENTITY_SHAPES))))

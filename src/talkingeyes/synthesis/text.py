@@ -1,0 +1,276 @@
+"""What is said: sentences of the project's own grammar, with the pauses, fillers and restarts that espeak never makes.
+
+Speech without hesitations carries no sign of planning, so gaze could not follow from it (FACTS.md, section 3, TTS
+caveats). Pure: takes a generator, gives a Script; nothing is read or written.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import log, prod
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.synthesis.grammar import GRAMMARS
+from talkingeyes.synthesis.grammars.rules import Grammar
+
+SentenceKind = Literal["statement", "question", "list", "hesitation"]
+PauseKind = Literal["comma", "hesitation", "sentence"]
+K = TypeVar("K", bound=str)
+
+
+@dataclass(frozen=True)
+class Word:
+    """A word as written, with the punctuation that follows it (the voice takes its melody from that)."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Filler:
+    """An um or uh."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Pause:
+    """A silence inside the turn."""
+
+    kind: PauseKind
+    seconds: float
+
+
+Part = Word | Filler | Pause
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """A sentence: `text` as it was meant (without hesitations), `parts` as it is spoken."""
+
+    text: str
+    kind: SentenceKind
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class Script:
+    """What one speaker says in one sound."""
+
+    language: str
+    sentences: tuple[Sentence, ...]
+
+    @property
+    def sentences_text(self) -> tuple[str, ...]:
+        """The sentences without hesitations: sounds that share one belong to the same split."""
+        return tuple(sentence.text for sentence in self.sentences)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Everything that is spoken, in order."""
+        return tuple(part for sentence in self.sentences for part in sentence.parts)
+
+    @property
+    def text(self) -> str:
+        """Everything as spoken, hesitations included."""
+        return " ".join(part.text for part in self.parts if not isinstance(part, Pause))
+
+
+KIND_SHARES: Mapping[SentenceKind, float] = {"statement": 0.45, "question": 0.15, "list": 0.15, "hesitation": 0.25}
+
+# Median, sigma of the logarithm, shortest and longest, in seconds (FACTS.md section 3); the bounds keep
+# a clip of 8 s from being all pause.
+PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
+    "comma": (0.22, 0.4, 0.08, 0.8),
+    "hesitation": (0.5, 0.6, 0.15, 1.8),
+    "sentence": (0.5, 0.6, 0.15, 1.8),
+}
+HESITATIONS = {"filler": 0.35, "late filler": 0.2, "silence": 0.2, "restart": 0.25}
+PLANNING_FIRST = 0.3  # of hesitating sentences begin with an um
+
+# How long text takes at a usual rate (170 words a minute), measured over the voices of each language.
+SECONDS_PER_LETTER = 0.051
+SECONDS_PER_FILLER = 0.54
+CANDIDATES = 8
+SHORTEST_SENTENCE_S = 1.2
+ANOTHER_S = 1.9  # what a short sentence needs
+NEAR_S = 0.2
+SLOT = re.compile(r"\{(\w+)\}")
+
+
+@dataclass(frozen=True)
+class TextShare:
+    """A share of all sentences, by a hash of their text: splits that draw from shares apart never say the same."""
+
+    start: float = 0.0
+    stop: float = 1.0
+
+    def __contains__(self, text: str) -> bool:
+        return self.start <= zlib.crc32(text.encode()) / 2**32 < self.stop
+
+
+ALL_TEXT = TextShare()
+
+
+def languages() -> tuple[str, ...]:
+    """The languages that have a grammar."""
+    return tuple(GRAMMARS)
+
+
+def write_script(language: str, seconds: float, random: np.random.Generator) -> Script:
+    """Sentences that take about `seconds` at a usual rate, never less than one sentence."""
+    sentences: list[Sentence] = []
+    left_s = seconds
+    while not sentences or left_s > SHORTEST_SENTENCE_S:
+        sentences.append(write_sentence(language, left_s, random))
+        left_s -= spoken_s(sentences[-1])
+    sentences[-1] = without_last_pause(sentences[-1])
+    return Script(language, tuple(sentences))
+
+
+def write_sentence(
+    language: str, left_s: float, random: np.random.Generator, share: TextShare = ALL_TEXT, pace: float = 1.0
+) -> Sentence:
+    """A sentence of a drawn kind that leaves time for another in `left_s` seconds, or else comes closest to its end.
+
+    `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays; only where
+    none of that kind fits, others are tried.
+    """
+    grammar = grammar_of(language)
+    kind = _drawn(KIND_SHARES, random)
+    candidates: list[Sentence] = []
+    for number in range(2 * CANDIDATES):
+        if number >= CANDIDATES:
+            kind = _drawn(KIND_SHARES, random)
+        candidates.append(_sentence(kind, grammar, random, share))
+        over_s = left_s - spoken_s(candidates[-1], pace)
+        if over_s > ANOTHER_S * pace or abs(over_s) < NEAR_S * (1 + number // CANDIDATES):
+            return candidates[-1]
+    return min(candidates, key=lambda each: abs(left_s - spoken_s(without_last_pause(each), pace)))
+
+
+def spoken_s(sentence: Sentence, pace: float = 1.0) -> float:
+    """About how long a sentence takes, its pauses included."""
+    return sum((_part_s(part, pace) for part in sentence.parts), 0.0)
+
+
+def _part_s(part: Part, pace: float) -> float:
+    match part:
+        case Word():
+            return pace * SECONDS_PER_LETTER * (len(part.text) + 1)
+        case Filler():
+            return pace * SECONDS_PER_FILLER
+        case Pause():
+            return part.seconds
+
+
+def without_last_pause(sentence: Sentence) -> Sentence:
+    """The sentence as the last of a turn."""
+    return Sentence(sentence.text, sentence.kind, sentence.parts[:-1])
+
+
+def grammar_of(language: str) -> Grammar:
+    """The grammar of a language. Raises InputError if it has none."""
+    if language not in GRAMMARS:
+        raise InputError(f"language should be one of {', '.join(GRAMMARS)}, got {language!r}")
+    return GRAMMARS[language]
+
+
+def distinct(language: str, symbol: str) -> int:
+    """How many expansions a rule has (repetitions of a slot inside a sentence counted too)."""
+    grammar = grammar_of(language)
+
+    @cache
+    def count(name: str) -> int:
+        return sum(prod(count(slot) for slot in SLOT.findall(expansion)) for expansion in grammar[name])
+
+    return count(symbol)
+
+
+def _sentence(kind: SentenceKind, grammar: Grammar, random: np.random.Generator, share: TextShare) -> Sentence:
+    symbol = "statement" if kind == "hesitation" else kind
+    text = ""
+    while not text or text not in share:
+        text = _capitalised(_expand(symbol, grammar, random, set()))
+    parts: list[Part] = []
+    for token in text.split():
+        parts.append(Word(token))
+        if token.endswith(","):
+            parts.append(_pause("comma", random))
+    if kind == "hesitation":
+        parts = _hesitate(parts, grammar["filler"], random)
+    return Sentence(text, kind, (*parts, _pause("sentence", random)))
+
+
+def _capitalised(text: str) -> str:
+    """With its first letter large (Spanish questions begin with a mark)."""
+    first = 1 if text[0] == "¿" else 0
+    return text[:first] + text[first].upper() + text[first + 1 :]
+
+
+def _expand(symbol: str, grammar: Grammar, random: np.random.Generator, used: set[tuple[str, str]]) -> str:
+    chosen = _one_of(grammar[symbol], random)
+    if (symbol, chosen) in used:
+        chosen = _one_of([each for each in grammar[symbol] if (symbol, each) not in used] or [chosen], random)
+    used.add((symbol, chosen))
+    return SLOT.sub(lambda slot: _expand(slot[1], grammar, random, used), chosen) if "{" in chosen else chosen
+
+
+def _one_of(choices: Sequence[str], random: np.random.Generator) -> str:
+    return choices[int(random.random() * len(choices))]  # a tenth of the time of random.integers
+
+
+def _drawn(shares: Mapping[K, float], random: np.random.Generator) -> K:
+    """One of the names, as often as its share says."""
+    stops = np.cumsum(list(shares.values()))
+    return tuple(shares)[min(int(np.searchsorted(stops, random.random(), "right")), len(stops) - 1)]
+
+
+def _pause(kind: PauseKind, random: np.random.Generator) -> Pause:
+    median_s, sigma, shortest_s, longest_s = PAUSES[kind]
+    seconds = min(max(random.lognormal(log(median_s), sigma), shortest_s), longest_s)
+    return Pause(kind, round(seconds, 3))
+
+
+def _hesitate(parts: list[Part], fillers: tuple[str, ...], random: np.random.Generator) -> list[Part]:
+    """One or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
+    gaps = [i for i in range(1, len(parts)) if isinstance(parts[i - 1], Word) and isinstance(parts[i], Word)]
+    count = min(len(gaps), int(random.integers(1, 3)))
+    chosen: list[int] = random.choice(gaps, size=count, replace=False).tolist()
+    spoken = list(parts)
+    for gap in sorted(chosen, reverse=True):
+        spoken[gap:gap] = _hesitation(_drawn(HESITATIONS, random), spoken, gap, fillers, random)
+    if random.random() < PLANNING_FIRST:
+        spoken[:0] = [Filler(_one_of(fillers, random)), _pause("hesitation", random)]
+    return spoken
+
+
+def _hesitation(
+    form: str, spoken: list[Part], gap: int, fillers: tuple[str, ...], random: np.random.Generator
+) -> list[Part]:
+    """What is put into a gap between words."""
+    filler = Filler(_one_of(fillers, random))
+    silence = _pause("hesitation", random)
+    match form:
+        case "filler":
+            return [filler, silence]
+        case "late filler":
+            return [_pause("hesitation", random), filler, silence]
+        case "restart":
+            return [silence, *_repeated(spoken, gap)]
+        case _:
+            return [silence]
+
+
+def _repeated(parts: list[Part], gap: int) -> list[Part]:
+    """The one or two words before a gap, as far back as speech is unbroken."""
+    start = gap - 1
+    if start > 0 and isinstance(parts[start - 1], Word):
+        start -= 1
+    return parts[start:gap]

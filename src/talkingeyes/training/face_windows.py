@@ -1,0 +1,68 @@
+"""Random windows of fitted faces as training batches, and the statistics that faces are normalised by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from torch import Tensor
+
+from talkingeyes.corpus.faces import FaceRecording
+from talkingeyes.models.face.basis import JAW, FaceBasis
+from talkingeyes.models.face.style import StyleVocabulary
+from talkingeyes.models.speech_to_face import FaceBatch
+from talkingeyes.training.windows import Places, Window, WindowSettings, statistics
+
+
+@dataclass(frozen=True)
+class FaceStatistics:
+    """Of the faces of a split: their mean, a scale (one for expression, one for the jaw), and how far they go."""
+
+    mean: Float[Tensor, " F"]
+    scale: Float[Tensor, " F"]
+    lowest: Float[Tensor, " F"]
+    highest: Float[Tensor, " F"]
+
+    @classmethod
+    def of(cls, recordings: Sequence[FaceRecording]) -> FaceStatistics:
+        """Over all frames."""
+        expression = np.concatenate([each.expression for each in recordings])
+        jaw = np.concatenate([each.jaw for each in recordings])
+        parts = [statistics(expression), statistics(jaw)]
+        face = np.concatenate([expression, jaw], axis=1)
+        scale = np.repeat([part.scale for part in parts], [expression.shape[1], JAW])
+        arrays = (np.concatenate([part.mean for part in parts]), scale, face.min(0), face.max(0))
+        return cls(*(torch.from_numpy(array.astype(np.float32)) for array in arrays))
+
+
+class FaceWindows:
+    """Draws batches of faces with their speech and style."""
+
+    def __init__(
+        self,
+        recordings: Sequence[FaceRecording],
+        basis: FaceBasis,
+        vocabulary: StyleVocabulary,
+        settings: WindowSettings,
+        seed: int,
+    ) -> None:
+        self.recordings, self.basis, self.vocabulary = recordings, basis, vocabulary
+        self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
+        self.random = self.places.random
+
+    def draw(self, batch: int) -> FaceBatch:
+        """A batch of windows."""
+        speech, style, face = zip(*map(self._cut, self.places.draw(batch)), strict=True)
+        return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in (speech, style, face)))
+
+    def _cut(self, window: Window) -> tuple[ndarray, ...]:
+        recording, part = self.recordings[window.index], window.frames
+        face = self.basis.joined(recording.expression[part], recording.jaw[part])
+        if window.mirrored:
+            face = self.basis.mirrored(face)
+        style = self.vocabulary.vector(self.vocabulary.style_of(recording.clip))
+        return np.asarray(recording.speech[part]), style[None], face

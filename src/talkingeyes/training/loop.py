@@ -1,0 +1,165 @@
+"""The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
+
+A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly, on any
+device, in one process or several (place.py), and goes on where it was killed (progress.py). A `Contest` also has a
+rival, which takes its turn after each step, with an optimiser of its own.
+Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Literal, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from talkingeyes.core.settings import Settings
+from talkingeyes.models.layers import share
+from talkingeyes.training.place import CPU, Place
+from talkingeyes.training.progress import Progress, State
+
+LOSS = "loss/"
+
+
+class LoopSettings(Settings):
+    """How a network is trained."""
+
+    steps: Annotated[int, Field(gt=0)]
+    batch: Annotated[int, Field(gt=0)]
+    learning_rate: Annotated[float, Field(gt=0, lt=1)]
+    schedule: Literal["constant", "one-cycle"]
+    weight_decay: Annotated[float, Field(ge=0)]
+    clip_norm: Annotated[float, Field(gt=0)]
+    # Steps between two validations; the paper's epochs, counted in steps.
+    validate_every: Annotated[int, Field(gt=0)]
+
+
+@runtime_checkable
+class Task(Protocol):
+    """What is trained. `losses` draws a batch and returns named scalars, `total` is minimised.
+
+    `validate` returns named figures; `score` is maximised: the weights of its best value are kept (of NaN: the last).
+    """
+
+    # What batches are drawn with. Noise in the network comes from torch's own generator.
+    random: np.random.Generator
+
+    @property
+    def module(self) -> nn.Module: ...
+
+    def losses(self, step: int) -> dict[str, Tensor]: ...
+
+    def validate(self) -> dict[str, float]: ...
+
+
+@runtime_checkable
+class Contest(Protocol):
+    """A task whose network has a rival, a part of its module that is trained against the rest of it (PoseGAN)."""
+
+    @property
+    def rival(self) -> nn.Module | None: ...
+
+    # On the batch of `losses` of the same step; `total` is minimised by the rival alone.
+    def rival_losses(self, step: int) -> dict[str, Tensor]: ...
+
+
+Watch = Callable[[int, dict[str, float]], None]
+
+
+def train(
+    task: Task,
+    settings: LoopSettings,
+    title: str,
+    report: Watch | None = None,
+    place: Place = CPU,
+    progress: Progress | None = None,
+) -> list[dict[str, float]]:
+    """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures.
+
+    `report` is given the step and the figures of every validation, and may raise to end a training that leads nowhere.
+    With `progress`, a training that was killed goes on from its last validation; the caller removes the file.
+    """
+    module = task.module.to(place.device)
+    rival = task.rival if isinstance(task, Contest) else None
+    of_rival = list(rival.parameters()) if rival else []
+    weights = [each for each in module.parameters() if each.requires_grad and not _among(each, of_rival)]
+    optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    against = torch.optim.AdamW(of_rival, lr=settings.learning_rate) if rival else None
+    losses_of = place.shared(module, task.losses, settings.batch)
+    state = progress.restore(module, optimiser, task.random, against) if progress else State()
+    for row in state.history if report else ():
+        report(int(row["step"]), _figures(row))  # type: ignore[misc]
+    sums: dict[str, float] = {}
+    steps = range(state.step + 1, settings.steps + 1)
+    bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not place.first)
+    for step in bar:
+        for group in optimiser.param_groups:
+            group["lr"] = _rate(settings, step)
+        module.train()
+        with place.autocast():
+            losses = losses_of(step)
+        optimiser.zero_grad(set_to_none=True)
+        losses["total"].backward()
+        nn.utils.clip_grad_norm_(weights, settings.clip_norm)
+        optimiser.step()
+        if isinstance(task, Contest) and against is not None:
+            for group in against.param_groups:
+                group["lr"] = _rate(settings, step)
+            with place.autocast():
+                replies = task.rival_losses(step)
+            against.zero_grad(set_to_none=True)  # what the other's turn has left there
+            replies["total"].backward()
+            nn.utils.clip_grad_norm_(of_rival, settings.clip_norm)
+            against.step()
+            losses |= {f"rival_{name}": value for name, value in replies.items()}
+        for name, value in losses.items():
+            sums[name] = sums.get(name, 0.0) + value.item()
+        if step % settings.validate_every == 0 or step == settings.steps:
+            module.eval()
+            with torch.no_grad():
+                figures = task.validate()
+            since = step - state.step
+            state.step = step
+            state.history.append({"step": float(step), **_means(sums, since, place), **figures})
+            state.better(figures["score"], module.state_dict())
+            sums = {}
+            bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
+            if progress is not None and place.first:
+                progress.keep(state, module, optimiser, task.random, against)
+            if report is not None:
+                report(step, figures)
+    if state.kept is not None:
+        module.load_state_dict(state.kept)
+    module.cpu().eval()
+    return state.history
+
+
+def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
+    return any(parameter is each for each in others)
+
+
+def _means(sums: dict[str, float], steps: int, place: Place) -> dict[str, float]:
+    """Losses a step, over all processes."""
+    values = share.mean(torch.tensor(list(sums.values()), dtype=torch.float64, device=place.device) / steps).tolist()
+    return {f"{LOSS}{name}": value for name, value in zip(sums, values, strict=True)}
+
+
+def _figures(row: dict[str, float]) -> dict[str, float]:
+    """What `validate` said."""
+    return {name: value for name, value in row.items() if name != "step" and not name.startswith(LOSS)}
+
+
+def _rate(settings: LoopSettings, step: int) -> float:
+    """One cycle: up over the first tenth, down along a cosine to 1 % (Smith & Topin 2018)."""
+    if settings.schedule == "constant":
+        return settings.learning_rate
+    warm = max(1, settings.steps // 10)
+    if step <= warm:
+        return settings.learning_rate * step / warm
+    share = (step - warm) / max(1, settings.steps - warm)
+    return settings.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))

@@ -1,0 +1,109 @@
+"""Random windows of recordings as training batches: any frame offset, mirrored half of the time if asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.windows import Recording
+from talkingeyes.models.condition.conditioner import NOTHING
+from talkingeyes.models.gaze.signal import mirrored
+from talkingeyes.models.layers import share
+from talkingeyes.models.speech_to_motion import Batch
+from talkingeyes.training.telling import Rows, Teller, given
+
+
+class WindowSettings(Settings):
+    """What a training window is."""
+
+    # Frames of a window.
+    frames: Annotated[int, Field(gt=1)]
+    # Mirror half of the windows (left and right change places): people do not differ by that, and it doubles the data.
+    mirror: bool
+
+
+@dataclass(frozen=True)
+class MotionStatistics:
+    """One mean a number and one scale for all (LEARNING: rotation z of the eyes is constant)."""
+
+    mean: Float[ndarray, " F"]
+    scale: float
+
+
+def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
+    """Mean a number, and the root mean square deviation of the numbers that vary."""
+    mean = frames.mean(0)
+    deviation = (frames - mean).std(0)
+    varying = deviation[deviation > 1e-4]
+    return MotionStatistics(mean, float(np.sqrt((varying**2).mean())) if len(varying) else 1.0)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A recording, frames of it, and whether they are mirrored."""
+
+    index: int
+    frames: slice
+    mirrored: bool
+
+
+class Places:
+    """Draws windows of clips of so many frames. Clips shorter than a window are left out; a long clip gives more."""
+
+    def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
+        """Raises InputError if no clip is long enough."""
+        self.settings, self.random, self.frames = settings, np.random.default_rng(seed), lengths
+        self.long_enough = np.flatnonzero(lengths >= settings.frames)
+        if not len(self.long_enough):
+            raise InputError(
+                f"no training clip has {settings.frames} frames, the longest has {lengths.max()}: shorten the window"
+            )
+        self.chances = lengths[self.long_enough] / lengths[self.long_enough].sum()
+
+    def draw(self, batch: int) -> list[Window]:
+        """A batch of windows; of several processes, each draws the same batch and takes its own share of it."""
+        chosen = self.random.choice(self.long_enough, batch, p=self.chances)
+        return share.own([self._drawn(int(index)) for index in chosen])
+
+    def _drawn(self, index: int) -> Window:
+        start = int(self.random.integers(self.frames[index] - self.settings.frames + 1))
+        mirrored = self.settings.mirror and self.random.random() < 0.5
+        return Window(index, slice(start, start + self.settings.frames), mirrored)
+
+
+class Windows:
+    """Draws batches from recordings of head and gaze, with what a teller says of them."""
+
+    def __init__(
+        self, recordings: Sequence[Recording], settings: WindowSettings, seed: int, teller: Teller | None = None
+    ) -> None:
+        self.recordings, self.teller = recordings, teller
+        self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
+        self.random = self.places.random
+
+    def draw(self, batch: int) -> Batch:
+        """A batch of windows."""
+        places = self.places.draw(batch)
+        speech, head, gaze = zip(*map(self._cut, places), strict=True)
+        told = given([self._told(self.teller, each) for each in places]) if self.teller else NOTHING
+        parts = [torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)]
+        return Batch(parts[0], parts[1], parts[2], told)
+
+    def _told(self, teller: Teller, window: Window) -> Rows:
+        return teller.window(self.recordings[window.index].clip, window.frames, window.mirrored)
+
+    def _cut(self, window: Window) -> tuple[ndarray, ...]:
+        recording, part = self.recordings[window.index], window.frames
+        head, gaze = recording.head[part], recording.gaze[part]
+        if window.mirrored:
+            head, gaze = mirrored(head, gaze)
+        return np.asarray(recording.speech[part]), head, gaze

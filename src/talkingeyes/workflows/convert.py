@@ -1,0 +1,283 @@
+"""Motion files to and from the formats of others: what `talkingeyes export`, `import` and `animate -f` do.
+
+Reads a motion (.npz), the events beside it if there are any, files of others (formats/), and the user's own FLAME file
+where one is needed. Writes one file a motion, whole or not at all (export/). docs/formats.md describes each.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from talkingeyes.core import output
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Events, Motion
+from talkingeyes.workflows.render import on_head, open_named
+
+if TYPE_CHECKING:
+    from talkingeyes.animation.perform import Performance
+    from talkingeyes.formats.readers.read import Read
+    from talkingeyes.head.model import HeadModel
+
+OWN_FILES = re.compile(r".+\.npz")
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a file of a format is named, and whose expression it shows: `anny`, `flame`, the `chosen` head, or none."""
+
+    suffix: str
+    expression: str
+
+
+FORMATS = {
+    "flame": Format(".npz", "flame"),
+    "vhap": Format(".npz", "flame"),
+    "diffposetalk": Format(".npz", "flame"),
+    "livelink": Format(".csv", "anny"),
+    "arkit": Format(".json", "anny"),
+    "glb": Format(".glb", "chosen"),
+    "vrm": Format(".vrma", "anny"),
+    "usd": Format(".usda", "chosen"),
+    "vocaset": Format(".npy", "chosen"),
+    "bvh": Format(".bvh", "none"),
+    "events": Format(".json", "none"),
+    "mp4": Format(".mp4", "chosen"),
+}
+
+
+ANIMATED = tuple(name for name in FORMATS if name != "mp4")  # what `animate -f` writes; it always films
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A motion that was read, and where it was written."""
+
+    name: str
+    read: Read
+
+
+def export(
+    motion: Path | str | Motion | Performance,
+    out: Path | str,
+    *,
+    format: str | None = None,
+    head: str = "anny",
+    model: Path | str | None = None,
+    fps: float | None = None,
+    keys: Path | str | None = None,
+    sound: Path | str | None = None,
+    force: bool = False,
+) -> Motion:
+    """Write a motion (or that of a file) in another format; returns the motion that was written.
+
+    Without `format` the ending of `out` says it, where only one format has it. `head` and `model` are as for `render`;
+    the model is also what maps expressions between the open head and FLAME. `fps` plays the motion at another rate, by
+    its events; `keys` are its saccades and blinks as somebody edited them.
+    Raises InputError (one line) for a mistake.
+    """
+    named = format_of(Path(out)) if format is None else format
+    if named not in FORMATS:
+        raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
+    if sound is not None and named != "mp4":
+        raise InputError(f"sound: only mp4 has any, got {named}")
+    target = _target(Path(out), FORMATS[named].suffix, force)
+    shown, events = _shown(motion)
+    if keys is not None:
+        from talkingeyes.animation.keys import edited, load_keys
+
+        changed = load_keys(Path(keys))
+        shown, events = edited(shown, changed), changed.now
+    if fps is not None:
+        from talkingeyes.animation.retime import retimed
+        from talkingeyes.formats.writers.keys import found_events
+
+        events = found_events(shown) if events is None else events
+        shown = retimed(shown, events, fps)
+    if named == "mp4":
+        return _film(shown, target, head, model, sound)
+    try:
+        write(shown, events, named, target, head, model)
+    except OSError as error:
+        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
+    return shown
+
+
+def format_of(out: Path) -> str:
+    """The format that a file's ending stands for. Raises InputError where that is none, or several."""
+    found = [name for name, each in FORMATS.items() if each.suffix == out.suffix.lower()]
+    if len(found) != 1:
+        raise InputError(f"format: should be said for {out.name}: one of {', '.join(found or FORMATS)}, got none")
+    return found[0]
+
+
+def _shown(motion: Path | str | Motion | Performance) -> tuple[Motion, Events | None]:
+    """A motion and the events that it was made with, where they are known."""
+    if isinstance(motion, Motion):
+        return motion, None
+    if isinstance(motion, Path | str):
+        return Motion.load(Path(motion)), _events_beside(Path(motion))
+    return motion.motion, motion.events
+
+
+def write(
+    motion: Motion, events: Events | None, format: str, path: Path, head: str = "anny", model: Path | str | None = None
+) -> None:
+    """Write a motion in a format other than mp4; its events, if they are known, are its keys."""
+    from talkingeyes.formats.writers import arkit, bvh, flame_parameters, glb, keys, usd, vertices, vrm
+
+    expression = FORMATS[format].expression
+    shown_on = head if expression == "chosen" else "anny"
+    drawn = open_named(shown_on, None if shown_on == "anny" else model)
+    shown = motion if expression == "none" else expressed(motion, expression, drawn, model)
+    writers: dict[str, Callable[[], None]] = {
+        "flame": lambda: flame_parameters.write_flame(shown, path),
+        "vhap": lambda: flame_parameters.write_vhap(shown, path),
+        "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path),
+        "livelink": lambda: arkit.write_live_link(shown, path),
+        "arkit": lambda: arkit.write_json(shown, path),
+        "glb": lambda: glb.write_glb(shown, drawn, path),
+        "vrm": lambda: vrm.write_vrm(shown, path),
+        "usd": lambda: usd.write_usd(shown, drawn, path),
+        "vocaset": lambda: vertices.write_vertices(shown, drawn, path),
+        "bvh": lambda: bvh.write_bvh(shown, drawn, path),
+        "events": lambda: keys.write_keys(shown, path, events),
+    }
+    writers[format]()
+
+
+def check_formats(formats: Sequence[str]) -> None:
+    """Raises InputError for a format that `animate -f` does not know."""
+    for format in formats:
+        if format not in ANIMATED:
+            raise InputError(f"format: should be one of {', '.join(ANIMATED)}, got {format!r}")
+
+
+def beside(stem: Path, format: str) -> Path:
+    """What a file of a format is called beside the motion: sample_00.flame.npz, sample_00.keys.json, sample_00.glb."""
+    suffix = FORMATS[format].suffix
+    alone = [name for name in FORMATS if FORMATS[name].suffix == suffix] == [format] and format != "vocaset"
+    return stem.with_name(stem.name + ("" if alone else f".{'keys' if format == 'events' else format}") + suffix)
+
+
+def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | str | None) -> Motion:
+    """The motion with its face in the shapes of the head that a format shows."""
+    if not motion.expression.any():  # a face at rest is one on every head
+        empty = np.zeros((len(motion), 0))
+        return replace(motion, expression=empty, expression_names=(), head_model=drawn.name)
+    wanted = drawn.name if expression == "chosen" else expression
+    if motion.head_model == wanted:
+        return motion
+    if model is None:
+        raise InputError(
+            f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted} "
+            "(--flame of animate), got none"
+        )
+    return on_head(motion, drawn if wanted == drawn.name else open_named(wanted, model), model)
+
+
+def read_all(
+    files: Sequence[Path | str],
+    out: Path | str,
+    *,
+    fps: float | None = None,
+    mapping: Path | str | None = None,
+    expression: bool = True,
+    force: bool = False,
+) -> list[Imported]:
+    """Write the motions of files of others as Motion files: one as `out`.npz, or any number into a folder.
+
+    `fps` is for files that do not say theirs, `mapping` a map of names; without `expression` the face is left out.
+    """
+    from talkingeyes.formats.readers.key_map import load_key_map
+    from talkingeyes.formats.readers.read import read_motion
+    from talkingeyes.orchestration.run import progress
+
+    found = _sources([Path(file) for file in files])
+    single = Path(out).suffix == ".npz"
+    if single and len(found) > 1:
+        raise InputError(f"{out}: should be a folder for {len(found)} files")
+    target = _target(Path(out), ".npz", force) if single else output.target(Path(out), OWN_FILES, force)
+    keys = None if mapping is None else load_key_map(Path(mapping))
+    done = []
+    for name, path in progress(found.items(), "import", len(found)):
+        read = read_motion(path, fps, keys)
+        done.append(Imported(name, read if expression else replace(read, motion=_without_face(read.motion))))
+    try:
+        _save(done, target, single)
+    except OSError as error:
+        raise InputError(f"{out}: should be a place that can be written, got: {error.strerror or error}") from None
+    return done
+
+
+def _save(done: Sequence[Imported], target: Path, single: bool) -> None:
+    from talkingeyes.core.whole_file import written
+
+    if single:
+        with written(target) as partial:
+            done[0].read.motion.save(partial)
+        return
+    with output.appearing(target) as folder:
+        for each in done:
+            each.read.motion.save(folder / f"{each.name}.npz")
+
+
+def _without_face(motion: Motion) -> Motion:
+    return replace(
+        motion,
+        expression=np.zeros((len(motion), 0)),
+        expression_names=(),
+        head_model="anny",
+        jaw=np.zeros_like(motion.jaw),
+    )
+
+
+def _sources(files: Sequence[Path]) -> dict[str, Path]:
+    """The files by the names that their motions get; a folder stands for what is in it, unless it is one motion."""
+    from talkingeyes.formats.readers.read import SUFFIXES
+
+    listed: list[Path] = []
+    for file in files:
+        if file.is_dir() and not any(file.glob("*.frame")):
+            inside = [path for path in sorted(file.iterdir()) if path.name.lower().endswith(SUFFIXES)]
+            if not inside:
+                raise InputError(f"{file}: should hold files that end in {', '.join(SUFFIXES)}, got none")
+            listed += inside
+        else:
+            listed.append(file)
+    found: dict[str, Path] = {}
+    for path in listed:
+        name = next(
+            (path.name[: -len(s)] for s in (".csv.gz", path.suffix) if s and path.name.lower().endswith(s)), path.name
+        )
+        if name in found:
+            raise InputError(f"{path}: another file is called {name} too: {found[name]}")
+        found[name] = path
+    return found
+
+
+def _events_beside(motion: Path) -> Events | None:
+    """What the motion was made with, as `animate` wrote it beside: the original keys, if somebody edited them there."""
+    path = motion.with_name(f"{motion.stem}.events.json")
+    if not path.is_file():
+        return None
+    from talkingeyes.animation.keys import load_original
+
+    return load_original(path)
+
+
+def _film(motion: Motion, target: Path, head: str, model: Path | str | None, sound: Path | str | None) -> Motion:
+    from talkingeyes.workflows.render import film
+
+    return film(motion, target, head=head, model=model, sound=sound)
+
+
+def _target(out: Path, suffix: str, force: bool) -> Path:
+    from talkingeyes.workflows.render import target_file
+
+    return target_file(out, suffix, force)

@@ -1,0 +1,111 @@
+"""`talkingeyes pack`: trained models of a workspace become one file, which another machine opens without conf/.
+
+Reads folders of the train stage; writes one safetensors file (performance.model_file says what is in it), whole or not
+at all. The speech encoder's weights are not in it: a package or a hub has them; the file knows which they were.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from talkingeyes.animation.face import beside
+from talkingeyes.animation.model_file import KEY, SCHEMA, SUFFIX, encoder_identity
+from talkingeyes.core.errors import InputError
+from talkingeyes.workflows.render import target_file
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+NOT_PACKED = ("SHA256SUMS", "history.json")  # of the folder as it was, and of its training
+
+
+@dataclass(frozen=True)
+class PackedModel:
+    """What was written: the models, how large the file is, and what somebody who opens it elsewhere should know."""
+
+    models: tuple[str, ...]
+    size_bytes: int
+    notes: tuple[str, ...]
+
+
+def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: bool = False) -> PackedModel:
+    """Write trained models into one file; `--model` means the first, others stand beside it.
+
+    With one model goes the one of the face that stands beside its folder, if there is one.
+
+    Raises InputError (one line) for a folder that is no trained model.
+    """
+    from safetensors.torch import save
+
+    from talkingeyes.core.whole_file import written
+
+    target = target_file(Path(out), SUFFIX, force)
+    folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
+    if len(folders) == 1 and (face := beside(folders[0])):
+        folders.append(face)  # `animate` takes it from there too
+    names = [folder.resolve().name for folder in folders]
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")
+    tensors: dict[str, Tensor] = {}
+    files: dict[str, str] = {}
+    for name, folder in zip(names, folders, strict=True):
+        _check(folder)
+        for path in sorted(folder.iterdir()):
+            if path.suffix == SUFFIX:
+                tensors |= {f"{name}/{path.name}:{key}": value for key, value in _tensors(path).items()}
+            elif path.is_file() and path.name not in NOT_PACKED and not path.name.startswith("."):
+                files[f"{name}/{path.name}"] = _text(path)
+    encoder = _identity(folders[0], files[f"{names[0]}/embedding.json"])
+    said = {"schema": SCHEMA, "models": names, "files": files, "encoder": encoder}
+    metadata = {KEY: json.dumps(said, sort_keys=True)}
+    try:
+        with written(target) as partial:
+            partial.write_bytes(save(tensors, metadata))
+    except OSError as error:
+        raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
+    return PackedModel(tuple(names), target.stat().st_size, _notes(encoder))
+
+
+def _check(folder: Path) -> None:
+    needed = ("config.json", "embedding.json", f"model{SUFFIX}")
+    missing = [name for name in needed if not (folder / name).is_file()]
+    if missing:
+        raise InputError(
+            f"{folder}: should be a trained model, a folder of the train stage, got one without {missing[0]}"
+        )
+
+
+def _tensors(path: Path) -> dict[str, Tensor]:
+    import safetensors
+    from safetensors.torch import load_file
+
+    try:
+        found: dict[str, Tensor] = load_file(path)
+        return found
+    except (OSError, ValueError, safetensors.SafetensorError) as error:
+        raise InputError(f"{path}: not a readable file of weights ({error}); `make repro` makes it anew") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, ValueError):
+        raise InputError(f"{path}: a model should hold text and safetensors alone, got another file") from None
+
+
+def _identity(folder: Path, embedding: str) -> dict[str, Any]:
+    try:
+        return encoder_identity(json.loads(embedding))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder / 'embedding.json'}: not the embedding of a trained model ({error!r})") from None
+
+
+def _notes(encoder: dict[str, Any]) -> tuple[str, ...]:
+    checkpoint = encoder["settings"]["encoder"].get("checkpoint")
+    if checkpoint is None:
+        return ()
+    return (f"the speech encoder is {checkpoint}, which the other machine must have under this name too",)

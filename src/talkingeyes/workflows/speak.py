@@ -1,0 +1,136 @@
+"""Text becomes speech: what `talkingeyes animate --text` says, and `talkingeyes.speak`.
+
+The synthesiser is the one that the synthetic world has (world.espeak; the extra `synthesis`), so words and phonemes
+have their times. A text is cut at its punctuation; the pauses are the medians of people's (world.text).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.core.errors import InputError
+
+if TYPE_CHECKING:
+    from talkingeyes.synthesis.accents import Voice
+    from talkingeyes.synthesis.text import Part, Script, Sentence
+
+LANGUAGE = "en"
+VARIANT = "f3"
+RATE_WPM, PITCH, PITCH_RANGE = 170, 50, 55  # espeak's own rate in this project, the middle of its pitches
+MOST_LETTERS = 50_000  # under an hour at the slowest rate
+SENTENCE = re.compile(r"(?<=[.?!…])[\"'”’»)]*\s+|\n+")
+CLAUSE_ENDS = ",;:–—"
+PCM_16 = 32768
+
+
+@dataclass(frozen=True)
+class SpokenText:
+    """16 kHz sound, exactly as a 16-bit file holds it, the times of its words and phonemes, and what was said."""
+
+    sound: Float[ndarray, " N"]
+    annotation: Annotation
+    text: str
+    voice: str
+
+    def save(self, path: Path | str) -> None:
+        """Write the sound as a wav, and its words and phonemes beside it (NAME.json, as annotations of a corpus)."""
+        import soundfile
+
+        path = Path(path)
+        soundfile.write(path, np.round(self.sound * PCM_16).astype(np.int16), 16_000, "PCM_16", format="WAV")
+        self.annotation.save(path.with_suffix(".json"))
+
+
+def speak(
+    text: str, *, voice: str | None = None, language: str | None = None, emotion: str = "neutral", intensity: int = 0
+) -> SpokenText:
+    """Say a text; the same text and voice give the same bytes.
+
+    `voice` is an accent and a variant of espeak-ng (en-us+f3); the language follows from it, or chooses it. An emotion
+    of an intensity from 1 to 3 bends the voice as in the synthetic world, and stands in the annotation.
+    Raises InputError (one line) for a text without words, and for a voice or a language that there is not.
+    """
+    if find_spec("espeakng_loader") is None:
+        raise InputError("text: needs the package espeakng-loader (the extra `synthesis`), got none installed")
+    from talkingeyes.synthesis.accents import in_mood
+    from talkingeyes.synthesis.voices import speak as said
+
+    chosen = chosen_voice(voice, language)
+    script = script_of(text, chosen.language)
+    bent = in_mood(chosen, emotion, intensity)
+    try:
+        spoken = said(script, bent)
+    except (ValueError, IndexError, ZeroDivisionError):  # symbols that espeak has no sound for
+        spoken = None
+    if spoken is None or not np.isfinite(spoken.sound).all() or not spoken.annotation.phonemes:
+        raise InputError(f"text: should be words that {chosen.espeak_voice} can speak, got {_short(text)}")
+    annotation = replace(spoken.annotation, emotion=emotion, intensity=intensity)
+    steps = np.clip(np.round(spoken.sound.astype(np.float64) * PCM_16), -PCM_16, PCM_16 - 1)
+    return SpokenText((steps / PCM_16).astype(np.float32), annotation, text, chosen.espeak_voice)
+
+
+def chosen_voice(voice: str | None, language: str | None) -> Voice:
+    """The voice of a name, or the usual one of a language."""
+    from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, Voice, is_voice
+
+    if language is not None and language not in ACCENTS:
+        raise InputError(f"language: should be one of {', '.join(ACCENTS)}, got {language!r}")
+    if voice is None:
+        language = language or LANGUAGE
+        voice = f"{ACCENTS[language][0]}+{VARIANT}"
+    elif not is_voice(voice):
+        raise InputError(f"voice: should be {VOICE_NAMES}, got {voice!r}")
+    spoken = next(each for each, accents in ACCENTS.items() if voice.partition("+")[0] in accents)
+    if language not in (None, spoken):
+        raise InputError(
+            f"voice: should be one of the language {language} ({', '.join(ACCENTS[language])}), got {voice}"
+        )
+    return Voice(voice, spoken, voice, RATE_WPM, PITCH, PITCH_RANGE)
+
+
+def script_of(text: str, language: str) -> Script:
+    """A text as it will be spoken: sentences of words and fillers, with a pause at every comma and full stop."""
+    from talkingeyes.synthesis.text import Script, without_last_pause
+
+    if len(text) > MOST_LETTERS:
+        raise InputError(f"text: should be at most {MOST_LETTERS} letters, got {len(text)}; cut it into parts")
+    sentences = [_sentence(each, language) for each in SENTENCE.split(text) if re.search(r"\w", each)]
+    if not sentences or "\0" in text:
+        raise InputError(f"text: should hold words, got {_short(text)}")
+    sentences[-1] = without_last_pause(sentences[-1])
+    return Script(language, tuple(sentences))
+
+
+def _sentence(text: str, language: str) -> Sentence:
+    from talkingeyes.synthesis.grammar import GRAMMARS
+    from talkingeyes.synthesis.text import PAUSES, Filler, Pause, Sentence, Word
+
+    fillers = {each.lower() for each in GRAMMARS[language]["filler"]}
+    parts: list[Part] = []
+    for token in text.split():
+        if not re.search(r"\w", token):  # a dash alone: a pause after what came before
+            if parts and isinstance(parts[-1], Word):
+                parts.append(Pause("comma", PAUSES["comma"][0]))
+            continue
+        bare = token.strip(".,;:?!…–—\"'”’»)").lower()
+        parts.append(Filler(bare) if bare in fillers else Word(token))
+        if token[-1] in CLAUSE_ENDS:
+            parts.append(Pause("comma", PAUSES["comma"][0]))
+    if isinstance(parts[-1], Pause):
+        parts.pop()
+    parts.append(Pause("sentence", PAUSES["sentence"][0]))
+    asked = text.rstrip("\"'”’») ").endswith("?")
+    return Sentence(" ".join(text.split()), "question" if asked else "statement", tuple(parts))
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:37] + "...")
