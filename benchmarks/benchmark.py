@@ -22,7 +22,7 @@ from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.physiology import saccades
 
 SECONDS, FPS, PEOPLE = 10.0, 25.0, 20
@@ -50,11 +50,11 @@ def make(root: Path, count: int, samples: int) -> None:
     clips = []
     for index in range(count):
         name = f"c{index:06d}"
-        Annotation(speaking=(Span(1, 4), Span(5, 9))).save(sharded_for_writing(root / "annotations", name, ".json"))
-        os.link(made[index % PEOPLE], sharded_for_writing(root / "truth", name, ".npz"))
+        Annotation(speaking=(Span(1, 4), Span(5, 9))).save(make_shard_path(root / "annotations", name, ".json"))
+        os.link(made[index % PEOPLE], make_shard_path(root / "truth", name, ".npz"))
         for sample in range(samples):
             other = made[(index + sample) % PEOPLE]
-            os.link(other, sharded_for_writing(root / "motions", f"{name}-s{sample}", ".npz"))
+            os.link(other, make_shard_path(root / "motions", f"{name}-s{sample}", ".npz"))
         clips.append(Clip(name, name, 0, "a", "test", SECONDS, FPS, "", 0, "en", "", "", "CC0-1.0", ""))
     Corpus(root).write_index(clips)
 

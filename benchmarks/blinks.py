@@ -19,15 +19,15 @@ from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 
 ROOT = Path("build/real/corpus")
-BY_EYE = Path(__file__).with_name("blinks_by_eye.csv")
-SLACK_S = 0.1  # a moment this far outside of a blink still belongs to it
+MANUAL_BLINKS = Path(__file__).with_name("blinks_by_eye.csv")
+TOLERANCE_S = 0.1  # a moment this far outside of a blink still belongs to it
 
 
 @dataclass(frozen=True)
-class Count:
+class BlinkCounts:
     """Of one clip: blinks found, those that hold a whole or an incomplete one, and whole ones, all and found."""
 
     seconds: float
@@ -38,26 +38,26 @@ class Count:
     whole_found: int
 
 
-def by_eye() -> dict[str, list[tuple[float, str]]]:
+def manual_blinks() -> dict[str, list[tuple[float, str]]]:
     """Moment and kind of every counted blink, by video."""
     counted = defaultdict(list)
-    with BY_EYE.open(newline="") as file:
+    with MANUAL_BLINKS.open(newline="") as file:
         for row in csv.DictReader(file):
             counted[row["video"]].append((float(row["time_s"]), row["kind"]))
     return counted
 
 
-def compared(spans_s: list[tuple[float, float]], moments: list[tuple[float, str]], seconds: float) -> Count:
+def compare_blinks(spans_s: list[tuple[float, float]], moments: list[tuple[float, str]], seconds: float) -> BlinkCounts:
     """Found spans against counted moments, both in seconds of the clip."""
     holds = [
-        {kind for time_s, kind in moments if start_s - SLACK_S <= time_s <= stop_s + SLACK_S}
+        {kind for time_s, kind in moments if start_s - TOLERANCE_S <= time_s <= stop_s + TOLERANCE_S}
         for start_s, stop_s in spans_s
     ]
     whole = [time_s for time_s, kind in moments if kind == "whole"]
-    hit = [any(a - SLACK_S <= time_s <= b + SLACK_S for a, b in spans_s) for time_s in whole]
+    hit = [any(a - TOLERANCE_S <= time_s <= b + TOLERANCE_S for a, b in spans_s) for time_s in whole]
     right = sum("whole" in kinds for kinds in holds)
     incomplete = sum(kinds == {"incomplete"} for kinds in holds)
-    return Count(seconds, len(spans_s), right, incomplete, len(whole), sum(hit))
+    return BlinkCounts(seconds, len(spans_s), right, incomplete, len(whole), sum(hit))
 
 
 def main() -> None:
@@ -66,7 +66,7 @@ def main() -> None:
         print(f"blinks: no tracked clips in {ROOT} (python -m pipelines.real VIDEOS), nothing to measure")
         return
     settings = FitSettings.model_validate(compose(["fit=video"])["fit"])
-    corpus, counted, rows = Corpus(ROOT), by_eye(), {}
+    corpus, counted, rows = Corpus(ROOT), manual_blinks(), {}
     with (ROOT / "tracked.csv").open(newline="") as file:
         places = {row["clip"]: (row["video"], float(row["start_s"])) for row in csv.DictReader(file)}
     print(f"{'clip':<38}{'s':>7}{'by eye':>8}{'found':>7}{'right':>7}{'incomplete':>12}{'wrong':>7}{'missed':>8}")
@@ -75,7 +75,7 @@ def main() -> None:
         fit = fit_clip(corpus.observation(clip), settings)
         moments = [(time_s - start_s, kind) for time_s, kind in counted[video] if 0 <= time_s - start_s <= clip.seconds]
         spans_s = [(start / fit.motion.fps, (stop - 1) / fit.motion.fps) for start, stop in fit.lids.blinks]
-        rows[clip.id] = compared(spans_s, moments, clip.seconds)
+        rows[clip.id] = compare_blinks(spans_s, moments, clip.seconds)
         print(line(clip.id, rows[clip.id]))
     voiced = [clip.id for clip in corpus.clips if loudest_dbfs(corpus.speech(clip)) >= SILENT_DBFS]
     total, speaking = pooled(rows.values()), pooled(rows[clip] for clip in voiced)
@@ -89,17 +89,17 @@ def main() -> None:
     )
 
 
-def pooled(counts: Iterable[Count]) -> Count:
+def pooled(counts: Iterable[BlinkCounts]) -> BlinkCounts:
     """The sums."""
-    return Count(*(sum(values) for values in zip(*(vars(count).values() for count in counts), strict=True)))
+    return BlinkCounts(*(sum(values) for values in zip(*(vars(count).values() for count in counts), strict=True)))
 
 
-def line(name: str, of: Count) -> str:
+def line(name: str, of: BlinkCounts) -> str:
     """One row."""
     wrong, missed = of.found - of.right - of.incomplete, of.whole - of.whole_found
     return f"{name:<38}{of.seconds:7.1f}{of.whole:8d}{of.found:7d}{of.right:7d}{of.incomplete:12d}{wrong:7d}{missed:8d}"
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

@@ -19,52 +19,52 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.animation import sight
-from talkingeyes.animation.contact import share_of_contact
-from talkingeyes.animation.direction import Direction, Liveliness
-from talkingeyes.animation.listening import turns
-from talkingeyes.animation.perform import Performance, Performer
-from talkingeyes.animation.targets import Place, Target, TargetTrack
+from talkingeyes.animation.contact import eye_contact_fraction
+from talkingeyes.animation.direction import Controls, Liveliness
+from talkingeyes.animation.listening import detect_turns
+from talkingeyes.animation.perform import Animation, Animator
+from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
 from talkingeyes.core import rotation
-from talkingeyes.core.kinematics import head_speed_deg_s, space_speed_deg_s
+from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s, head_speed_deg_s
 from talkingeyes.core.motion import Motion
-from talkingeyes.fitting.manner import Manner, measured
-from talkingeyes.orchestration.run import quiet, shell
+from talkingeyes.fitting.manner import MotionStyle, measure_style
+from talkingeyes.orchestration.run import configure_environment, run_command
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.blinks import PARTNER_END_S
 
 MODEL = Path("data", "train", "talkingeyes")
 SAMPLES = 4
-PLAIN = Direction()
-PLACES_M = {
-    "near": Place.fixed(0.05, -0.1, 0.35),
-    "ahead": Place.fixed(0.0, 0.0, 1.0),
-    "left, up": Place.fixed(0.9, 0.3, 1.2),
-    "right": Place.fixed(-1.5, 0.0, 1.5),
-    "far right": Place.fixed(-3.0, -0.2, 1.0),
-    "moving": Place((1.0, 40.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0))),
+PLAIN = Controls()
+TARGETS_M = {
+    "near": ObjectTrack.fixed(0.05, -0.1, 0.35),
+    "ahead": ObjectTrack.fixed(0.0, 0.0, 1.0),
+    "left, up": ObjectTrack.fixed(0.9, 0.3, 1.2),
+    "right": ObjectTrack.fixed(-1.5, 0.0, 1.5),
+    "far right": ObjectTrack.fixed(-3.0, -0.2, 1.0),
+    "moving": ObjectTrack((1.0, 40.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0))),
 }
 TURN_S = 7.0
 PAUSE_S = 0.6
 SEAM_S = 0.5
 
 
-def made(performer: Performer, speech: np.ndarray, asked: Direction = PLAIN, fps: float = 25.0) -> list[Performance]:
+def made(animator: Animator, speech: np.ndarray, asked: Controls = PLAIN, fps: float = 25.0) -> list[Animation]:
     """Performances of embedded speech."""
-    return performer.perform_embedded(speech, SAMPLES, 0, fps, asked)
+    return animator.generate_from_embedding(speech, SAMPLES, 0, fps, asked)
 
 
-def targets(performer: Performer, speech: np.ndarray) -> None:
+def targets(animator: Animator, speech: np.ndarray) -> None:
     """Gaze is at each place for two seconds of every five."""
     print("targets: degrees by which each eye's line of sight misses from 0.8 s on; degrees of vergence; peak speed")
     print("place      fps   miss (mean, 99 %)   vergence (asked, got)   first within 1 deg, s   peak over law")
-    for name, place in PLACES_M.items():
+    for name, place in TARGETS_M.items():
         for fps in (25.0, 120.0):
             track = TargetTrack(tuple(Target(t, t + 2.0, name) for t in np.arange(1.0, 40.0, 5.0)), {name: place})
-            rows = [_hits(each, track, name, fps) for each in made(performer, speech, Direction(targets=track), fps)]
+            rows = [_hits(each, track, name, fps) for each in made(animator, speech, Controls(targets=track), fps)]
             miss, got, asked, arrived, ratio = (np.concatenate([row[key] for row in rows]) for key in range(5))
             print(
                 f"{name:9s}  {fps:3.0f}   {miss.mean():6.3f} {np.percentile(miss, 99):6.3f}      {asked.mean():8.2f}"
@@ -72,22 +72,26 @@ def targets(performer: Performer, speech: np.ndarray) -> None:
             )
 
 
-def _hits(one: Performance, track: TargetTrack, name: str, fps: float) -> tuple[np.ndarray, ...]:
+def _hits(one: Animation, track: TargetTrack, name: str, fps: float) -> tuple[np.ndarray, ...]:
     motion, times = one.motion, np.arange(len(one.motion)) / fps
-    places = track.place(name).at(times)
-    miss = np.degrees(sight.miss_rad(motion.head, motion.gaze, places, "world"))
-    angles = rotation.angles_of_gaze(motion.gaze) - sight.KAPPA_RAD
-    space = sight.from_between_rad(rotation.gaze_in_space(motion.head, motion.gaze))
-    beside = np.degrees(np.hypot(*(space - sight.direction_rad(motion.head, places)).T))
+    places = track.object_track(name).at(times)
+    miss = np.degrees(sight.gaze_error_rad(motion.head, motion.gaze, places, "world"))
+    angles = rotation.gaze_to_angles(motion.gaze) - sight.KAPPA_RAD
+    space = sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(motion.head, motion.gaze))
+    beside = np.degrees(np.hypot(*(space - sight.point_direction_rad(motion.head, places)).T))
     on = np.any([(times >= each.start_s + 0.8) & (times < each.end_s - 0.05) for each in track.targets], axis=0)
     arrived = [
         float(times[(times > each.start_s) & (beside < 1.0)][0] - each.start_s)
         for each in track.targets
         if ((times > each.start_s) & (times < each.end_s) & (beside < 1.0)).any()
     ]
-    seen = places + sight.BETWEEN_EYES_M - np.einsum("tij,j->ti", rotation.matrices(motion.head), sight.BETWEEN_EYES_M)
+    seen = (
+        places
+        + sight.BETWEEN_EYES_M
+        - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(motion.head), sight.BETWEEN_EYES_M)
+    )
     asked = np.degrees(2 * np.arctan(0.03145 / np.linalg.norm(seen, axis=1)))
-    speed = space_speed_deg_s(motion.head, motion.gaze, fps)
+    speed = gaze_in_space_speed_deg_s(motion.head, motion.gaze, fps)
     ratio = [_peak(each, speed, fps) for each in one.events.saccades if _to_target(each, track)]
     return (
         miss[on].ravel(),
@@ -109,54 +113,54 @@ def _peak(each: object, speed: np.ndarray, fps: float) -> float:
     return float(speed[around].max() / np.degrees(saccades.peak_speed(size)))
 
 
-def contact(performer: Performer, speech: np.ndarray) -> None:
+def eye_contact(animator: Animator, speech: np.ndarray) -> None:
     print("\neye contact: asked, measured (mean, least, most of the samples), saccades a second, their mean degrees")
     for asked in (None, 0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
-        performances = made(performer, speech, Direction(contact=asked))
-        shares = [_share(each.motion) for each in performances]
+        animations = made(animator, speech, Controls(eye_contact=asked))
+        shares = [_share(each.motion) for each in animations]
         print(
             f"{'model' if asked is None else asked!s:6s} {np.mean(shares):.3f} ({min(shares):.3f} to {max(shares):.3f})"
-            f"   {_rate(performances):.2f}   {_size_deg(performances):.2f}"
+            f"   {_rate(animations):.2f}   {_size_deg(animations):.2f}"
         )
 
 
 def _share(motion: Motion) -> float:
     ahead = np.tile([0.0, 0.0, 1.0], (len(motion), 1))
-    return share_of_contact(motion.head, rotation.gaze_in_space(motion.head, motion.gaze), ahead)
+    return eye_contact_fraction(motion.head, rotation.gaze_in_space(motion.head, motion.gaze), ahead)
 
 
-def _rate(performances: list[Performance]) -> float:
-    return float(np.mean([len(each.events.saccades) / each.motion.seconds for each in performances]))
+def _rate(animations: list[Animation]) -> float:
+    return float(np.mean([len(each.events.saccades) / each.motion.seconds for each in animations]))
 
 
-def _size_deg(performances: list[Performance]) -> float:
-    steps = [np.subtract(s.end_rad, s.start_rad) for each in performances for s in each.events.saccades]
+def _size_deg(animations: list[Animation]) -> float:
+    steps = [np.subtract(s.end_rad, s.start_rad) for each in animations for s in each.events.saccades]
     return float(np.degrees(np.hypot(*np.array(steps).T)).mean()) if steps else 0.0
 
 
-def dials(performer: Performer, speech: np.ndarray) -> None:
+def dials(animator: Animator, speech: np.ndarray) -> None:
     print("\nliveliness: dial; head deg/s; saccades: mean degrees, a second; gaze SD (yaw, pitch); blinks a minute")
     for dial in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):
-        performances = made(performer, speech, Direction(liveliness=Liveliness(dial, dial, dial)))
-        speed = np.mean([head_speed_deg_s(each.motion.head, 25.0).mean() for each in performances])
-        spaces = [rotation.gaze_in_space(each.motion.head, each.motion.gaze) for each in performances]
-        yaw, pitch = np.degrees(np.mean([rotation.conjugate(space).std(axis=0) for space in spaces], axis=0))
-        rate = np.mean([60 * len(each.events.blinks) / each.motion.seconds for each in performances])
+        animations = made(animator, speech, Controls(liveliness=Liveliness(dial, dial, dial)))
+        speed = np.mean([head_speed_deg_s(each.motion.head, 25.0).mean() for each in animations])
+        spaces = [rotation.gaze_in_space(each.motion.head, each.motion.gaze) for each in animations]
+        yaw, pitch = np.degrees(np.mean([rotation.cyclopean_gaze(space).std(axis=0) for space in spaces], axis=0))
+        rate = np.mean([60 * len(each.events.blinks) / each.motion.seconds for each in animations])
         print(
-            f"{dial:3.1f}   {speed:5.2f}   {_size_deg(performances):5.2f} {_rate(performances):5.2f}"
+            f"{dial:3.1f}   {speed:5.2f}   {_size_deg(animations):5.2f} {_rate(animations):5.2f}"
             f"   {yaw:5.2f} {pitch:5.2f}   {rate:5.1f}"
         )
 
 
-def styles(performer: Performer, speech: np.ndarray) -> None:
+def styles(animator: Animator, speech: np.ndarray) -> None:
     """The kept speakers: how far the habits of performances are from theirs, by what is asked."""
-    asked: dict[str, Callable[[str], Direction]] = {
+    asked: dict[str, Callable[[str], Controls]] = {
         "somebody": lambda name: PLAIN,
-        "as the person": lambda name: Direction(person=name),
-        "in the style": lambda name: Direction(style=name),
+        "as the person": lambda name: Controls(person=name),
+        "in the style": lambda name: Controls(style=name),
     }
-    names = list(performer.speakers)
-    kept = np.array([_numbers(manner) for manner in performer.speakers.values()])
+    names = list(animator.speakers)
+    kept = np.array([_numbers(motion_style) for motion_style in animator.speakers.values()])
     spread = kept.std(axis=0)
     print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
     print(
@@ -165,8 +169,8 @@ def styles(performer: Performer, speech: np.ndarray) -> None:
     for kind, of in asked.items():
         off, right = [], 0
         for index, name in enumerate(names):
-            for each in made(performer, speech, of(name)):
-                got = _numbers(measured(each.motion))
+            for each in made(animator, speech, of(name)):
+                got = _numbers(measure_style(each.motion))
                 off.append(np.abs(got - kept[index]))
                 right += int(np.argmin((((kept - got) / spread) ** 2).sum(axis=1)) == index)
         print(f"{kind:13s}  {_line(np.mean(off, axis=0))}   {right} of {SAMPLES * len(names)}")
@@ -179,20 +183,27 @@ def _line(numbers: np.ndarray) -> str:
     return f"{degrees}            {numbers[10]:6.1f}       {numbers[11]:6.1f}"
 
 
-def _numbers(manner: Manner) -> np.ndarray:
-    angles = [manner.head_mean_rad, manner.head_sd_rad, manner.gaze_mean_rad, manner.gaze_sd_rad]
-    return np.concatenate([*np.degrees(np.concatenate(angles))[None], [manner.saccades_per_min, manner.blinks_per_min]])
+def _numbers(motion_style: MotionStyle) -> np.ndarray:
+    angles = [
+        motion_style.head_mean_rad,
+        motion_style.head_sd_rad,
+        motion_style.gaze_mean_rad,
+        motion_style.gaze_sd_rad,
+    ]
+    return np.concatenate(
+        [*np.degrees(np.concatenate(angles))[None], [motion_style.saccades_per_min, motion_style.blinks_per_min]]
+    )
 
 
-def dialogue(performer: Performer, sounds: list[np.ndarray]) -> None:
+def dialogue(animator: Animator, sounds: list[np.ndarray]) -> None:
     one, other = _dealt(sounds)
-    heard = turns(one, other)
+    heard = detect_turns(one, other)
     print("\ndialogue, and the same sound alone, all people: eye contact and head speed (deg/s) in the own, in the")
     print("partner's turns; blinks a minute .25 to .5 s after the partner's phrases end, and else in those turns")
     for name, partner in (("dialogue", other), ("alone", None)):
-        asked = [Direction(person=person, partner=partner) for person in performer.speakers]
-        performances = [each for ask in asked for each in performer.perform(one, SAMPLES, 0, 25.0, ask)]
-        rows = [_by_turn(each, heard) for each in performances]
+        asked = [Controls(person=person, partner=partner) for person in animator.speakers]
+        animations = [each for ask in asked for each in animator.perform(one, SAMPLES, 0, 25.0, ask)]
+        rows = [_by_turn(each, heard) for each in animations]
         own, theirs, own_speed, their_speed, after, else_ = np.mean(rows, axis=0)
         print(f"{name:9s} {own:.3f} {theirs:.3f}   {own_speed:5.2f} {their_speed:5.2f}   {after:5.1f} {else_:5.1f}")
 
@@ -208,7 +219,7 @@ def _dealt(said: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def _by_turn(one: Performance, heard: Annotation) -> tuple[float, ...]:
+def _by_turn(one: Animation, heard: Annotation) -> tuple[float, ...]:
     motion, times = one.motion, np.arange(len(one.motion)) / 25.0
     own, theirs = (_within(times, spans) for spans in (heard.speaking, heard.listening))
     speed = np.append(head_speed_deg_s(motion.head, 25.0), 0.0)
@@ -233,17 +244,17 @@ def _part(motion: Motion, mask: np.ndarray) -> Motion:
     return replace(motion, **{name: getattr(motion, name)[mask] for name in names})
 
 
-def windows(performer: Performer, speech: np.ndarray) -> None:
+def windows(animator: Animator, speech: np.ndarray) -> None:
     """Seams against elsewhere, and against the same places when the windows lie elsewhere."""
     sound = np.tile(speech, 5)
     seams_s = [(start + SAMPLE_RATE) / SAMPLE_RATE for start in window_starts(len(sound), 160_000, 32_000)[1:]]
-    performances = made(performer, performer.encoder(sound, performer.fps))
+    animations = made(animator, animator.encoder(sound, animator.fps))
     print(
         f"\nwindows: {len(seams_s)} seams in {len(sound) / SAMPLE_RATE:.0f} s; speed within {SEAM_S} s of them over"
         " elsewhere (1: not seen), and the least and most of that about places as far apart"
     )
     for name, speed_of in (("head", _head_speed), ("gaze", _gaze_speed), ("head, change of speed", _head_jerk)):
-        speed = np.array([speed_of(each.motion) for each in performances])
+        speed = np.array([speed_of(each.motion) for each in animations])
         times = np.arange(speed.shape[1]) / 25.0
         at = np.any([np.abs(times - seam) <= SEAM_S for seam in seams_s], axis=0)
         shifted = [
@@ -262,7 +273,7 @@ def _head_speed(motion: Motion) -> np.ndarray:
 
 
 def _gaze_speed(motion: Motion) -> np.ndarray:
-    return np.asarray(space_speed_deg_s(motion.head, motion.gaze, 25.0))
+    return np.asarray(gaze_in_space_speed_deg_s(motion.head, motion.gaze, 25.0))
 
 
 def _head_jerk(motion: Motion) -> np.ndarray:
@@ -272,18 +283,18 @@ def _head_jerk(motion: Motion) -> np.ndarray:
 def main() -> None:
     """All tables, or that of a dialogue whose turns are named."""
     model, *sounds = sys.argv[1:] or [str(MODEL)]
-    performer = Performer.load(Path(model))
+    animator = Animator.load(Path(model))
     if sounds:
-        dialogue(performer, [read_speech(Path(each)) for each in sounds])
+        dialogue(animator, [read_speech(Path(each)) for each in sounds])
         return
-    speech = read_speech(packaged(SPEECH))
-    embedded = performer.encoder(speech, performer.fps)
-    for table in (targets, contact, dials, styles):
-        table(performer, embedded)
-    dialogue(performer, np.split(speech, range(int(TURN_S * SAMPLE_RATE), len(speech), int(TURN_S * SAMPLE_RATE))))
-    windows(performer, speech)
+    speech = read_speech(package_file(EXAMPLE_SPEECH))
+    embedded = animator.encoder(speech, animator.fps)
+    for table in (targets, eye_contact, dials, styles):
+        table(animator, embedded)
+    dialogue(animator, np.split(speech, range(int(TURN_S * SAMPLE_RATE), len(speech), int(TURN_S * SAMPLE_RATE))))
+    windows(animator, speech)
 
 
 if __name__ == "__main__":
-    quiet()
-    shell(main)
+    configure_environment()
+    run_command(main)

@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour
-from talkingeyes.evaluation.benchmark.sound import MEASURES, with_corr
-from talkingeyes.evaluation.benchmark.tally import Comparison, Row, Tally, observe
+from talkingeyes.evaluation.benchmark.sound import METRICS, with_corr
+from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.corruptions import CORRUPTIONS, corrupted
-from talkingeyes.evaluation.judges import Judges
-from talkingeyes.evaluation.validation import effect
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, apply_corruption
+from talkingeyes.evaluation.judges import Evaluators
+from talkingeyes.evaluation.validation import effect_size
+from talkingeyes.orchestration.run import configure_environment
 
 ROOT = Path(__file__).resolve().parents[1]
-BOOTSTRAP = BootstrapSettings(draws=1000, level=0.95, seed=0)
+BOOTSTRAP = BootstrapSettings(n_resamples=1000, confidence_level=0.95, seed=0)
 PAGE = """# What Corr. catches
 
 Made by `python -m benchmarks.corr`: the {sounds} test and unseen sounds of the default corpus, a true take of each,
@@ -47,18 +47,18 @@ def main(data: Path) -> None:
     corpus = Corpus(data / "synthesize")
     clips = [clip for clip in corpus.select("test", "unseen") if clip.take == 0]
     true = [_true(corpus, clip) for clip in clips]
-    judges = Judges.load(data / "critic")
+    evaluators = Evaluators.load(data / "critic")
     heard = [_speech(data, corpus, clip) for clip in clips]
     speakers = [clip.speaker for clip in clips]
 
-    def rows(motions: Sequence[Behaviour], reference: Tally | None) -> tuple[Tally, list[Row]]:
-        tally = Tally(true[0].fps)
+    def rows(motions: Sequence[Behaviour], reference: Accumulator | None) -> tuple[Accumulator, list[MetricResult]]:
+        tally = Accumulator(true[0].fps)
         for motion, (own, others) in zip(motions, heard, strict=True):
-            tally.add(observe(with_corr([motion], judges.critics, own, others)))
-        return tally, list(Comparison(tally, reference or tally, BOOTSTRAP, paired=True).rows(MEASURES))
+            tally.add(extract(with_corr([motion], evaluators.critics, own, others)))
+        return tally, list(Comparison(tally, reference or tally, BOOTSTRAP, paired=True).rows(METRICS))
 
     reference, as_it_is = rows(true, None)
-    found = {each.name: rows(corrupted(true, speakers, each, 1.0, seed=0), reference)[1] for each in CORRUPTIONS}
+    found = {each.name: rows(apply_corruption(true, speakers, each, 1.0, seed=0), reference)[1] for each in CORRUPTIONS}
     text = PAGE.format(sounds=len(clips), table=_table(as_it_is, found))
     (ROOT / "docs/corr.md").write_text(text)
     print(text)
@@ -74,26 +74,26 @@ def _speech(data: Path, corpus: Corpus, clip: Clip) -> tuple[np.ndarray, list[np
     others = sorted({each.sound for each in corpus.clips if each.speaker == clip.speaker} - {clip.sound})
     chosen = np.random.default_rng([*clip.id.encode()]).permutation(len(others))[:2]
     names = [clip.sound, *(others[index] for index in chosen)]
-    own, *wrong = (np.load(sharded(data / "embed" / "speech", name, ".npy")) for name in names)
+    own, *wrong = (np.load(shard_path(data / "embed" / "speech", name, ".npy")) for name in names)
     return own, wrong
 
 
-def _table(true: Sequence[Row], found: dict[str, list[Row]]) -> str:
+def _table(true: Sequence[MetricResult], found: dict[str, list[MetricResult]]) -> str:
     lines = ["| measure | true | " + " | ".join(found) + " |", "| --- " * (len(found) + 2) + "|"]
     for index, row in enumerate(true):
         assert row.value is not None
         cells = [_cell(rows[index]) for rows in found.values()]
-        lines.append(f"| `{row.measure.name}` | {row.value.value:.3f} | " + " | ".join(cells) + " |")
+        lines.append(f"| `{row.metric.name}` | {row.value.value:.3f} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _cell(row: Row) -> str:
+def _cell(row: MetricResult) -> str:
     if row.value is None or row.difference is None:
         return "gone"
-    moved = effect(row) * (-1 if row.difference.value < 0 else 1)
+    moved = effect_size(row) * (-1 if row.difference.value < 0 else 1)
     return f"**{moved:.1f}**" if abs(moved) > 1 else f"{moved:.1f}"
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main(Path(sys.argv[1] if sys.argv[1:] else "data"))

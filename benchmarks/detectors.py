@@ -22,18 +22,24 @@ import numpy as np
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion, Saccade
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.detectors.blinks import detect_blinks
-from talkingeyes.evaluation.detectors.fixations import LEAST_S, detect_fixations, dispersion_threshold
-from talkingeyes.evaluation.detectors.gaze_states import gaze_states
-from talkingeyes.evaluation.detectors.head_moves import detect_head_moves
+from talkingeyes.evaluation.detectors.fixations import MIN_DURATION_S, detect_fixations, detect_fixations_idt
+from talkingeyes.evaluation.detectors.gaze_states import detect_gaze_states
+from talkingeyes.evaluation.detectors.head_moves import detect_head_movements
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
-from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, pair, tally
-from talkingeyes.orchestration.run import Workspace, quiet, shell
+from talkingeyes.evaluation.detectors.scoring import (
+    DetectionCounts,
+    cohen_kappa,
+    count_matches,
+    event_mask,
+    match_events,
+)
+from talkingeyes.orchestration.run import Workspace, configure_environment, run_command
 from talkingeyes.physiology.blinks import end_s
-from talkingeyes.physiology.render import Waves
+from talkingeyes.physiology.render import Sinusoids
 from talkingeyes.synthesis import plan
-from talkingeyes.synthesis.take import Take, perform
+from talkingeyes.synthesis.take import Take, sample_take
 
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
 NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
@@ -45,7 +51,7 @@ SACCADE_TOLERANCE_S, FIXATION_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S =
 
 
 @dataclass(frozen=True)
-class Performed:
+class RegeneratedClip:
     """A clip of the corpus, its take drawn again, and its fitted motion."""
 
     clip: Clip
@@ -56,35 +62,35 @@ class Performed:
         """The true motion at any frame rate."""
         return self.take.motion(fps, int(self.clip.seconds * fps))
 
-    def without_unrest(self, fps: float) -> Motion:
+    def without_head_sway(self, fps: float) -> Motion:
         """The same, but the head does nothing besides its listed movements."""
-        still = Waves(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
-        continuous = replace(self.take.continuous, head_waves=still, head_speaking=still)
-        return replace(self.take, continuous=continuous).motion(fps, int(self.clip.seconds * fps))
+        still = Sinusoids(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
+        continuous_motion = replace(self.take.continuous_motion, head_drift=still, head_speech_motion=still)
+        return replace(self.take, continuous_motion=continuous_motion).motion(fps, int(self.clip.seconds * fps))
 
 
-def load(workspace: Workspace, count: int) -> list[Performed]:
+def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
     """The first clips of the corpus; a take drawn again has the events that the corpus holds."""
     settings = workspace.settings("synthesize", plan.SynthesizeSettings)
     sounds = {sound.id: sound for sound in plan.sounds(settings)}
     corpus = Corpus(workspace.corpus)
     made = []
     for clip in corpus.clips[:count]:
-        path = sharded(workspace.data("fit", "motion"), clip.id, ".npz")
+        path = shard_path(workspace.data("fit", "motion"), clip.id, ".npz")
         if not path.exists():
             continue  # rejected by fit
         sound = sounds[clip.sound]
         random = plan.generator(settings.seed, "motion", sound.index, clip.take)
         style = plan.speaker_of(settings, sound).style
-        take = perform(corpus.annotation(clip), style, clip.seconds, random, settings.blink_profile)
+        take = sample_take(corpus.annotation(clip), style, clip.seconds, random, settings.blink_profile)
         assert take.events == corpus.truth_events(clip), clip.id
-        made.append(Performed(clip, take, Motion.load(path)))
+        made.append(RegeneratedClip(clip, take, Motion.load(path)))
     return made
 
 
 def gaze_of(motion: Motion) -> np.ndarray:
     """Gaze in space of both eyes together."""
-    return rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
+    return rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze))
 
 
 def by_class(
@@ -92,11 +98,11 @@ def by_class(
 ) -> np.ndarray:
     """How many known events of each class of size are found, and how many there are: an array (2, classes)."""
     hit = np.zeros(len(known_s), bool)
-    hit[pair(found_s, known_s, tolerance_s).known] = True
+    hit[match_events(found_s, known_s, tolerance_s).known] = True
     return np.stack([np.histogram(size[hit], edges)[0], np.histogram(size, edges)[0]])
 
 
-def row(name: str, total: Tally, classes: np.ndarray | None = None) -> str:
+def row(name: str, total: DetectionCounts, classes: np.ndarray | None = None) -> str:
     """A row of markdown: precision, recall, F1, onset error, and recall by class."""
     s = total.score
     shares = [] if classes is None else [f"{hit / n:.2f} ({n})" if n else "-" for hit, n in classes.T]
@@ -105,7 +111,7 @@ def row(name: str, total: Tally, classes: np.ndarray | None = None) -> str:
     return f"| {name} | {' | '.join(figures)} |"
 
 
-def head_of(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> None:
+def print_header(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> None:
     """Print the head of a table of rows."""
     classes = [f"recall {low:g}-{high:g}{unit}" for low, high in pairwise(edges)]
     names = [kind, "precision", "recall", "F1", "onset error ms", "its IQR", *classes]
@@ -113,15 +119,15 @@ def head_of(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> None:
 
 
 def saccade_row(
-    name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], noise: bool
+    name: str, regenerated: Iterable[RegeneratedClip], motion_of: Callable[[RegeneratedClip], Motion], noise: bool
 ) -> str:
     """Saccades against the true ones, of which those under a degree count as known only if they are found.
 
     What starts in a frame that does not count, or at the very ends of a clip, is left out on both sides.
     """
-    total, classes = Tally(), np.zeros((2, len(SACCADE_CLASSES_DEG) - 1), int)
+    total, classes = DetectionCounts(), np.zeros((2, len(SACCADE_CLASSES_DEG) - 1), int)
     random = np.random.default_rng(0)
-    for each in performed:
+    for each in regenerated:
         motion = motion_of(each)
         gaze = gaze_of(motion) + noise * np.radians(NOISE_DEG) * random.standard_normal((len(motion), 2))
         found = detect_saccades(gaze, motion.fps, motion.valid)
@@ -129,15 +135,15 @@ def saccade_row(
         onset = np.array([event.onset_s for event in events])
         size = np.array([_amplitude_deg(event) for event in events])
         known = _counts(onset, motion)
-        pairs = pair(found.onset_s, onset, SACCADE_TOLERANCE_S)
+        pairs = match_events(found.onset_s, onset, SACCADE_TOLERANCE_S)
         hit = np.isin(np.arange(len(onset)), pairs.known)
         alone = ~np.isin(np.arange(len(found)), pairs.found) & _counts(found.onset_s, motion)
-        paired = pairs.known[known[pairs.known]]
+        matched = pairs.known[known[pairs.known]]
         errors = (found.onset_s[pairs.found] - onset[pairs.known])[known[pairs.known]]
-        total += Tally(
-            found=len(paired) + int(alone.sum()),
+        total += DetectionCounts(
+            found=len(matched) + int(alone.sum()),
             known=int((known & (hit | (size >= 1.0))).sum()),
-            paired=len(paired),
+            matched=len(matched),
             errors_s=tuple(errors.tolist()),
         )
         counted = [np.histogram(size[known & which], SACCADE_CLASSES_DEG)[0] for which in (hit, np.ones_like(hit))]
@@ -154,28 +160,30 @@ def _counts(times_s: np.ndarray, motion: Motion) -> np.ndarray:
     return np.asarray(motion.valid[frame] & (times_s >= 0.05) & (times_s < motion.seconds - 0.15))
 
 
-def print_saccades(performed: list[Performed]) -> None:
+def print_saccades(regenerated: list[RegeneratedClip]) -> None:
     """Saccades by frame rate, with noise, and in fitted motion."""
-    head_of("saccades", SACCADE_CLASSES_DEG)
+    print_header("saccades", SACCADE_CLASSES_DEG)
     for name, motion_of in _truths(RATES):
-        print(saccade_row(name, performed, motion_of, noise=False))
+        print(saccade_row(name, regenerated, motion_of, noise=False))
     for name, motion_of in _truths((25.0, 120.0)):
         print(
-            saccade_row(name.replace("truth", f"truth with {NOISE_DEG} deg of noise"), performed, motion_of, noise=True)
+            saccade_row(
+                name.replace("truth", f"truth with {NOISE_DEG} deg of noise"), regenerated, motion_of, noise=True
+            )
         )
-    print(saccade_row("fitted, 25 fps", performed, lambda each: each.fitted, noise=False))
-    print(saccade_row("fitted, 25 fps, away from blinks", performed, _fitted_between_blinks, noise=False))
-    print_false(performed)
+    print(saccade_row("fitted, 25 fps", regenerated, lambda each: each.fitted, noise=False))
+    print(saccade_row("fitted, 25 fps, away from blinks", regenerated, _fitted_between_blinks, noise=False))
+    print_false_positives(regenerated)
 
 
-def print_false(performed: list[Performed]) -> None:
+def print_false_positives(regenerated: list[RegeneratedClip]) -> None:
     """Where the saccades that are found in fitted motion and are not true ones lie."""
     at_blinks = near = elsewhere = 0
-    for each in performed:
+    for each in regenerated:
         found = detect_saccades(gaze_of(each.fitted), each.fitted.fps, each.fitted.valid)
         onset = np.array([event.onset_s for event in each.take.events.saccades])
-        paired = pair(found.onset_s, onset, SACCADE_TOLERANCE_S).found
-        for time_s in np.delete(found.onset_s, paired):
+        matched = match_events(found.onset_s, onset, SACCADE_TOLERANCE_S).found
+        for time_s in np.delete(found.onset_s, matched):
             blink = any(b.onset_s - 0.1 < time_s < end_s(b) + 0.1 for b in each.take.events.blinks)
             at_blinks += blink
             near += not blink and np.abs(onset - time_s).min() < 0.2
@@ -186,20 +194,20 @@ def print_false(performed: list[Performed]) -> None:
     )
 
 
-def _fitted_between_blinks(each: Performed) -> Motion:
+def _fitted_between_blinks(each: RegeneratedClip) -> Motion:
     """Fitted motion whose frames within a tenth of a second of a found blink do not count."""
     found = detect_blinks(each.fitted.lid, each.fitted.fps, each.fitted.valid)
-    hidden = during(found.onset_s - 0.1, found.offset_s + 0.1, each.fitted.fps, len(each.fitted))
+    hidden = event_mask(found.onset_s - 0.1, found.offset_s + 0.1, each.fitted.fps, len(each.fitted))
     return replace(each.fitted, valid=each.fitted.valid & ~hidden)
 
 
-def print_blinks(performed: list[Performed]) -> None:
+def print_blinks(regenerated: list[RegeneratedClip]) -> None:
     """Blinks by frame rate and in fitted motion, by depth."""
-    head_of("blinks", BLINK_CLASSES, unit=" closed")
+    print_header("blinks", BLINK_CLASSES, unit=" closed")
     ends = []
     for name, motion_of in [*_truths((25.0, 60.0, 120.0, 500.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        total, classes = Tally(), np.zeros((2, len(BLINK_CLASSES) - 1), int)
-        for each in performed:
+        total, classes = DetectionCounts(), np.zeros((2, len(BLINK_CLASSES) - 1), int)
+        for each in regenerated:
             motion = motion_of(each)
             found = detect_blinks(motion.lid, motion.fps, motion.valid)
             # A blink that an end of the clip cuts is none of either side's.
@@ -207,52 +215,59 @@ def print_blinks(performed: list[Performed]) -> None:
             events = [event for event in each.take.events.blinks if 0.1 <= event.onset_s < latest_s]
             onset, depth = np.array([(event.onset_s, event.depth) for event in events]).reshape(-1, 2).T
             inside = (found.onset_s >= 0.1) & (found.onset_s < latest_s)
-            pairs = pair(found.onset_s, onset, BLINK_TOLERANCE_S)
+            pairs = match_events(found.onset_s, onset, BLINK_TOLERANCE_S)
             ends.extend(found.offset_s[pairs.found] - np.array([end_s(event) for event in events])[pairs.known])
-            total += tally(found.onset_s[inside], onset, BLINK_TOLERANCE_S)
+            total += count_matches(found.onset_s[inside], onset, BLINK_TOLERANCE_S)
             classes += by_class(found.onset_s, onset, depth, BLINK_CLASSES, BLINK_TOLERANCE_S)
         print(row(name, total, classes))
     early_s = -1000 * np.percentile(ends, [75, 50, 25])
     print(f"\nends are early by {early_s[1]:.0f} ms (quartiles {early_s[0]:.0f} to {early_s[2]:.0f})")
 
 
-def _truths(rates: Sequence[float]) -> Iterator[tuple[str, Callable[[Performed], Motion]]]:
+def _truths(rates: Sequence[float]) -> Iterator[tuple[str, Callable[[RegeneratedClip], Motion]]]:
     for fps in rates:
-        yield f"truth, {fps:g} fps", partial(Performed.motion, fps=fps)
+        yield f"truth, {fps:g} fps", partial(RegeneratedClip.motion, fps=fps)
 
 
-def print_head_moves(performed: list[Performed]) -> None:
+def print_head_moves(regenerated: list[RegeneratedClip]) -> None:
     """Head movements by the middle of each: alone, in the unrest of a speaking head, and by chance."""
-    head_of("head movements (time: their middle)", HEAD_CLASSES_DEG)
+    print_header("head movements (time: their middle)", HEAD_CLASSES_DEG)
     for fps in (25.0, 120.0):
-        print(head_row(f"listed movements alone, {fps:g} fps", performed, partial(Performed.without_unrest, fps=fps)))
+        print(
+            head_row(
+                f"listed movements alone, {fps:g} fps", regenerated, partial(RegeneratedClip.without_head_sway, fps=fps)
+            )
+        )
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        print(head_row(name, performed, motion_of))
+        print(head_row(name, regenerated, motion_of))
     by_chance = partial(head_row, shift_s=3.0)
-    print(by_chance("chance: truth, 25 fps, found 3 s later", performed, partial(Performed.motion, fps=25.0)))
+    print(by_chance("chance: truth, 25 fps, found 3 s later", regenerated, partial(RegeneratedClip.motion, fps=25.0)))
 
 
 def head_row(
-    name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], shift_s: float = 0.0
+    name: str,
+    regenerated: Iterable[RegeneratedClip],
+    motion_of: Callable[[RegeneratedClip], Motion],
+    shift_s: float = 0.0,
 ) -> str:
     """Found movements, moved on round the clip by `shift_s`, against the listed ones of a degree or more."""
-    total, classes = Tally(), np.zeros((2, len(HEAD_CLASSES_DEG) - 1), int)
-    for each in performed:
+    total, classes = DetectionCounts(), np.zeros((2, len(HEAD_CLASSES_DEG) - 1), int)
+    for each in regenerated:
         motion = motion_of(each)
-        found = detect_head_moves(motion.head, motion.fps, motion.valid)
+        found = detect_head_movements(motion.head, motion.fps, motion.valid)
         events = [
             (event.onset_s + event.duration_s / 2, np.degrees(np.linalg.norm(event.delta_rad)))
-            for event in each.take.events.head_moves
+            for event in each.take.events.head_movements
             if event.onset_s > 0 and event.onset_s + event.duration_s < motion.seconds
         ]
         middle_s, size = np.array(sorted(events)).reshape(-1, 2).T
         at_s = np.sort(((found.onset_s + found.offset_s) / 2 + shift_s) % motion.seconds)
-        total += tally(at_s, middle_s[size >= HEAD_CLASSES_DEG[0]], HEAD_TOLERANCE_S)
+        total += count_matches(at_s, middle_s[size >= HEAD_CLASSES_DEG[0]], HEAD_TOLERANCE_S)
         classes += by_class(at_s, middle_s, size, HEAD_CLASSES_DEG, HEAD_TOLERANCE_S)
     return row(name, total, classes)
 
 
-def print_states(performed: list[Performed]) -> None:
+def print_states(regenerated: list[RegeneratedClip]) -> None:
     """Gaze states: frames and starts of aversions against the states that the take was made of."""
     names = [
         "gaze states",
@@ -265,30 +280,37 @@ def print_states(performed: list[Performed]) -> None:
     names += ["starts: precision", "recall", "error ms", "its IQR"]
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        print(states_row(f"{name}, partner told", performed, motion_of, told=True))
-        print(states_row(f"{name}, partner estimated", performed, motion_of, told=False))
+        print(states_row(f"{name}, partner told", regenerated, motion_of, told=True))
+        print(states_row(f"{name}, partner estimated", regenerated, motion_of, told=False))
 
 
-def states_row(name: str, performed: Iterable[Performed], motion_of: Callable[[Performed], Motion], told: bool) -> str:
+def states_row(
+    name: str, regenerated: Iterable[RegeneratedClip], motion_of: Callable[[RegeneratedClip], Motion], told: bool
+) -> str:
     """A row of the table of gaze states; clips in which the partner is not seen once are left out."""
-    found, known, off_deg, starts = [], [], [], Tally()
-    for each in performed:
+    found, known, off_deg, starts = [], [], [], DetectionCounts()
+    for each in regenerated:
         motion = motion_of(each)
         gaze, time_s = gaze_of(motion), np.arange(len(motion)) / motion.fps
         averted = np.zeros(len(motion), bool)
-        for look in each.take.looks:
+        for look in each.take.gaze_intervals:
             averted[(time_s >= look.start_s) & (time_s < look.end_s)] = look.averted
         if averted.all():
             continue
         partner = np.median(gaze[~averted], axis=0)
-        states = gaze_states(gaze, motion.fps, partner if told else None)
+        states = detect_gaze_states(gaze, motion.fps, partner if told else None)
         found.append(states.averted)
         known.append(averted)
         off_deg.append(np.degrees(np.hypot(*(states.partner_rad - partner))))
         start_s = [(np.flatnonzero(np.diff(flags.astype(int)) == 1) + 1) / motion.fps for flags in (found[-1], averted)]
-        starts += tally(start_s[0], start_s[1], AVERSION_TOLERANCE_S)
+        starts += count_matches(start_s[0], start_s[1], AVERSION_TOLERANCE_S)
     one, other, s = np.concatenate(found), np.concatenate(known), starts.score
-    figures = [f"{(one == other).mean():.3f}", f"{kappa(one, other):.2f}", f"{one.mean():.3f}", f"{other.mean():.3f}"]
+    figures = [
+        f"{(one == other).mean():.3f}",
+        f"{cohen_kappa(one, other):.2f}",
+        f"{one.mean():.3f}",
+        f"{other.mean():.3f}",
+    ]
     figures += ["-" if told else f"{np.median(off_deg):.1f}, {np.percentile(off_deg, 90):.1f}"]
     figures += [
         f"{s.precision:.3f}",
@@ -299,23 +321,23 @@ def states_row(name: str, performed: Iterable[Performed], motion_of: Callable[[P
     return f"| {name} | {' | '.join(figures)} |"
 
 
-def print_fixations(performed: list[Performed]) -> None:
+def print_fixations(regenerated: list[RegeneratedClip]) -> None:
     """Fixations, between saccades and by I-DT, against what lies between true saccades of a degree or more."""
-    head_of("fixations")
+    print_header("fixations")
     lengths = []
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        for way, detect in (("between saccades", detect_fixations), ("I-DT", dispersion_threshold)):
-            total = Tally()
+        for way, detect in (("between saccades", detect_fixations), ("I-DT", detect_fixations_idt)):
+            total = DetectionCounts()
             found_s: list[float] = []
             known_s: list[float] = []
-            for each in performed:
+            for each in regenerated:
                 motion = motion_of(each)
                 found = detect(gaze_of(motion), motion.fps, motion.valid)
                 events = [event for event in each.take.events.saccades if _amplitude_deg(event) >= 1.0]
                 start = np.array([0.0, *(event.onset_s + event.duration_s for event in events)])
                 stop = np.array([*(event.onset_s for event in events), motion.seconds])
-                long = np.minimum(stop, motion.seconds) - start >= LEAST_S
-                total += tally(found.onset_s, start[long], FIXATION_TOLERANCE_S)
+                long = np.minimum(stop, motion.seconds) - start >= MIN_DURATION_S
+                total += count_matches(found.onset_s, start[long], FIXATION_TOLERANCE_S)
                 found_s.extend(found.duration_s)
                 known_s.extend((stop - start)[long])
             print(row(f"{name}, {way}", total))
@@ -323,20 +345,20 @@ def print_fixations(performed: list[Performed]) -> None:
     print("\nmedian lengths\n\n- " + "\n- ".join(lengths))
 
 
-def print_speed(performed: list[Performed]) -> None:
+def print_speed(regenerated: list[RegeneratedClip]) -> None:
     """CPU time of all detectors together, gaze in space included, on one core."""
     print("\n| fps | ms for 10 s | times real time |\n|---|---|---|")
     for fps in (25.0, 120.0, 500.0):
-        motions = [each.motion(fps) for each in performed[:20]]
+        motions = [each.motion(fps) for each in regenerated[:20]]
         seconds = sum(motion.seconds for motion in motions)
         start = time.process_time()
         for motion in motions:
             gaze = gaze_of(motion)
             found = detect_saccades(gaze, fps, motion.valid)
             detect_fixations(gaze, fps, motion.valid, found)
-            gaze_states(gaze, fps, valid=motion.valid)
+            detect_gaze_states(gaze, fps, valid=motion.valid)
             detect_blinks(motion.lid, fps, motion.valid)
-            detect_head_moves(motion.head, fps, motion.valid)
+            detect_head_movements(motion.head, fps, motion.valid)
         spent_s = time.process_time() - start
         print(f"| {fps:g} | {1e4 * spent_s / seconds:.1f} | {seconds / spent_s:.0f} |")
 
@@ -344,17 +366,17 @@ def print_speed(performed: list[Performed]) -> None:
 def main() -> None:
     """Print the tables."""
     workspace = Workspace.open(Path())
-    performed = load(workspace, int(sys.argv[1]) if sys.argv[1:] else 100)
-    seconds = sum(each.clip.seconds for each in performed)
-    print(f"{len(performed)} clips, {seconds:.0f} s")
-    print_saccades(performed)
-    print_fixations(performed)
-    print_blinks(performed)
-    print_head_moves(performed)
-    print_states(performed)
-    print_speed(performed)
+    regenerated = load(workspace, int(sys.argv[1]) if sys.argv[1:] else 100)
+    seconds = sum(each.clip.seconds for each in regenerated)
+    print(f"{len(regenerated)} clips, {seconds:.0f} s")
+    print_saccades(regenerated)
+    print_fixations(regenerated)
+    print_blinks(regenerated)
+    print_head_moves(regenerated)
+    print_states(regenerated)
+    print_speed(regenerated)
 
 
 if __name__ == "__main__":
-    quiet()
-    shell(main)
+    configure_environment()
+    run_command(main)

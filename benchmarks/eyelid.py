@@ -20,22 +20,28 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
-from talkingeyes.core.kinematics import angle_deg
+from talkingeyes.core.kinematics import angle_between_deg
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import direction_of_angles, gaze_of_angles
-from talkingeyes.fitting.eyelid_capture import Captured, Eye, Photograph, capture
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.eyelid.anatomy import draw_person
-from talkingeyes.head.eyelid.construction import Explained, construct, explained
+from talkingeyes.core.rotation import angles_to_direction, angles_to_gaze
+from talkingeyes.fitting.eyelid_capture import EyeEstimate, EyeGeometry, PosedImage, estimate_eye
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.eyelid.anatomy import sample_eyelid_parameters
+from talkingeyes.head.eyelid.construction import ExplainedVariance, explained_variance, fit_eyelid_model
 from talkingeyes.head.eyelid.drive import LID_SHAPES
-from talkingeyes.head.eyelid.labels import Lids, Random, anatomical, held_out_postures, paper_postures
-from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
+from talkingeyes.head.eyelid.labels import (
+    LidCurveFunction,
+    Random,
+    anatomical_lid_curves,
+    held_out_postures,
+    paper_postures,
+)
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, region
 from talkingeyes.head.model import HeadModel
-from talkingeyes.head.skinning import posed
-from talkingeyes.orchestration.run import quiet
-from talkingeyes.rendering.render import Painter
-from talkingeyes.rendering.view import Framing, View
+from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.rendering.render import HeadRenderer
+from talkingeyes.rendering.view import Framing, OrbitCamera
 
 PAPER = {"left": (0.66, 0.73), "right": (0.61, 0.799)}
 LID_JITTER = 0.03
@@ -49,7 +55,7 @@ class Scene:
 
     angles_rad: Float[ndarray, "N 2"]
     lid: Float[ndarray, " N"]
-    views: list[View]
+    views: list[OrbitCamera]
     frames: list[list[UInt8[ndarray, "H W 3"]]]
 
 
@@ -65,30 +71,32 @@ class Disturbance:
 
 def sculpted_head() -> HeadModel:
     """The open head without the Eyelid model's shapes: its lids follow the rule for ARKit's shapes."""
-    head = open_head()
+    head = anny_head()
     kept = len(head.expression_names) - len(LID_SHAPES)
     return replace(head, expression=head.expression[:kept], expression_names=head.expression_names[:kept])
 
 
 def motion_of(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, "N 2"]) -> Motion:
     """Both eyes in the same postures, the head still."""
-    gaze = gaze_of_angles(np.repeat(angles_rad[:, None], 2, axis=1))
+    gaze = angles_to_gaze(np.repeat(angles_rad[:, None], 2, axis=1))
     return Motion.of(fps=25.0, head=np.zeros((len(gaze), 3)), gaze=gaze, lid=lid)
 
 
-def sculpted(head: HeadModel, around: Region) -> Lids:
+def sculpted(head: HeadModel, around: EyelidRegion) -> LidCurveFunction:
     """The lids of the head as curves of a region."""
 
     def curves(angles_rad: ndarray, lid: ndarray, random: Random) -> ndarray:
         jittered = lid + random.normal(0.0, LID_JITTER, len(lid))
-        vertices = posed(head, pose_of(head, motion_of(angles_rad, np.repeat(jittered[:, None], 2, axis=1))))
+        vertices = posed_vertices(
+            head, motion_to_pose(head, motion_of(angles_rad, np.repeat(jittered[:, None], 2, axis=1)))
+        )
         points = around.curves.of(vertices.astype(np.float64)) - around.centre
-        return np.asarray(points * TEMPORAL[around.eye])
+        return np.asarray(points * TEMPORAL_AXES[around.eye])
 
     return curves
 
 
-def print_variance(head: HeadModel) -> list[Eye]:
+def print_variance(head: HeadModel) -> list[EyeGeometry]:
     """The table of variance explained; gives the models of the sculpted lids."""
     print("variance of the coordinates explained, %        34 postures             200 held-out gazes")
     print(f"{'lids':<22}{'eye':<7}{'stage one':>12}{'both':>8}{'stage one':>18}{'both':>8}{'both, open':>12}")
@@ -97,45 +105,49 @@ def print_variance(head: HeadModel) -> list[Eye]:
         for eye, side in enumerate(PAPER):
             random = np.random.default_rng([len(kind), eye])
             around = region(head, eye)
-            lids = anatomical(around, draw_person(random)) if "anatomy" in kind else sculpted(head, around)
+            lids = (
+                anatomical_lid_curves(around, sample_eyelid_parameters(random))
+                if "anatomy" in kind
+                else sculpted(head, around)
+            )
             labels = paper_postures(lids, random)
-            model = construct(labels)
+            model = fit_eyelid_model(labels)
             others = held_out_postures(lids, labels.angles_rad, HELD_OUT, random)
             is_open = model.lid(others.angles_rad, others.curves) < 0.25
-            trained, held_out = explained(model, labels), explained(model, others)
+            trained, held_out = explained_variance(model, labels), explained_variance(model, others)
             print(
                 f"{kind:<22}{side:<7}{_percent(trained)}{'':10}{_percent(held_out)}"
-                f"{100 * explained(model, others.at(is_open)).both_stages:12.1f}"
+                f"{100 * explained_variance(model, others.at(is_open)).both_stages:12.1f}"
             )
             if kind.startswith("sculpted"):
-                eyes.append(Eye(eye, around.centre, model))
+                eyes.append(EyeGeometry(eye, around.centre, model))
     for side, shares in PAPER.items():
-        print(f"{'the paper':<22}{side:<7}{_percent(Explained(*shares))}")
+        print(f"{'the paper':<22}{side:<7}{_percent(ExplainedVariance(*shares))}")
     return eyes
 
 
-def photographed(head: HeadModel, count: int, lids: tuple[float, float], size_px: int, seed: int) -> Scene:
+def render_scene(head: HeadModel, count: int, lids: tuple[float, float], size_px: int, seed: int) -> Scene:
     """Postures with closures from a range, from three views, as pictures of `size_px`."""
     random = np.random.default_rng(seed)
     angles = np.clip(random.normal(0.0, np.radians([9.0, 7.0]), (count, 2)), *np.radians([[-28, -22], [28, 16]]))
     lid = random.uniform(*lids, count)
     motion = motion_of(angles, lid[:, None] + random.normal(0.0, LID_JITTER, (count, 2)))
     views = [Framing(0.285, (0.0, 0.030, 0.0), yaw_deg=yaw).view(size_px, size_px) for yaw in YAWS_DEG]
-    return Scene(angles, lid, views, [list(Painter(head, view).draw(motion)) for view in views])
+    return Scene(angles, lid, views, [list(HeadRenderer(head, view).draw(motion)) for view in views])
 
 
-def print_capture(name: str, scene: Scene, eyes: list[Eye], wrong: Disturbance) -> None:
+def print_capture(name: str, scene: Scene, eyes: list[EyeGeometry], wrong: Disturbance) -> None:
     """A row: errors of gaze and closure over both eyes, how many were flagged, the time."""
     random = np.random.default_rng(0)
     errors, lids, seconds = [], [], 0.0
     for frame, (angles, lid) in enumerate(zip(scene.angles_rad, scene.lid, strict=True)):
-        photographs = [_disturbed(scene, view, frame, wrong, random) for view in range(wrong.views)]
+        posed_images = [_disturbed(scene, view, frame, wrong, random) for view in range(wrong.views)]
         start = time.process_time()
-        found: list[Captured] = [capture(photographs, eye) for eye in eyes]
+        found: list[EyeEstimate] = [estimate_eye(posed_images, eye) for eye in eyes]
         seconds += time.process_time() - start
         for one in found:
             if not one.nearly_shut:
-                errors.append(angle_deg(direction_of_angles(one.angles_rad), direction_of_angles(angles)))
+                errors.append(angle_between_deg(angles_to_direction(one.angles_rad), angles_to_direction(angles)))
                 lids.append(abs(one.lid - lid))
     flagged = 1 - len(errors) / (2 * len(scene.lid))
     milliseconds = 1000 * seconds / len(scene.lid)
@@ -153,16 +165,16 @@ def main() -> None:
     eyes = print_variance(head)
     print(f"\ncapture of {count} postures, both eyes     gaze error, degrees   closure  flagged   ms a frame")
     print(f"{'condition':<40}{'median':>8}{'95 %':>8}{'error':>10}{'%':>10}{'(CPU)':>10}")
-    open_eyes = photographed(head, count, (0.0, 0.1), 256, 1)
+    open_eyes = render_scene(head, count, (0.0, 0.1), 256, 1)
     print_capture("open, three views of 256 px", open_eyes, eyes, Disturbance())
     print_capture("open, one view", open_eyes, eyes, Disturbance(views=1))
     for low, high in ((0.4, 0.6), (0.6, 0.8), (0.9, 1.0)):
-        scene = photographed(head, count, (low, high), 256, 2)
+        scene = render_scene(head, count, (low, high), 256, 2)
         print_capture(f"closure {low} to {high}", scene, eyes, Disturbance())
     for noise in (0.02, 0.05):
         print_capture(f"open, noise of {100 * noise:.0f} % a channel", open_eyes, eyes, Disturbance(noise=noise))
     for size_px in (128, 512):
-        scene = photographed(head, count, (0.0, 0.1), size_px, 1)
+        scene = render_scene(head, count, (0.0, 0.1), size_px, 1)
         print_capture(f"open, {size_px} px", scene, eyes, Disturbance())
     for turn_deg, shift_m in ((1.0, 0.0), (2.0, 0.0), (0.0, 0.001)):
         wrong = Disturbance(turn_deg=turn_deg, shift_m=shift_m)
@@ -171,11 +183,11 @@ def main() -> None:
     print(f"{'the paper, three views of 720 x 576':<40}{'no figure':>16}{'':>20}{800:10d}  (with a GPU of 2007)")
 
 
-def _disturbed(scene: Scene, view: int, frame: int, wrong: Disturbance, random: Random) -> Photograph:
+def _disturbed(scene: Scene, view: int, frame: int, wrong: Disturbance, random: Random) -> PosedImage:
     image = scene.frames[view][frame] / 255.0
     noisy = np.clip(image + random.normal(0.0, wrong.noise, image.shape), 0.0, 1.0) if wrong.noise else image
     turn, shift = (_direction(random) * size for size in (np.radians(wrong.turn_deg), wrong.shift_m))
-    return Photograph(noisy, scene.views[view], turn, shift)
+    return PosedImage(noisy, scene.views[view], turn, shift)
 
 
 def _direction(random: Random) -> Float[ndarray, " 3"]:
@@ -183,10 +195,10 @@ def _direction(random: Random) -> Float[ndarray, " 3"]:
     return np.asarray(free / np.linalg.norm(free))
 
 
-def _percent(shares: Explained) -> str:
+def _percent(shares: ExplainedVariance) -> str:
     return f"{100 * shares.stage_one:12.1f}{100 * shares.both_stages:8.1f}"
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

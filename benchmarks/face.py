@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.orchestration.run import quiet, shell
+from talkingeyes.orchestration.run import configure_environment, run_command
 
 MODEL = Path("data", "train", "probtalk3d")
 SAMPLES_AND_SECONDS = ((1, 10), (10, 10), (1, 60), (1, 600))
@@ -28,7 +28,7 @@ MOST_CPU_S = 1.0  # for ten samples of ten seconds
 
 
 @dataclass(frozen=True)
-class Measured:
+class Cost:
     """CPU seconds, and the peak memory of the process."""
 
     cpu_s: float
@@ -43,21 +43,21 @@ def embedded(folder: Path, seconds: int) -> np.ndarray:
 
     content = json.loads((folder / "embedding.json").read_text())
     encoder = make_encoder(EmbedSettings.model_validate(content["settings"]))
-    once = encoder(read_speech(packaged(SPEECH)), content["fps"])
+    once = encoder(read_speech(package_file(EXAMPLE_SPEECH)), content["fps"])
     return np.resize(once, (round(seconds * content["fps"]), once.shape[1]))
 
 
-def measure(folder: Path, embedding: np.ndarray, samples: int) -> Measured:
+def measure(folder: Path, embedding: np.ndarray, samples: int) -> Cost:
     """Generate faces after a warm-up."""
-    from talkingeyes.models.face.style import Style, StyleKey
+    from talkingeyes.models.face.style import FaceStyle, StyleKey
     from talkingeyes.training.face_trained import load_face_generator
 
-    generator, style = load_face_generator(folder), [StyleKey(0.0, Style(None, "happy", 2))]
+    generator, style = load_face_generator(folder), [StyleKey(0.0, FaceStyle(None, "happy", 2))]
     generator.generate(embedding[:50], style, [0], 25.0)
     start = time.process_time()
     generator.generate(embedding, style, list(range(samples)), 25.0)
     cpu_s = time.process_time() - start
-    return Measured(cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return Cost(cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def main() -> None:
@@ -69,7 +69,7 @@ def main() -> None:
     print("|---|---|---|---|")
     found = {}
     for samples, seconds in SAMPLES_AND_SECONDS:
-        with context.Pool(1, initializer=quiet) as pool:
+        with context.Pool(1, initializer=configure_environment) as pool:
             one = pool.apply(measure, (folder, longest[: seconds * 25], samples))
         found[samples, seconds] = one.cpu_s
         print(f"| {samples} | {seconds} | {one.cpu_s:.2f} | {one.peak_mib:.0f} |", flush=True)
@@ -78,4 +78,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

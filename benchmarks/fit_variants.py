@@ -19,17 +19,17 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import angles_of_gaze, gaze_in_space
+from talkingeyes.core.rotation import gaze_in_space, gaze_to_angles
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.detectors import scoring
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
-from talkingeyes.fitting.accuracy import Tally, Yardstick
+from talkingeyes.fitting.accuracy import ErrorSums, FitReference
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import blink_frames
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
-from talkingeyes.physiology import saccades as law
+from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.physiology import saccades as main_sequence_model
 
 AMPLITUDE_DEG, TOLERANCE_S = 2.0, 0.08
 VARIANTS: dict[str, tuple[str, ...]] = {
@@ -38,7 +38,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "and quadratic": ("fit=paper", "fit/smoothing=quadratic"),
     "and steps": ("fit=paper", "fit/smoothing=steps"),
     "and saccades": ("fit=paper", "fit/smoothing=saccades"),
-    "and eyes, Listing": ("fit=default", "fit.eyes.vergence_sd_rad=10"),
+    "and eyes, Listing": ("fit=default", "fit.eye_calibration.vergence_sd_rad=10"),
     "default": ("fit=default",),
     "video": ("fit=video",),
 }
@@ -89,35 +89,35 @@ def saccades_of(motion: Motion, blinking: np.ndarray) -> Saccades:
 
 def line(name: str, corpus: Corpus, cases: Sequence[Case], motions: Sequence[Motion]) -> str:
     """A row, pooled over clips."""
-    total, truth, matched = Tally(), Tally(), scoring.Tally()
+    total, truth, matched = ErrorSums(), ErrorSums(), scoring.DetectionCounts()
     degrees, peaks = [], []
     for case, motion in zip(cases, motions, strict=True):
         seen = corpus.observation(case.clip)
-        yardstick = Yardstick(seen.pupils, seen.camera, ~case.blinking, case.motion, case.motion)
-        total, truth = total + yardstick.tally(motion), truth + yardstick.tally(case.motion)
-        apart = angles_of_gaze(motion.gaze) - angles_of_gaze(case.motion.gaze)
+        reference = FitReference(seen.pupils, seen.camera, ~case.blinking, case.motion, case.motion)
+        total, truth = total + reference.error_sums(motion), truth + reference.error_sums(case.motion)
+        apart = gaze_to_angles(motion.gaze) - gaze_to_angles(case.motion.gaze)
         degrees.append(np.degrees(np.linalg.norm(apart, axis=-1))[~case.blinking].ravel())
         found = saccades_of(motion, case.blinking)
         large, known = (each.amplitude_deg >= AMPLITUDE_DEG for each in (found, case.saccades))
-        matched += scoring.tally(found.onset_s[large], case.saccades.onset_s[known], TOLERANCE_S)
-        peaks.append(over_law(found, motion.fps))
+        matched += scoring.count_matches(found.onset_s[large], case.saccades.onset_s[known], TOLERANCE_S)
+        peaks.append(peak_over_main_sequence(found, motion.fps))
     ratios = np.concatenate(peaks)
     spread = np.log(ratios).std() if len(ratios) else float("nan")
     return (
-        f"{name:<20}{total.distance_px / total.distances:>9.3f}{total.speed_px_s / truth.speed_px_s:>7.2f}"
+        f"{name:<20}{total.truth_distance_px / total.truth_distances:>9.3f}{total.speed_px_s / truth.speed_px_s:>7.2f}"
         f"{np.concatenate(degrees).mean():>9.2f}{total.peak_px_s / truth.peak_px_s:>7.2f}"
         f"{np.median(ratios):>7.2f}, {spread:.2f}{matched.score.recall:>8.2f}{matched.score.precision:>7.2f}"
     )
 
 
-def over_law(found: Saccades, fps: float) -> np.ndarray:
+def peak_over_main_sequence(found: Saccades, fps: float) -> np.ndarray:
     """The fastest frame of each saccade over the mean speed of the main sequence, seen through frames."""
     amplitudes = found.amplitude_deg[found.amplitude_deg >= AMPLITUDE_DEG]
     peaks = found.peak_speed_deg_s[found.amplitude_deg >= AMPLITUDE_DEG]
-    durations = np.array([law.duration_s(float(np.radians(amplitude))) for amplitude in amplitudes])
+    durations = np.array([main_sequence_model.duration_s(float(np.radians(amplitude))) for amplitude in amplitudes])
     return np.asarray(peaks / (amplitudes / np.maximum(durations, 1 / fps)))
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

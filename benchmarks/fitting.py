@@ -14,30 +14,30 @@ import time
 
 import numpy as np
 
-from talkingeyes.core.rotation import gaze_of_angles
+from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.fitting.clip import FitSettings
-from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
+from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, solve
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import in_camera, pupils
+from talkingeyes.head.landmarks import head_to_scene, pupils
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)
 FRAMES = 220
 REPEATS = 20  # of the fast solver, which takes a few milliseconds
 
 
-def sight(random: np.random.Generator) -> Sight:
+def observations(random: np.random.Generator) -> PupilObservations:
     """A clip of random gaze: conjugate eyes with their axes 9 degrees apart, .3 px of noise, a twentieth hidden."""
     head, translation = random.normal(0, 0.08, (FRAMES, 3)), random.normal(0, 0.005, (FRAMES, 3))
     angles_rad = random.normal(0, 0.1, (FRAMES, 1, 2)) + np.array([[0.08, 0.0], [-0.08, 0.0]])
-    seen = CAMERA.project(in_camera(pupils(gaze_of_angles(angles_rad)), head, translation))
+    seen = CAMERA.project(head_to_scene(pupils(angles_to_gaze(angles_rad)), head, translation))
     seen += random.normal(0, 0.3, seen.shape)
     seen[random.random((FRAMES, 2)) < 0.05] = np.nan
-    return Sight(seen, head, translation, CAMERA)
+    return PupilObservations(seen, head, translation, CAMERA)
 
 
-def timed(clip: Sight, settings: LightGazeFitSettings, repeats: int) -> tuple[Solution, float]:
+def timed(clip: PupilObservations, settings: LightGazeFitSettings, repeats: int) -> tuple[Solution, float]:
     """The solution and the seconds that it took, on average."""
     solution = solve(clip, settings)
     start = time.process_time()
@@ -51,7 +51,7 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    clips = [sight(np.random.default_rng(seed)) for seed in range(int(sys.argv[1]) if sys.argv[1:] else 5)]
+    clips = [observations(np.random.default_rng(seed)) for seed in range(int(sys.argv[1]) if sys.argv[1:] else 5)]
     settings = FitSettings.model_validate(compose()["fit"]).lightgazefit
     frames = len(clips) * FRAMES
     print(f"{len(clips)} clips of {FRAMES} frames, one thread")
@@ -70,5 +70,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

@@ -27,23 +27,23 @@ from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording, recordings
 from talkingeyes.evaluation.benchmark.sound import CRITICS
-from talkingeyes.evaluation.correlation import Correlation
-from talkingeyes.models.condition.conditioner import NOTHING
-from talkingeyes.models.gaze.generator import Condition
-from talkingeyes.models.gaze.regressed import RegressedGaze
-from talkingeyes.models.gaze.signal import gaze_of, signal_of
+from talkingeyes.evaluation.correlation import CriticCorrelation
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
+from talkingeyes.models.gaze.generator import GazeCondition
+from talkingeyes.models.gaze.regressed import RegressionGaze
+from talkingeyes.models.gaze.signal import to_gaze_tensor, to_signal_tensor
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.orchestration.run import Workspace, shell
+from talkingeyes.orchestration.run import Workspace, run_command
 from talkingeyes.training.trained import NetworkGenerator, load_generator
 
 MODEL = Path("data", "train", "talkingeyes_paper")
 SPLIT = "test"
-RELEASED_S, WATCHED_S, PART_S = 2.0, 2.0, 0.5
+FREE_RUNNING_S, WATCHED_S, PART_S = 2.0, 2.0, 0.5
 MOVES_DEG = 1.0  # a frame in which the eyes move says whether it is copied
 
 
 @dataclass(frozen=True)
-class Heard:
+class DecoderInput:
     """One sound as a decoder has it."""
 
     memory: Float[Tensor, "1 T W"]
@@ -51,8 +51,8 @@ class Heard:
     head: Float[Tensor, "1 T 3"]
 
 
-def predicted(
-    gaze: RegressedGaze, past: Float[Tensor, "1 T F"], memory: Float[Tensor, "1 T W"]
+def teacher_forced(
+    gaze: RegressionGaze, past: Float[Tensor, "1 T F"], memory: Float[Tensor, "1 T W"]
 ) -> Float[Tensor, "1 T F"]:
     """Each frame from those before it, which are given (eq. 9), in units of the codebook's scale."""
     features = gaze.out(gaze.transformer(gaze.embed(past), memory))
@@ -61,39 +61,41 @@ def predicted(
     return (signal - gaze.codebook.mean) / gaze.codebook.scale
 
 
-def before(frames: Float[Tensor, "1 T F"]) -> Float[Tensor, "1 T F"]:
+def previous_frames(frames: Float[Tensor, "1 T F"]) -> Float[Tensor, "1 T F"]:
     """What was before each frame; before the first, the mean."""
     return torch.cat([torch.zeros_like(frames[:, :1]), frames[:, :-1]], dim=1)
 
 
-def released(gaze: RegressedGaze, heard: Heard, from_frame: int, frames: int) -> Float[Tensor, "1 N F"]:
+def free_running(
+    gaze: RegressionGaze, decoder_input: DecoderInput, from_frame: int, frames: int
+) -> Float[Tensor, "1 N F"]:
     """Told the truth up to a frame; then so many frames by itself."""
-    known = heard.true[:, :from_frame]
-    for _ in range(min(frames, heard.true.shape[1] - from_frame)):
+    known = decoder_input.true[:, :from_frame]
+    for _ in range(min(frames, decoder_input.true.shape[1] - from_frame)):
         past = torch.cat([torch.zeros_like(known[:, :1]), known], dim=1)
-        known = torch.cat([known, predicted(gaze, past, heard.memory[:, : past.shape[1]])[:, -1:]], dim=1)
+        known = torch.cat([known, teacher_forced(gaze, past, decoder_input.memory[:, : past.shape[1]])[:, -1:]], dim=1)
     return known[:, from_frame:]
 
 
-def heard_by(network: SpeechToMotion, gaze: RegressedGaze, recording: Recording) -> Heard:
+def decoder_input_of(network: SpeechToMotion, gaze: RegressionGaze, recording: Recording) -> DecoderInput:
     """A recording, with its true head as condition."""
     head, eyes, speech = (
         torch.from_numpy(np.array(each)).float()[None] for each in (recording.head, recording.gaze, recording.speech)
     )
-    condition = Condition(network.hear(speech, NOTHING).gaze, head, network.head.normal(head))
-    memory = gaze.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
-    signal = signal_of(gaze.codebook.settings.signal, head, eyes)
-    return Heard(memory, (signal - gaze.codebook.mean) / gaze.codebook.scale, head)
+    condition = GazeCondition(network.encode_speech(speech, NO_CONDITIONING).gaze, head, network.head.normal(head))
+    memory = gaze.condition(torch.cat([condition.speech, condition.normalised_head], dim=-1))
+    signal = to_signal_tensor(gaze.codebook.settings.signal, head, eyes)
+    return DecoderInput(memory, (signal - gaze.codebook.mean) / gaze.codebook.scale, head)
 
 
-def speeds(gaze: RegressedGaze, frames: Float[Tensor, "1 T F"], fps: float) -> Float[ndarray, " _"]:
+def speeds(gaze: RegressionGaze, frames: Float[Tensor, "1 T F"], fps: float) -> Float[ndarray, " _"]:
     """Degrees a second between frames; where codes are of the eyes in the head no head is needed."""
     still = torch.zeros(1, frames.shape[1], 3)
-    eyes = gaze_of(gaze.codebook.settings.signal, still, frames * gaze.codebook.scale + gaze.codebook.mean)
+    eyes = to_gaze_tensor(gaze.codebook.settings.signal, still, frames * gaze.codebook.scale + gaze.codebook.mean)
     return eye_speed_deg_s(eyes.numpy(), fps).ravel()
 
 
-def degrees(gaze: RegressedGaze, off: Float[Tensor, "1 T F"]) -> Float[ndarray, " T"]:
+def degrees(gaze: RegressionGaze, off: Float[Tensor, "1 T F"]) -> Float[ndarray, " T"]:
     """How far two courses are apart in each frame, the mean of both eyes."""
     eyes = (off * gaze.codebook.scale)[0].reshape(off.shape[1], 2, -1)
     return np.asarray(np.degrees(eyes.norm(dim=-1).mean(-1).numpy()))
@@ -105,10 +107,10 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
     generator = load_generator(model)
     assert isinstance(generator, NetworkGenerator)
     network, gaze = generator.network, generator.network.gaze
-    assert isinstance(gaze, RegressedGaze)
+    assert isinstance(gaze, RegressionGaze)
     corpus = Corpus(workspace.corpus)
     clips = recordings(corpus, workspace.data("fit"), workspace.data("embed"), SPLIT, take=0)
-    critic = Correlation.load(workspace.data("critic"), CRITICS["gaze"])
+    critic = CriticCorrelation.load(workspace.data("critic"), CRITICS["gaze"])
     found: dict[str, list[float]] = {}
 
     def add(name: str, value: float) -> None:
@@ -116,20 +118,30 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
 
     for recording in clips:
         fps = recording.clip.fps
-        heard = heard_by(network, gaze, recording)
-        told = predicted(gaze, before(heard.true), heard.memory)
-        true_speed = speeds(gaze, heard.true, fps)
+        decoder_input = decoder_input_of(network, gaze, recording)
+        told = teacher_forced(gaze, previous_frames(decoder_input.true), decoder_input.memory)
+        true_speed = speeds(gaze, decoder_input.true, fps)
         add("told: speed / fitted", speeds(gaze, told, fps).mean() / true_speed.mean())
-        moves = degrees(gaze, heard.true - before(heard.true)) > MOVES_DEG
+        moves = degrees(gaze, decoder_input.true - previous_frames(decoder_input.true)) > MOVES_DEG
         moves[0] = False
-        late, right = (degrees(gaze, told - each)[moves] for each in (before(heard.true), heard.true))
+        late, right = (
+            degrees(gaze, told - each)[moves] for each in (previous_frames(decoder_input.true), decoder_input.true)
+        )
         add("told: moving frames nearer to the last frame than to their own", float((late < right).mean()))
-        speech, head = np.array(recording.speech), heard.head.numpy()
-        for name, frames in (("told", told), ("fitted", heard.true)):
-            eyes = gaze_of(gaze.codebook.settings.signal, heard.head, frames * gaze.codebook.scale + gaze.codebook.mean)
+        speech, head = np.array(recording.speech), decoder_input.head.numpy()
+        for name, frames in (("told", told), ("fitted", decoder_input.true)):
+            eyes = to_gaze_tensor(
+                gaze.codebook.settings.signal, decoder_input.head, frames * gaze.codebook.scale + gaze.codebook.mean
+            )
             add(f"{name}: Corr. eyes", float(critic(speech, head, eyes.numpy()).mean()))
-        first, part = round(RELEASED_S * fps), round(PART_S * fps)
-        alone = torch.cat([heard.true[:, first - 1 : first], released(gaze, heard, first, round(WATCHED_S * fps))], 1)
+        first, part = round(FREE_RUNNING_S * fps), round(PART_S * fps)
+        alone = torch.cat(
+            [
+                decoder_input.true[:, first - 1 : first],
+                free_running(gaze, decoder_input, first, round(WATCHED_S * fps)),
+            ],
+            1,
+        )
         course = speeds(gaze, alone, fps)
         for number in range(len(course) // part):
             add(
@@ -152,4 +164,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

@@ -23,20 +23,20 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.orchestration.run import quiet, shell
+from talkingeyes.orchestration.run import configure_environment, run_command
 
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
 MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes")
-LENGTHS_S = (10, 60, 600, 3600)
+DURATIONS_S = (10, 60, 600, 3600)
 RECOMPUTED_S = (10, 60)
 REPEATS = 25  # of the shortest, each of other seeds: their median, for one run says little
 TURNS = 101
@@ -44,7 +44,7 @@ EXPERIMENT = "experiment=events"  # has that model beside the default
 
 
 @dataclass(frozen=True)
-class Measured:
+class Cost:
     """CPU seconds of gaze and head, of a whole performance, and its peak memory beyond the inputs and outputs."""
 
     cpu_s: float
@@ -52,47 +52,47 @@ class Measured:
     peak_mib: float
 
 
-def measure(embedding: np.ndarray, samples: int) -> Measured:
+def measure(embedding: np.ndarray, samples: int) -> Cost:
     """Perform an embedded speech, after a warm-up."""
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
-    performer = Performer.load(MODEL)
-    performer.perform_embedded(embedding[:250], samples, seed=0, fps=performer.fps)
-    repeats = REPEATS if len(embedding) <= LENGTHS_S[0] * performer.fps else 1
-    drawn_s = [_drawn_s(performer, embedding, first, samples) for first in range(repeats)]
+    animator = Animator.load(MODEL)
+    animator.generate_from_embedding(embedding[:250], samples, seed=0, fps=animator.fps)
+    repeats = REPEATS if len(embedding) <= DURATIONS_S[0] * animator.fps else 1
+    drawn_s = [_drawn_s(animator, embedding, first, samples) for first in range(repeats)]
     start = time.process_time()
-    made = performer.perform_embedded(embedding, samples, seed=0, fps=performer.fps)
+    made = animator.generate_from_embedding(embedding, samples, seed=0, fps=animator.fps)
     whole_cpu_s = time.process_time() - start
     arrays = [
         getattr(one.motion, name).nbytes for one in made for name in ("head", "gaze", "lid", "jaw", "translation")
     ]
     own_mib = (embedding.nbytes + sum(arrays)) / 2**20
-    return Measured(
+    return Cost(
         float(np.median(drawn_s)), whole_cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - own_mib
     )
 
 
-def over_one(embedding: np.ndarray, samples: int) -> float:
+def relative_cost(embedding: np.ndarray, samples: int) -> float:
     """Median CPU seconds of so many samples over those of one, in turn: shared machines are faster now, slower then."""
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
-    performer = Performer.load(MODEL)
+    animator = Animator.load(MODEL)
     drawn_s = np.array(
-        [[_drawn_s(performer, embedding, first, count) for count in (1, samples)] for first in range(TURNS)]
+        [[_drawn_s(animator, embedding, first, count) for count in (1, samples)] for first in range(TURNS)]
     )
     one, several = np.median(drawn_s[1:], axis=0)  # the first is a warm-up
     return float(several / one)
 
 
-def _drawn_s(performer: Performer, embedding: np.ndarray, first: int, samples: int) -> float:
+def _drawn_s(animator: Animator, embedding: np.ndarray, first: int, samples: int) -> float:
     """CPU seconds of gaze and head, by the seeds from `first` on."""
     start = time.process_time()
-    performer.generator.generate(embedding, list(range(first, first + samples)), performer.fps)
+    animator.generator.generate(embedding, list(range(first, first + samples)), animator.fps)
     return time.process_time() - start
 
 
 @dataclass(frozen=True)
-class Recomputed:
+class UncachedCost:
     """CPU seconds of the gaze codes alone, and the parameters of that network and of the model."""
 
     cpu_s: float
@@ -100,35 +100,35 @@ class Recomputed:
     own_parameters: int
 
 
-def recomputed(embedding: np.ndarray) -> Recomputed:
+def cost_without_cache(embedding: np.ndarray) -> UncachedCost:
     """Every step computes the whole prefix again, without caches."""
     import torch
 
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
     from talkingeyes.models.gaze.categorical import CategoricalGaze
-    from talkingeyes.models.gaze.generator import Condition
+    from talkingeyes.models.gaze.generator import GazeCondition
     from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
     from talkingeyes.models.speech_to_motion import SpeechToMotion
     from talkingeyes.orchestration.config import compose
-    from talkingeyes.training.translation import TranslationSettings
+    from talkingeyes.training.translation import MotionTaskSettings
 
-    performer, params = Performer.load(MODEL), compose([EXPERIMENT])
+    animator, params = Animator.load(MODEL), compose([EXPERIMENT])
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
-    settings = TranslationSettings.model_validate(params["model"]["talkingeyes_codes"])
-    network = SpeechToMotion(settings, performer.encoder.channels, codebook).eval()
+    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes_codes"])
+    network = SpeechToMotion(settings, animator.encoder.channels, codebook).eval()
     gaze = network.gaze
     assert isinstance(gaze, CategoricalGaze)
     start = time.process_time()
     with torch.no_grad():
         speech = network.speech(torch.from_numpy(embedding)[None])
         still = torch.zeros(1, len(embedding), 3)
-        memory = gaze.memory(Condition(speech, still, still))
+        memory = gaze.memory(GazeCondition(speech, still, still))
         for step in range(memory.shape[1]):
             gaze.out(gaze.transformer(memory[:, : step + 1], memory))
             width = gaze.codebook.settings.quantiser.width
             gaze.codebook.decode(torch.zeros(1, step + 1, width), torch.zeros(1, step + 1, dtype=torch.bool))
     taken = time.process_time() - start
-    return Recomputed(taken, _parameters(network), _parameters(getattr(performer.generator, "network", None)))
+    return UncachedCost(taken, _parameters(network), _parameters(getattr(animator.generator, "network", None)))
 
 
 def _parameters(network: Module | None) -> int:
@@ -137,12 +137,12 @@ def _parameters(network: Module | None) -> int:
 
 def embed(seconds: int) -> np.ndarray:
     """The packaged recording, repeated, as the model hears it."""
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
-    performer = Performer.load(MODEL)
-    speech = read_speech(packaged(SPEECH))
+    animator = Animator.load(MODEL)
+    speech = read_speech(package_file(EXAMPLE_SPEECH))
     sound = np.tile(speech, seconds * 16_000 // len(speech) + 1)[: seconds * 16_000]
-    return performer.encoder(sound, performer.fps)
+    return animator.encoder(sound, animator.fps)
 
 
 def main() -> None:
@@ -153,10 +153,10 @@ def main() -> None:
         with spawn.Pool(1) as pool:
             return pool.apply(function, arguments, named)
 
-    embeddings = {seconds: apart(embed, seconds) for seconds in LENGTHS_S}
+    embeddings = {seconds: apart(embed, seconds) for seconds in DURATIONS_S}
     print("speech (s)   samples   gaze and head, CPU s   per 10 s   whole, CPU s   peak MiB beyond inputs and outputs")
     one = {}
-    for seconds, samples in [*((length, 1) for length in LENGTHS_S), (10, 10)]:
+    for seconds, samples in [*((length, 1) for length in DURATIONS_S), (10, 10)]:
         measured = apart(measure, embeddings[seconds], samples)
         print(
             f"{seconds:10d}   {samples:7d}   {measured.cpu_s:20.3f}   {measured.cpu_s / seconds * 10:8.3f}"
@@ -164,12 +164,12 @@ def main() -> None:
         )
         if samples == 1:
             one[seconds] = measured
-    print(f"ten samples over one, in turn: {apart(over_one, embeddings[10], 10):.2f}")
+    print(f"ten samples over one, in turn: {apart(relative_cost, embeddings[10], 10):.2f}")
     first, minute, hour = one[10], one[60], one[3600]
     print(f"time of an hour over 360 times that of 10 s: {hour.cpu_s / (360 * first.cpu_s):.2f}")
     print(f"peak memory of an hour over that of 1 min: {hour.peak_mib / minute.peak_mib:.2f}")
     for seconds in RECOMPUTED_S:
-        again = apart(recomputed, embeddings[seconds])
+        again = apart(cost_without_cache, embeddings[seconds])
         print(
             f"prefix computed again ({again.parameters:,} parameters; the model {again.own_parameters:,}), {seconds} s:"
             f" {again.cpu_s:.2f} s, {again.cpu_s / one[seconds].cpu_s:.1f} times"
@@ -177,5 +177,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    quiet()
-    shell(main)
+    configure_environment()
+    run_command(main)

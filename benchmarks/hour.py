@@ -1,7 +1,7 @@
 """An hour of speech through a performance: peak memory of one process after each step, and what grows by nature.
 
 The packaged recording is repeated to an hour and written as a file; it is read, embedded, performed and saved, as
-`talkingeyes animate --no-pictures` does. Peaks hold everything: Python, torch, the model, inputs and outputs.
+`talkingeyes animate --no-previews` does. Peaks hold everything: Python, torch, the model, inputs and outputs.
 
 Run     python -m benchmarks.hour [FOLDER OF A MODEL [FRAMES A SECOND]]     (make bench, after make repro; 4 minutes)
 Reads   data/train/talkingeyes, or the folder that is named
@@ -17,9 +17,9 @@ from pathlib import Path
 
 import soundfile
 
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
-from talkingeyes.orchestration.run import quiet, shell
+from talkingeyes.orchestration.run import configure_environment, run_command
 
 MODEL = Path("data", "train", "talkingeyes")
 SECONDS = 3600
@@ -27,7 +27,7 @@ SECONDS = 3600
 
 def write_hour(path: Path) -> None:
     """The recording, over and over, block by block."""
-    speech = read_speech(packaged(SPEECH))
+    speech = read_speech(package_file(EXAMPLE_SPEECH))
     with soundfile.SoundFile(path, "w", SAMPLE_RATE, 1, "PCM_16") as file:
         left = SECONDS * SAMPLE_RATE
         while left:
@@ -43,20 +43,20 @@ def report(step: str) -> None:
 
 def main() -> None:
     """One process, step by step."""
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
     model = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
     with tempfile.TemporaryDirectory() as folder:
         write_hour(Path(folder, "hour.flac"))
         report("written")
-        performer = Performer.load(model)
-        fps = float(sys.argv[2]) if len(sys.argv) > 2 else performer.fps
+        animator = Animator.load(model)
+        fps = float(sys.argv[2]) if len(sys.argv) > 2 else animator.fps
         report("loaded")
         sound = read_speech(Path(folder, "hour.flac"))
         report("read")
-        embedding = performer.encoder(sound, performer.fps)
+        embedding = animator.encoder(sound, animator.fps)
         report("embedded")
-        (one,) = performer.perform_embedded(embedding, 1, 0, fps)
+        (one,) = animator.generate_from_embedding(embedding, 1, 0, fps)
         report("performed")
         one.save(Path(folder, "hour.npz"))
         report("saved")
@@ -73,5 +73,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    quiet()
-    shell(main)
+    configure_environment()
+    run_command(main)

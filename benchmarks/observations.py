@@ -13,30 +13,30 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.fit import summary_of, table8
+from pipelines.fit import method_comparison, summarise
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.fitting.comparison import Truth, Verdict, judge
+from talkingeyes.fitting.comparison import FitEvaluation, GroundTruth, evaluate_fit
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
-from talkingeyes.physiology.blinks import PHYSIO
+from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL
 from talkingeyes.synthesis.noise import NoiseSettings
-from talkingeyes.synthesis.observations import CameraSettings, head_shape, make_camera, observe
-from talkingeyes.synthesis.pool import sketch
-from talkingeyes.synthesis.speakers import draw_style
-from talkingeyes.synthesis.take import Take, perform
+from talkingeyes.synthesis.observations import CameraSettings, identity_weights, make_camera, observe
+from talkingeyes.synthesis.pool import sketch_annotation
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import Take, sample_take
 
 SECONDS, FPS = 9.0, 25.0
 CHANGES: dict[str, tuple[str, ...]] = {
     "as in default": (),
-    "all heads alike": ("camera.head_spread=0",),
-    "heads twice as different": ("camera.head_spread=0.3",),
-    "camera .4 m away": ("camera.distance_least_m=0.4", "camera.distance_most_m=0.4"),
-    "camera 4 m away": ("camera.distance_least_m=4", "camera.distance_most_m=4"),
-    "3 occlusions a minute": ("noise.occlusion.per_min=3",),
-    "10 occlusions a minute": ("noise.occlusion.per_min=10",),
-    "2 % of frames lost": ("noise.dropped.share=0.02",),
-    "10 % of frames lost": ("noise.dropped.share=0.1",),
-    "whole pixels": ("noise.grid_px=1",),
+    "all heads alike": ("camera.identity_std=0",),
+    "heads twice as different": ("camera.identity_std=0.3",),
+    "camera .4 m away": ("camera.distance_min_m=0.4", "camera.distance_max_m=0.4"),
+    "camera 4 m away": ("camera.distance_min_m=4", "camera.distance_max_m=4"),
+    "3 occlusions a minute": ("noise.occlusion.rate_per_min=3",),
+    "10 occlusions a minute": ("noise.occlusion.rate_per_min=10",),
+    "2 % of frames lost": ("noise.frame_drops.dropped_fraction=0.02",),
+    "10 % of frames lost": ("noise.frame_drops.dropped_fraction=0.1",),
+    "whole pixels": ("noise.quantisation_px=1",),
     "half the resolution": ("noise.resolution=0.5",),
     "a quarter": ("noise.resolution=0.25",),
 }
@@ -47,23 +47,25 @@ def takes(count: int) -> list[Take]:
     drawn = []
     for number in range(count):
         random = np.random.default_rng([1, number])
-        drawn.append(perform(sketch(SECONDS, random), draw_style(random), SECONDS, random, PHYSIO))
+        drawn.append(
+            sample_take(sketch_annotation(SECONDS, random), sample_style(random), SECONDS, random, PHYSIOLOGICAL)
+        )
     return drawn
 
 
-def fitted(drawn: list[Take], section: dict[str, Any], settings: FitSettings) -> list[Verdict]:
+def fitted(drawn: list[Take], section: dict[str, Any], settings: FitSettings) -> list[FitEvaluation]:
     """Verdicts on the fit of all takes as a camera of this section sees them."""
     camera, noise = CameraSettings(**section["camera"]), NoiseSettings(**section["noise"])
-    verdicts = []
+    evaluations = []
     for number, take in enumerate(drawn):
         random = np.random.default_rng([2, number])
-        shape = head_shape(random.standard_normal(6).tolist(), camera)
+        shape = identity_weights(random.standard_normal(6).tolist(), camera)
         motion = take.motion(FPS, round(SECONDS * FPS))
         seen = observe(motion, make_camera(camera, random), noise, random, shape)
         fit = fit_clip(seen, settings)
-        if not fit.rejected:
-            verdicts.append(judge(seen, fit, Truth(motion, take.events), settings, by_adam=False))
-    return verdicts
+        if not fit.reject_reason:
+            evaluations.append(evaluate_fit(seen, fit, GroundTruth(motion, take.events), settings, by_adam=False))
+    return evaluations
 
 
 def main() -> None:
@@ -76,15 +78,15 @@ def main() -> None:
     print(f"{'':<28}{'px':>8}{'ratio':>11}{'peaks':>9}{'degrees':>10}{'mm':>7}{'found':>9}{'right':>8}{'kept':>9}")
     for name, changes in CHANGES.items():
         conf = compose([f"synthesize.{change}" for change in changes])
-        verdicts = fitted(drawn, conf["synthesize"], FitSettings.model_validate(conf["fit"]))
-        row, means = table8(verdicts)["rows"][0], summary_of(verdicts, count)
+        evaluations = fitted(drawn, conf["synthesize"], FitSettings.model_validate(conf["fit"]))
+        row, means = method_comparison(evaluations)["rows"][0], summarise(evaluations, count)
         print(
             f"{name:<28}{row['error_px']:8.2f}{row['velocity_ratio']:11.2f}{row['saccade_peak_ratio']:9.2f}"
             f"{means['head_error_deg']:10.2f}{means['head_error_mm']:7.1f}{means['blink_recall']:9.2f}"
-            f"{means['blink_precision']:8.2f}{len(verdicts):9d}"
+            f"{means['blink_precision']:8.2f}{len(evaluations):9d}"
         )
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

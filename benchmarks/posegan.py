@@ -15,9 +15,9 @@ import numpy as np
 import yaml
 
 from talkingeyes.models.speech_to_pose import SpeechToPose
-from talkingeyes.orchestration.config import CONF
+from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.poses import PoseModelSettings
+from talkingeyes.training.poses import PoseTaskSettings
 from talkingeyes.training.trained_poses import pose_network
 
 CHANNELS = 291  # of the default encoder
@@ -28,7 +28,7 @@ def network() -> SpeechToPose:
     """The model of the folder that was named, or an untrained one."""
     if len(sys.argv) > 1:
         return pose_network(load(Path(sys.argv[1])))
-    settings = PoseModelSettings.model_validate(yaml.safe_load((CONF / "model" / "posegan.yaml").read_text()))
+    settings = PoseTaskSettings.model_validate(yaml.safe_load((CONFIG_DIR / "model" / "posegan.yaml").read_text()))
     return SpeechToPose(settings, [str(index) for index in range(CHANNELS)], list("abcde")).eval()
 
 

@@ -27,8 +27,8 @@ import yaml
 from tqdm import tqdm
 
 from talkingeyes.orchestration.comparison import TEST_METRICS
-from talkingeyes.orchestration.record import Report, Row, record
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.record import MethodResult, Report, log_run
+from talkingeyes.orchestration.run import configure_environment
 
 METRICS, REPEATS = 57, 5
 
@@ -40,8 +40,8 @@ def fill(root: Path, count: int) -> None:
     keys = [*TEST_METRICS, *(f"unseen/gaze/figure_{index}" for index in range(METRICS - len(TEST_METRICS)))]
     for seed in tqdm(range(count), desc="rows", mininterval=2):
         composition = {**params, "train": {**params["train"], "seed": seed}}
-        row = Row("talkingeyes", dict(zip(keys, random.random(len(keys)).tolist(), strict=True)))
-        record(root, "experiment", f"job {seed}", composition, {"train"}, 0.0, Report(rows=[row]))
+        row = MethodResult("talkingeyes", dict(zip(keys, random.random(len(keys)).tolist(), strict=True)))
+        log_run(root, "experiment", f"job {seed}", composition, {"train"}, 0.0, Report(rows=[row]))
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def seconds(function: Callable[[], Any], server: int) -> tuple[float, float]:
 def main() -> None:
     """Fill, serve, ask."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    quiet()
+    configure_environment()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         fill(root, 1)  # makes the database

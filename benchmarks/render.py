@@ -13,21 +13,21 @@ from collections.abc import Callable
 import numpy as np
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import gaze_of_angles
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.anny_build import build
-from talkingeyes.head.drive import pose_of
+from talkingeyes.core.rotation import angles_to_gaze
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.anny_build import build_anny_head
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.normals import vertex_normals
-from talkingeyes.head.skinning import posed
-from talkingeyes.rendering.render import Caster, Painter
+from talkingeyes.head.skinning import posed_vertices
+from talkingeyes.rendering.render import HeadRenderer, RayCaster
 from talkingeyes.rendering.view import FRAMINGS
 
 
-def performance(frames: int) -> Motion:
+def test_motion(frames: int) -> Motion:
     """Eyes, lids, jaw and head that all move."""
     times = np.arange(frames)[:, None] / 25.0
     angles = np.radians(np.concatenate([20 * np.sin(2 * times), 12 * np.sin(3 * times)], axis=1))
-    gaze = np.repeat(gaze_of_angles(angles)[:, None], 2, axis=1)
+    gaze = np.repeat(angles_to_gaze(angles)[:, None], 2, axis=1)
     head = np.radians(10 * np.sin(times * [1.0, 1.5, 0.7]))
     jaw = 0.1 * np.abs(np.sin(times * [15.0, 0.0, 0.0]))
     return Motion.of(25.0, head, gaze, jaw=jaw, lid=np.repeat(np.clip(np.sin(5 * times) * 3 - 2, 0, 1), 2, axis=1))
@@ -46,25 +46,25 @@ def cpu_ms(call: Callable[[], object], times: int) -> float:
 def main() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     frames = int(sys.argv[1]) if len(sys.argv) > 1 else 24
-    print(f"build of the head: {cpu_ms(build, 1):.0f} ms")
-    head, motion = open_head(), performance(frames)
-    pose = pose_of(head, motion)
-    print(f"poses and skinning: {cpu_ms(lambda: posed(head, pose), 3) / frames:.1f} ms a frame")
-    vertices = posed(head, pose)
+    print(f"build of the head: {cpu_ms(build_anny_head, 1):.0f} ms")
+    head, motion = anny_head(), test_motion(frames)
+    pose = motion_to_pose(head, motion)
+    print(f"poses and skinning: {cpu_ms(lambda: posed_vertices(head, pose), 3) / frames:.1f} ms a frame")
+    vertices = posed_vertices(head, pose)
     print(f"normals: {cpu_ms(lambda: vertex_normals(vertices, head.faces), 3) / frames:.1f} ms a frame")
     normals = vertex_normals(vertices, head.faces).astype(np.float32)
     for size in (256, 512):
-        painter = Painter(head, FRAMINGS["head"].view(size, size))
-        next(painter.draw(motion))
-        film = cpu_ms(lambda painter=painter: list(painter.draw(motion)), 3) / frames  # type: ignore[misc]
-        caster = Caster.of(painter, vertices[0], normals[0])
-        rays = painter.view.rays(np.argwhere(np.ones((size, size)))[:, ::-1] + 0.5).astype(np.float32)
-        scene = cpu_ms(lambda painter=painter: Caster.of(painter, vertices[0], normals[0]), 9)  # type: ignore[misc]
+        renderer = HeadRenderer(head, FRAMINGS["head"].view(size, size))
+        next(renderer.draw(motion))
+        film = cpu_ms(lambda renderer=renderer: list(renderer.draw(motion)), 3) / frames  # type: ignore[misc]
+        caster = RayCaster.of(renderer, vertices[0], normals[0])
+        rays = renderer.view.rays(np.argwhere(np.ones((size, size)))[:, ::-1] + 0.5).astype(np.float32)
+        scene = cpu_ms(lambda renderer=renderer: RayCaster.of(renderer, vertices[0], normals[0]), 9)  # type: ignore[misc]
         starts = np.tile(caster.origin, (len(rays), 1))
         run = cpu_ms(lambda scene=caster.scene, o=starts, rays=rays: scene.run(o, rays), 9)  # type: ignore[misc]
-        see = cpu_ms(lambda caster=caster, rays=rays: caster.see(rays), 9)  # type: ignore[misc]
+        trace = cpu_ms(lambda caster=caster, rays=rays: caster.trace(rays), 9)  # type: ignore[misc]
         print(f"{size} x {size}: {1000 / film:.1f} frames a second ({film:.0f} ms a frame), of it")
-        print(f"  scene and vertices {scene:.0f} ms, {len(rays)} rays {run:.0f} ms, their light {see - run:.0f} ms")
+        print(f"  scene and vertices {scene:.0f} ms, {len(rays)} rays {run:.0f} ms, their light {trace - run:.0f} ms")
 
 
 if __name__ == "__main__":

@@ -22,15 +22,15 @@ import numpy as np
 import websockets
 from websockets.asyncio.client import ClientConnection, connect
 
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of, read_speech
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count, read_speech
 
 CHUNK_S = 0.04
 STAGGER_S = 0.16  # streams begin one after another within a code of gaze, as they do in life
 
 
 @dataclass
-class Heard:
+class StreamResult:
     """What one stream got: after how many seconds each frame came, and how many there should be."""
 
     latencies_s: list[float] = field(default_factory=list)
@@ -39,17 +39,17 @@ class Heard:
     error: str = ""
 
 
-async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> Heard:
+async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> StreamResult:
     """Speak a sound in real time and listen for the frames."""
     await asyncio.sleep(wait_s)
-    heard = Heard()
+    heard = StreamResult()
     try:
         async with connect(address, max_size=None, ping_interval=None) as socket:
             await socket.send(json.dumps({"seed": seed}))
             about = json.loads(await socket.recv())
             if "error" in about:
-                return Heard(error=about["error"])
-            heard.expected = frames_of(len(sound), about["fps"])
+                return StreamResult(error=about["error"])
+            heard.expected = frame_count(len(sound), about["fps"])
             begun = time.monotonic()
             speaking = asyncio.create_task(_speak(socket, sound, begun))
             async for message in socket:
@@ -77,14 +77,14 @@ async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> N
     await socket.send('{"end": true}')
 
 
-async def load(address: str, sound: np.ndarray, streams: int) -> list[Heard]:
+async def load(address: str, sound: np.ndarray, streams: int) -> list[StreamResult]:
     """All streams at once; one more than are allowed is tried in their middle."""
     turns = [stream(address, sound, STAGGER_S * index / streams, index) for index in range(streams)]
     one_more = stream(address, sound[:SAMPLE_RATE], len(sound) / SAMPLE_RATE / 2, streams)
     return list(await asyncio.gather(*turns, one_more))
 
 
-def report(found: list[Heard], cpu_s: float, seconds: float) -> None:
+def report(found: list[StreamResult], cpu_s: float, seconds: float) -> None:
     """Print the figures."""
     *streams, one_more = found
     errors = [each.error for each in streams if each.error]
@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
-    sound = read_speech(packaged(SPEECH))
+    sound = read_speech(package_file(EXAMPLE_SPEECH))
     sound = np.resize(sound, round(asked.seconds * SAMPLE_RATE))
     command = [sys.executable, "-m", "talkingeyes.cli.main", "serve", "--model", asked.model, "--live", asked.model]
     command += ["--streams", str(asked.streams), "--jobs", str(asked.jobs), "--port", "0"]

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from talkingeyes.animation.streaming import LiveModel
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 
 SECONDS, CHUNKS_S = 15, (0.01, 0.04, 0.16, 1.0)
@@ -24,7 +24,7 @@ SECONDS, CHUNKS_S = 15, (0.01, 0.04, 0.16, 1.0)
 def main(model: Path) -> None:
     """Measure and print."""
     torch.set_num_threads(1)
-    live, sound = LiveModel.load(model), read_speech(packaged(SPEECH))[: SECONDS * SAMPLE_RATE]
+    live, sound = LiveModel.load(model), read_speech(package_file(EXAMPLE_SPEECH))[: SECONDS * SAMPLE_RATE]
     begun = time.process_time()
     whole = live.whole(sound, seed=1)
     print(

@@ -21,16 +21,16 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording, recordings
-from talkingeyes.models.condition.conditioner import Given
+from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.physiology.steps import find_saccades
-from talkingeyes.training.telling import motion_numbers
+from talkingeyes.training.telling import motion_array
 from talkingeyes.training.trained import load_generator
 
 SAMPLES = 4
 
 
 @dataclass(frozen=True)
-class Habits:
+class StyleStatistics:
     """How far head and eyes move (standard deviations, degrees), and how often gaze jumps (a second)."""
 
     head_range_deg: float
@@ -38,17 +38,17 @@ class Habits:
     saccades_hz: float
 
 
-def habits(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> Habits:
+def style_statistics(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> StyleStatistics:
     """Of one motion."""
     space = rotation.gaze_in_space(head.astype(np.float64), gaze.astype(np.float64)).mean(1)
     rate = len(find_saccades(space, fps)) / (len(head) / fps)
     head_range_deg, eye_range_deg = (float(np.degrees(each.std(0).mean())) for each in (head, gaze[..., :2]))
-    return Habits(head_range_deg, eye_range_deg, rate)
+    return StyleStatistics(head_range_deg, eye_range_deg, rate)
 
 
-def mean(found: list[Habits]) -> Habits:
+def mean(found: list[StyleStatistics]) -> StyleStatistics:
     """Of several."""
-    return Habits(*np.mean([list(asdict(each).values()) for each in found], axis=0).tolist())
+    return StyleStatistics(*np.mean([list(asdict(each).values()) for each in found], axis=0).tolist())
 
 
 def main() -> None:
@@ -72,12 +72,12 @@ def main() -> None:
     for who, (first, *others) in by_speaker.items():
         if not others:
             continue
-        true[who] = mean([habits(each.head, each.gaze, each.clip.fps) for each in others])
-        given = Given(reference=torch.from_numpy(motion_numbers(first.head, first.gaze))[None])
+        true[who] = mean([style_statistics(each.head, each.gaze, each.clip.fps) for each in others])
+        conditioning = ConditioningInputs(reference=torch.from_numpy(motion_array(first.head, first.gaze))[None])
         found = []
         for speech in speeches[: asked.speeches]:
-            drawn = generator.generate(np.asarray(speech.speech), list(range(SAMPLES)), speech.clip.fps, given)
-            found += [habits(drawn.head[index], drawn.gaze[index], drawn.fps) for index in range(SAMPLES)]
+            drawn = generator.generate(np.asarray(speech.speech), list(range(SAMPLES)), speech.clip.fps, conditioning)
+            found += [style_statistics(drawn.head[index], drawn.gaze[index], drawn.fps) for index in range(SAMPLES)]
         made[who] = mean(found)
     pairs = list(combinations(true, 2))
     print(f"{len(true)} unseen speakers, {len(pairs)} pairs, {SAMPLES * asked.speeches} samples each")

@@ -13,26 +13,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pipelines.experiment import calls
+from pipelines.experiment import stage_order
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import Call, needed, recipe
-from talkingeyes.orchestration.record import record
-from talkingeyes.orchestration.run import Report, Row, Workspace, quiet, shell
-from talkingeyes.orchestration.store import Entry, obtain
+from talkingeyes.orchestration.recipe import StageCall, required_calls, stage_calls
+from talkingeyes.orchestration.record import log_run
+from talkingeyes.orchestration.run import MethodResult, Report, Workspace, configure_environment, run_command
+from talkingeyes.orchestration.store import StoredResult, get_or_run
 
 
-def make(call: Call, workspace: Workspace) -> Report:
+def make(call: StageCall, workspace: Workspace) -> Report:
     """A stage that writes one small file."""
     with workspace.output(*call.folder.parts[1:]) as folder:
         (folder / "metrics.json").write_text("{}")
     return Report({"one": 1.0})
 
 
-def chain(store: Path, params: dict[str, Any], stages: list[Call]) -> None:
+def chain(store: Path, params: dict[str, Any], stages: list[StageCall]) -> None:
     """All stages of a trial."""
-    entries: dict[Path, Entry] = {}
+    entries: dict[Path, StoredResult] = {}
     for call in stages:
-        entries[call.folder] = obtain(store, call, params, entries, make)
+        entries[call.folder] = get_or_run(store, call, params, entries, make)
 
 
 def timed(title: str, work: Callable[[], None], count: int) -> None:
@@ -49,8 +49,8 @@ def main() -> None:
     print("| what | times | CPU s each | clock s each |\n|---|---|---|---|")
     timed("the first composition, with its imports", lambda: _compose(1), 1)
     timed("a composition", lambda: _compose(5), 5)
-    params = compose(["until=assess@talkingeyes"])
-    stages = needed(recipe(params, calls(params)), params["until"])
+    params = compose(["target=assess@talkingeyes"])
+    stages = required_calls(stage_calls(params, stage_order(params)), params["target"])
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder, "store")
         timed("a trial whose stages are all made, tiny", lambda: chain(store, params, stages), 1)
@@ -64,24 +64,24 @@ def main() -> None:
 
 def _compose(times: int) -> None:
     for _ in range(times):
-        compose(["until=assess@talkingeyes"])
+        compose(["target=assess@talkingeyes"])
 
 
-def _again(store: Path, params: dict[str, Any], stages: list[Call]) -> None:
+def _again(store: Path, params: dict[str, Any], stages: list[StageCall]) -> None:
     for _ in range(20):
         chain(store, params, stages)
 
 
-def _results(store: Path, params: dict[str, Any], call: Call, count: int) -> None:
+def _results(store: Path, params: dict[str, Any], call: StageCall, count: int) -> None:
     for seed in range(1, count + 1):
-        obtain(store, call, {**params, "synthesize": {**params["synthesize"], "seed": seed}}, {}, make)
+        get_or_run(store, call, {**params, "synthesize": {**params["synthesize"], "seed": seed}}, {}, make)
 
 
 def _rows(root: Path, params: dict[str, Any], count: int, start: int = 0) -> None:
     for seed in range(start, start + count):
         trial = {**params, "train": {**params["train"], "seed": seed}}
         figures = {f"val/figure_{number}": seed + number / 10 for number in range(9)}
-        record(root, "experiment", "trial", trial, {"train"}, 1.0, Report(rows=[Row("talkingeyes", figures)]))
+        log_run(root, "experiment", "trial", trial, {"train"}, 1.0, Report(rows=[MethodResult("talkingeyes", figures)]))
 
 
 def _ask(root: Path, expected: int) -> None:
@@ -95,5 +95,5 @@ def _ask(root: Path, expected: int) -> None:
 
 
 if __name__ == "__main__":
-    quiet()
-    shell(main)
+    configure_environment()
+    run_command(main)

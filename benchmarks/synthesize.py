@@ -18,14 +18,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pipelines.synthesize import Order, make_sound, orders, perform_sound, say_sound
+from pipelines.synthesize import SoundJob, sound_jobs, synthesize_sound, synthesize_speech, synthesize_takes
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.synthesis import plan
-from talkingeyes.synthesis.observations import head_shape, make_camera, observe
+from talkingeyes.synthesis.observations import identity_weights, make_camera, observe
 from talkingeyes.synthesis.plan import SynthesizeSettings
-from talkingeyes.synthesis.take import perform
+from talkingeyes.synthesis.take import sample_take
 
 # Corpora whose cost is told, as overrides of conf/.
 SIZES = (
@@ -41,7 +41,7 @@ TRIED = 24
 def main() -> None:
     """Print both tables."""
     settings = SynthesizeSettings.model_validate(compose()["synthesize"])
-    wanted = orders(settings)
+    wanted = sound_jobs(settings)
     measure(settings, wanted[0], defaultdict(float))  # the head and the libraries are read once a process
     count = int(sys.argv[1]) if sys.argv[1:] else 30
     if count:
@@ -51,10 +51,10 @@ def main() -> None:
         size(overrides)
 
 
-def steps(settings: SynthesizeSettings, wanted: Sequence[Order]) -> None:
+def steps(settings: SynthesizeSettings, wanted: Sequence[SoundJob]) -> None:
     """What each step of a sound costs."""
     spent_s: defaultdict[str, float] = defaultdict(float)
-    seconds = sum(measure(settings, order, spent_s) for order in wanted)
+    seconds = sum(measure(settings, job, spent_s) for job in wanted)
     print(f"{len(wanted)} sounds, {seconds:.0f} s of speech; CPU time")
     print(f"{'step':<34}{'ms a sound':>12}{'times real time':>18}")
     for step, spent in spent_s.items():
@@ -66,15 +66,15 @@ def size(overrides: Sequence[str]) -> None:
     settings = SynthesizeSettings.model_validate(compose(overrides)["synthesize"])
     start = time.process_time()
     kinds = defaultdict(list)
-    for order in orders(settings):
-        kinds[order.sound.source, order.takes].append(order)
+    for job in sound_jobs(settings):
+        kinds[job.sound.source, job.takes].append(job)
     cpu_s, motion_s, clips = time.process_time() - start, 0.0, 0
     for (source, takes), members in kinds.items():
         longest_s = settings.sources[source].longest_s
         tried = members[:: math.ceil(len(members) * takes * longest_s / (TRIED * 10.0))]
         with tempfile.TemporaryDirectory() as folder:
             start = time.process_time()
-            made = [clip for order in tried for clip in make_sound(Path(folder), settings, order)]
+            made = [clip for job in tried for clip in synthesize_sound(Path(folder), settings, job)]
             cpu_s += (time.process_time() - start) * len(members) / len(tried)
         motion_s += sum(clip.seconds for clip in made) * len(members) / len(tried)
         clips += len(members) * takes
@@ -83,7 +83,7 @@ def size(overrides: Sequence[str]) -> None:
     print(f"{' '.join(overrides):<45}{sounds:>8}{clips:>8}{cpu_s:>8.0f}{motion_s / cpu_s:>18.0f}{most:>6.0f}")
 
 
-def measure(settings: SynthesizeSettings, order: Order, spent_s: defaultdict[str, float]) -> float:
+def measure(settings: SynthesizeSettings, job: SoundJob, spent_s: defaultdict[str, float]) -> float:
     """Add up the time of each step for one sound; how long the sound is."""
     start = 0.0
 
@@ -93,21 +93,21 @@ def measure(settings: SynthesizeSettings, order: Order, spent_s: defaultdict[str
         start = time.process_time()
 
     with tempfile.TemporaryDirectory() as folder:
-        sound = order.sound
+        sound = job.sound
         speaker = plan.speaker_of(settings, sound)
         start = time.process_time()
-        spoken = say_sound(Path(folder), settings, order)
+        spoken = synthesize_speech(Path(folder), settings, job)
         lap("speak, and write it")
-        perform_sound(Path(folder), settings, replace(order, takes=1), spoken)
+        synthesize_takes(Path(folder), settings, replace(job, takes=1), spoken)
         lap("move, observe and write one take")
     motion_random = plan.generator(settings.seed, "motion", sound.index)
     start = time.process_time()
-    take = perform(spoken.annotation, speaker.style, spoken.seconds, motion_random, settings.blink_profile)
+    take = sample_take(spoken.annotation, speaker.style, spoken.seconds, motion_random, settings.blink_profile)
     lap("  draw a take")
     motion = take.motion(settings.fps, len(spoken.sound) * 25 // SAMPLE_RATE)
     lap("  render at 25 frames a second")
     random = plan.generator(settings.seed, "noise", sound.index)
-    identity = head_shape(speaker.identity, settings.camera)
+    identity = identity_weights(speaker.identity, settings.camera)
     observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
     lap("  observe")
     take.motion(500.0, round(500 * spoken.seconds))
@@ -116,5 +116,5 @@ def measure(settings: SynthesizeSettings, order: Order, spent_s: defaultdict[str
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

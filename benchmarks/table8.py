@@ -27,27 +27,27 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.core.rotation import directions, gaze_of_angles, listing, matrices
+from talkingeyes.core.rotation import angles_to_gaze, direction_to_rotvec, rotvec_to_direction, rotvec_to_matrix
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.fitting.accuracy import Tally, Yardstick
-from talkingeyes.fitting.clip import Fit, FitSettings, fit_clip
-from talkingeyes.fitting.comparison import Match, blink_frames, match
-from talkingeyes.fitting.lightgazefit import Sight, sighted_gaze
-from talkingeyes.head.anny import open_head
+from talkingeyes.fitting.accuracy import ErrorSums, FitReference
+from talkingeyes.fitting.clip import FitResult, FitSettings, fit_clip
+from talkingeyes.fitting.comparison import BlinkMatches, blink_frames, match
+from talkingeyes.fitting.lightgazefit import PupilObservations, ray_gaze
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, in_camera, pupils
+from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupils
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import shell
-from talkingeyes.rendering.render import Painter
-from talkingeyes.rendering.view import View
+from talkingeyes.orchestration.run import run_command
+from talkingeyes.rendering.render import HeadRenderer
+from talkingeyes.rendering.view import OrbitCamera
 from talkingeyes.synthesis.noise import NoiseSettings, autoregressive
 from talkingeyes.synthesis.observations import observe
 
 STRIP = (96, 176)  # rows and columns of a picture around both eyes
 EYE = (32, 48)  # of the part that the network sees of one eye
-KEPT, QUALITY = 0.6, 35  # VoxCeleb2-like: share of the pixels a side, JPEG quality
+RESOLUTION_FACTOR, QUALITY = 0.6, 35  # VoxCeleb2-like: share of the pixels a side, JPEG quality
 HEADS, FRAMES_A_HEAD, EPOCHS = 10, 60, 30
 GAZE360 = {"gain": 0.875, "slow_px": 1.0, "memory": 0.992, "white_px": 0.035}  # FACTS: 1.40 px, speed ratio 1.29
 
@@ -76,9 +76,9 @@ def main() -> None:
     network = train()
     noise = NoiseSettings.model_validate(compose()["synthesize"]["noise"])
     coarse = [reobserved(case, noise, index) for index, case in enumerate(cases)]
-    methods: dict[str, Callable[[], list[Fit | Motion]]] = {
+    methods: dict[str, Callable[[], list[FitResult | Motion]]] = {
         "ground truth": lambda: [case.motion for case in cases],
-        "appearance": lambda: [looked_at(network, case) for case in cases],
+        "appearance": lambda: [predict_gaze(network, case) for case in cases],
         "gaze360 (simulated)": lambda: [simulated(case, index) for index, case in enumerate(cases)],
         "paper": lambda: fitted(cases, "paper"),
         "default": lambda: fitted(cases, "default"),
@@ -92,7 +92,7 @@ def main() -> None:
     truth = None
     for name, made in methods.items():
         results = made()
-        row = scored(cases, results)
+        row = score_method(cases, results)
         truth = truth or row
         print(line(name, row, truth, results, cases))
 
@@ -101,41 +101,44 @@ def main() -> None:
 class Score:
     """Pooled over clips."""
 
-    tally: Tally
+    error_sums: ErrorSums
     degrees: float
 
 
-def scored(cases: list[Case], results: list[Fit | Motion]) -> Score:
+def score_method(cases: list[Case], results: list[FitResult | Motion]) -> Score:
     """Distances, speeds and peaks; the mean angle between gaze and true gaze in the head."""
-    total, angles = Tally(), []
+    total, angles = ErrorSums(), []
     for case, result in zip(cases, results, strict=True):
-        motion = result.motion if isinstance(result, Fit) else result
-        counted = ~blink_frames(case.events, len(motion), motion.fps)
+        motion = result.motion if isinstance(result, FitResult) else result
+        frame_mask = ~blink_frames(case.events, len(motion), motion.fps)
         pupils_px = case.observation.pupils
-        total += Yardstick(pupils_px, case.observation.camera, counted, case.motion, case.motion).tally(motion)
-        cosine = np.sum(directions(motion.gaze) * directions(case.motion.gaze), axis=-1)[counted]
+        total += FitReference(pupils_px, case.observation.camera, frame_mask, case.motion, case.motion).error_sums(
+            motion
+        )
+        cosine = np.sum(rotvec_to_direction(motion.gaze) * rotvec_to_direction(case.motion.gaze), axis=-1)[frame_mask]
         angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))).ravel())
     return Score(total, float(np.concatenate(angles).mean()))
 
 
-def line(name: str, row: Score, truth: Score, results: list[Fit | Motion], cases: list[Case]) -> str:
+def line(name: str, row: Score, truth: Score, results: list[FitResult | Motion], cases: list[Case]) -> str:
     """A row of the table."""
-    tally, best = row.tally, truth.tally
-    speed = tally.speed_px_s / tally.speeds
+    error_sums, best = row.error_sums, truth.error_sums
+    speed = error_sums.speed_px_s / error_sums.speeds
     found = [
         match(result.lids.blinks, case.events, case.motion.fps)
         for result, case in zip(results, cases, strict=True)
-        if isinstance(result, Fit)
+        if isinstance(result, FitResult)
     ]
-    blinks = sum(found, Match())
+    blinks = sum(found, BlinkMatches())
     shown = f"{blinks.precision:>20.3f}, {blinks.recall:.3f}" if found else f"{'':>28}"
     return (
-        f"{name:<22}{tally.distance_px / tally.distances:>9.3f}{speed:>7.2f}{tally.speed_px_s / best.speed_px_s:>7.2f}"
-        f"{row.degrees:>9.2f}{tally.peak_px_s / best.peak_px_s:>7.2f}{shown}"
+        f"{name:<22}{error_sums.truth_distance_px / error_sums.truth_distances:>9.3f}{speed:>7.2f}"
+        f"{error_sums.speed_px_s / best.speed_px_s:>7.2f}"
+        f"{row.degrees:>9.2f}{error_sums.peak_px_s / best.peak_px_s:>7.2f}{shown}"
     )
 
 
-def fitted(cases: list[Case], variant: str) -> list[Fit | Motion]:
+def fitted(cases: list[Case], variant: str) -> list[FitResult | Motion]:
     """Every clip by conf/fit/VARIANT.yaml."""
     settings = FitSettings.model_validate(compose([f"fit={variant}"])["fit"])
     return [fit_clip(case.observation, settings) for case in cases]
@@ -144,7 +147,7 @@ def fitted(cases: list[Case], variant: str) -> list[Fit | Motion]:
 def reobserved(case: Case, noise: NoiseSettings, seed: int) -> Case:
     """The clip as a detector sees it in a picture of KEPT of the resolution."""
     seen, random = case.observation, np.random.default_rng(seed)
-    coarse = noise.model_copy(update={"resolution": KEPT})
+    coarse = noise.model_copy(update={"resolution": RESOLUTION_FACTOR})
     return replace(case, observation=observe(case.motion, seen.camera, coarse, random, seen.identity))
 
 
@@ -153,18 +156,18 @@ def simulated(case: Case, seed: int) -> Motion:
     random, motion, camera = np.random.default_rng(seed), case.motion, case.observation.camera
 
     def placed(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 2"]:
-        return camera.project(in_camera(pupils(gaze), motion.head, motion.translation))
+        return camera.project(head_to_scene(pupils(gaze), motion.head, motion.translation))
 
     ahead = placed(np.zeros_like(motion.gaze))
     seen = ahead + GAZE360["gain"] * (placed(motion.gaze) - ahead)
     seen += autoregressive(seen.shape, GAZE360["slow_px"], GAZE360["memory"], motion.fps, random)
     seen += GAZE360["white_px"] * random.standard_normal(seen.shape)
-    return replace(motion, gaze=sighted_gaze(Sight(seen, motion.head, motion.translation, camera)))
+    return replace(motion, gaze=ray_gaze(PupilObservations(seen, motion.head, motion.translation, camera)))
 
 
-def somebody(identity: tuple[float, ...], shade: float = 1.0) -> HeadModel:
+def head_with_identity(identity: tuple[float, ...], shade: float = 1.0) -> HeadModel:
     """The open head with a person's shape, its eyes where the mean head has them, its skin lighter or darker."""
-    head = open_head()
+    head = anny_head()
     weights = np.array(identity or np.zeros(len(head.identity_names)))
     centres = EYE_CENTRES + np.tensordot(weights, head.identity_joints[:, 3:], axes=1)
     scale = np.ptp(EYE_CENTRES[:, 0]) / np.ptp(centres[:, 0])
@@ -184,12 +187,14 @@ def strips(head: HeadModel, motion: Motion, camera: Camera) -> Iterator[Float[nd
     """Both eyes of every frame as grey pictures of EYE, degraded, the right one mirrored; by the pose of `motion`."""
     from PIL import Image
 
-    centres = camera.project(in_camera(np.tile(EYE_CENTRES, (len(motion), 1, 1)), motion.head, motion.translation))
+    centres = camera.project(head_to_scene(np.tile(EYE_CENTRES, (len(motion), 1, 1)), motion.head, motion.translation))
     corner = np.round(centres.mean(axis=(0, 1)) - np.array(STRIP[::-1]) / 2)
     middle = tuple((np.asarray(camera.centre_px) - corner).tolist())
     near = replace(camera, centre_px=middle, width=STRIP[1], height=STRIP[0])
-    for picture, at in zip(Painter(head, View(near)).draw(motion), centres - corner, strict=True):
-        small = Image.fromarray(picture).resize((round(STRIP[1] * KEPT), round(STRIP[0] * KEPT)), Image.Resampling.BOX)
+    for picture, at in zip(HeadRenderer(head, OrbitCamera(near)).draw(motion), centres - corner, strict=True):
+        small = Image.fromarray(picture).resize(
+            (round(STRIP[1] * RESOLUTION_FACTOR), round(STRIP[0] * RESOLUTION_FACTOR)), Image.Resampling.BOX
+        )
         with io.BytesIO() as stored:
             small.save(stored, "JPEG", quality=QUALITY)
             grey = Image.open(stored).convert("L").resize((STRIP[1], STRIP[0]), Image.Resampling.BILINEAR)
@@ -204,7 +209,7 @@ def _box(centre: Float[ndarray, " 2"]) -> tuple[int, int, int, int]:
 
 def in_camera_axes(motion: Motion) -> Float[ndarray, "T 2 2"]:
     """Directions of gaze in space as their x and y, x mirrored for the right eye: what the network tells."""
-    looking = np.einsum("tij,tej->tei", matrices(motion.head), directions(motion.gaze))[..., :2]
+    looking = np.einsum("tij,tej->tei", rotvec_to_matrix(motion.head), rotvec_to_direction(motion.gaze))[..., :2]
     looking[:, 1, 0] *= -1
     return np.asarray(looking)
 
@@ -218,7 +223,7 @@ def train() -> Any:
     camera = Camera(1154 * 0.925, (112.0, 120.0), 1.0, 224, 224)
     images, targets = [], []
     for _ in range(HEADS):
-        head = somebody(tuple(0.2 * random.standard_normal(6)), float(random.uniform(0.6, 1.15)))
+        head = head_with_identity(tuple(0.2 * random.standard_normal(6)), float(random.uniform(0.6, 1.15)))
         motion = random_poses(random)
         images.append(np.stack(list(strips(head, motion, camera))))
         targets.append(in_camera_axes(motion))
@@ -245,23 +250,23 @@ def random_poses(random: np.random.Generator) -> Motion:
     angles = np.radians(random.normal(0, [12.0, 8.0], (FRAMES_A_HEAD, 1, 2)) + np.array([[3.5, 0.0], [-3.5, 0.0]]))
     lid = np.repeat(random.normal(0.0, 0.08, (FRAMES_A_HEAD, 1)), 2, axis=1)
     head = np.radians(random.normal(0, [6.0, 8.0, 3.0], (FRAMES_A_HEAD, 3)))
-    return Motion.of(25.0, head, gaze_of_angles(np.clip(angles, -0.6, 0.6)), lid=lid)
+    return Motion.of(25.0, head, angles_to_gaze(np.clip(angles, -0.6, 0.6)), lid=lid)
 
 
-def looked_at(network: Any, case: Case) -> Motion:
+def predict_gaze(network: Any, case: Case) -> Motion:
     """Gaze that the network sees in the rendered clip, each frame by itself, under the true head pose."""
     import torch
 
     motion = case.motion
-    pictures = np.stack(list(strips(somebody(case.observation.identity), motion, case.observation.camera)))
+    pictures = np.stack(list(strips(head_with_identity(case.observation.identity), motion, case.observation.camera)))
     with torch.no_grad():
         told = network(torch.from_numpy(pictures.reshape(-1, 1, *EYE))).numpy().reshape(-1, 2, 2).astype(np.float64)
     told[:, 1, 0] *= -1
     ahead = np.sqrt(np.maximum(1 - np.sum(told**2, axis=-1), 0.1))
     looking = np.concatenate([told, ahead[..., None]], axis=-1)
     looking /= np.linalg.norm(looking, axis=-1, keepdims=True)
-    return replace(motion, gaze=listing(np.einsum("tji,tej->tei", matrices(motion.head), looking)))
+    return replace(motion, gaze=direction_to_rotvec(np.einsum("tji,tej->tei", rotvec_to_matrix(motion.head), looking)))
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

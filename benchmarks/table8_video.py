@@ -24,15 +24,15 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import angles_of_gaze
-from talkingeyes.fitting.accuracy import Yardstick
+from talkingeyes.core.rotation import gaze_to_angles
+from talkingeyes.fitting.accuracy import FitReference
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import shell
-from talkingeyes.tracking.face_mesh import FaceMesh, FaceSettings
-from talkingeyes.tracking.framing import CropSettings, camera_of, crop_of
-from talkingeyes.tracking.video import frames, opened
+from talkingeyes.orchestration.run import run_command
+from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
+from talkingeyes.tracking.framing import CropSettings, crop_camera, face_crop
+from talkingeyes.tracking.video import frames, open_video
 
 LINES, CRF, MOST_FRAMES = 224, 35, 250
 MOVES_RAD = np.radians(2.0)
@@ -56,61 +56,64 @@ def table(path: Path) -> None:
     """Print the table of one video."""
     section = compose()["track"]
     crop_settings = CropSettings.model_validate(section["crop"])
-    face_settings = FaceSettings.model_validate(section["face"])
-    with opened(path) as container:
+    face_settings = FaceDetectionSettings.model_validate(section["face"])
+    with open_video(path) as container:
         fps = float(container.streams.video[0].average_rate or 25)
-    pictures = [frame.picture for frame, _ in zip(frames(path, 60.0), range(MOST_FRAMES), strict=False)]
+    pictures = [frame.image for frame, _ in zip(frames(path, 60.0), range(MOST_FRAMES), strict=False)]
     height = pictures[0].shape[0]
-    full = seen(pictures, fps, face_settings) * (LINES / height)
-    small = seen(list(coded_small(pictures, fps)), fps, face_settings)
+    full = detect_landmarks(pictures, fps, face_settings) * (LINES / height)
+    small = detect_landmarks(list(degrade(pictures, fps)), fps, face_settings)
     known = np.isfinite(full).all(axis=(1, 2)) & np.isfinite(small).all(axis=(1, 2))
     if known.mean() < 0.5:
         raise InputError(f"{path}: should show a face in half of its frames at least, got {known.mean():.0%}")
-    crop, camera = crop_of(full[known][:, :-2], crop_settings), camera_of(crop_settings)
-    full, small = crop.onto(full), crop.onto(small)
+    crop, camera = face_crop(full[known][:, :-2], crop_settings), crop_camera(crop_settings)
+    full, small = crop.to_crop(full), crop.to_crop(small)
     large, little = (
         Observation(fps, each[:, :-2], each[:, -2:], known.astype(np.float64), camera) for each in (full, small)
     )
     settings = {name: FitSettings.model_validate(compose(each)["fit"]) for name, each in VARIANTS.items()}
     truth = fit_clip(large, settings["paper"])
     fits = {"paper, full size": truth} | {name: fit_clip(little, each) for name, each in settings.items()}
-    counted = known & ~truth.lids.blinking
-    yardstick = Yardstick(large.pupils, camera, counted, truth.motion, truth.motion)
-    print(f"{path.name}: {len(full)} frames at {height} lines and at {LINES}, {counted.sum()} counted")
-    apart = np.linalg.norm(small[:, -2:] - full[:, -2:], axis=-1)[counted].mean()
+    frame_mask = known & ~truth.lids.blinking
+    reference = FitReference(large.pupils, camera, frame_mask, truth.motion, truth.motion)
+    print(f"{path.name}: {len(full)} frames at {height} lines and at {LINES}, {frame_mask.sum()} counted")
+    apart = np.linalg.norm(small[:, -2:] - full[:, -2:], axis=-1)[frame_mask].mean()
     print(f"what MediaPipe sees of the small one is {apart:.3f} px from what it sees at full size")
     print(f"{'method':<20}{'error px':>9}{'px/s':>8}{'ratio':>7}{'peaks':>7}{'left-right':>12}{'eye on head':>13}")
-    best = yardstick.tally(truth.motion)
+    best = reference.error_sums(truth.motion)
     for name, fit in fits.items():
-        tally = yardstick.tally(fit.motion)
+        error_sums = reference.error_sums(fit.motion)
         print(
-            f"{name:<20}{tally.noisy_px / tally.noisies:>9.3f}{tally.speed_px_s / tally.speeds:>8.2f}"
-            f"{tally.speed_px_s / best.speed_px_s:>7.2f}{tally.peak_px_s / best.peak_px_s:>7.2f}"
-            f"{gaze_figures(fit.motion, fit.per_frame, counted)}"
+            f"{name:<20}{error_sums.input_distance_px / error_sums.input_distances:>9.3f}"
+            f"{error_sums.speed_px_s / error_sums.speeds:>8.2f}"
+            f"{error_sums.speed_px_s / best.speed_px_s:>7.2f}{error_sums.peak_px_s / best.peak_px_s:>7.2f}"
+            f"{gaze_figures(fit.motion, fit.per_frame, frame_mask)}"
         )
 
 
-def gaze_figures(motion: Motion, per_frame: Motion, counted: ndarray) -> str:
+def gaze_figures(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> str:
     """Correlation of left and right yaw as each frame was fitted, and of eye and head yaw after smoothing."""
-    yaw = angles_of_gaze(per_frame.gaze)[..., 0]
+    yaw = gaze_to_angles(per_frame.gaze)[..., 0]
     width = round(0.5 * motion.fps)
     span = maximum_filter1d(yaw.mean(axis=1), width) - minimum_filter1d(yaw.mean(axis=1), width)
-    moves = counted & (span >= MOVES_RAD)
+    moves = frame_mask & (span >= MOVES_RAD)
     together = np.corrcoef(yaw[moves].T)[0, 1] if moves.sum() > 2 else np.nan
-    against = np.corrcoef(angles_of_gaze(motion.gaze)[counted, :, 0].mean(axis=1), motion.head[counted, 1])[0, 1]
+    against = np.corrcoef(gaze_to_angles(motion.gaze)[frame_mask, :, 0].mean(axis=1), motion.head[frame_mask, 1])[0, 1]
     return f"{together:>12.2f}{against:>13.2f}"
 
 
-def seen(pictures: list[UInt8[ndarray, "H W 3"]], fps: float, settings: FaceSettings) -> Float[ndarray, "T L 2"]:
+def detect_landmarks(
+    pictures: list[UInt8[ndarray, "H W 3"]], fps: float, settings: FaceDetectionSettings
+) -> Float[ndarray, "T L 2"]:
     """Landmarks and the two pupils of every picture, NaN where no face was found."""
     mesh = FaceMesh(settings)
-    looks = [mesh.see(picture, index / fps) for index, picture in enumerate(pictures)]
+    looks = [mesh.detect(image, index / fps) for index, image in enumerate(pictures)]
     mesh.close()
     empty = np.full((47, 2), np.nan)
     return np.stack([empty if face is None else np.concatenate([face.landmarks, face.pupils]) for face in looks])
 
 
-def coded_small(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator[UInt8[ndarray, "H W 3"]]:
+def degrade(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator[UInt8[ndarray, "H W 3"]]:
     """The pictures at LINES lines after H.264 of quality CRF."""
     import av
     import cv2
@@ -121,8 +124,8 @@ def coded_small(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator
         with av.open(memory, "w", format="mp4") as container:
             stream = container.add_stream("libx264", rate=round(fps), options={"crf": str(CRF)})
             stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-            for picture in pictures:
-                small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            for image in pictures:
+                small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(small, format="rgb24")))
             container.mux(stream.encode())
         memory.seek(0)
@@ -132,4 +135,4 @@ def coded_small(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

@@ -20,28 +20,28 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
-from talkingeyes.tracking.video import facts
-from talkingeyes.workflows.track import track_one
+from talkingeyes.tracking.video import probe_video
+from talkingeyes.workflows.track import track_video
 
 LENGTHS_S = (30, 90)
 SIDE = 224
 
 
-def filmed(path: Path, seconds: float) -> Path:
+def write_test_video(path: Path, seconds: float) -> Path:
     """A head that turns and talks, 224 x 224, 25 fps, with sound."""
     from talkingeyes.core.motion import Motion
-    from talkingeyes.head.anny import open_head
-    from talkingeyes.rendering.render import Painter
+    from talkingeyes.head.anny import anny_head
+    from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
     from talkingeyes.rendering.view import FRAMINGS
 
     times_s = np.arange(50) / 25
     head = np.stack([0.06 * np.sin(2 * times_s), 0.25 * np.sin(1.5 * times_s), 0.03 * np.cos(times_s)], axis=1)
     motion = Motion.of(25.0, head, np.zeros((50, 2, 3)))
-    pictures = list(Painter(open_head(), FRAMINGS["head"].view(SIDE, SIDE)).draw(motion))
+    pictures = list(HeadRenderer(anny_head(), FRAMINGS["head"].view(SIDE, SIDE)).draw(motion))
     pictures += pictures[::-1]
     sound = np.random.default_rng(0).normal(0, 0.1, round(seconds * 16_000)).astype(np.float32)
     write_video(path, (pictures[index % 100] for index in range(round(seconds * 25))), 25.0, sound)
@@ -50,24 +50,24 @@ def filmed(path: Path, seconds: float) -> Path:
 
 def child(video: Path) -> None:
     """Track one video and print frames, CPU seconds without the start of the networks, and peak megabytes."""
-    settings = TrackSettings.model_validate(compose(["track.keep.voice=false"])["track"])
+    settings = TrackSettings.model_validate(compose(["track.clip_filter.require_voice=false"])["track"])
     source = sources([video], None)[0]
     with tempfile.TemporaryDirectory() as folder:
         begun = time.process_time()
         start(settings)
         warm = time.process_time()
-        book = track_one(Path(folder), settings, source)
+        video_journal = track_video(Path(folder), settings, source)
         spent_s = time.process_time() - warm
-    about = facts(video)
+    about = probe_video(video)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{about.width} {about.height} {book.seconds * about.fps:.0f} {spent_s} {warm - begun} {peak_mb}")
+    print(f"{about.width} {about.height} {video_journal.seconds * about.fps:.0f} {spent_s} {warm - begun} {peak_mb}")
 
 
 def start(settings: TrackSettings) -> None:
     """The networks, once a process."""
-    from talkingeyes.workflows.track import fresh_mesh
+    from talkingeyes.workflows.track import get_face_mesh
 
-    fresh_mesh(settings.face).see(np.zeros((64, 64, 3), np.uint8), 0.0)
+    get_face_mesh(settings.face).detect(np.zeros((64, 64, 3), np.uint8), 0.0)
 
 
 def measured(video: Path) -> list[float]:
@@ -90,13 +90,13 @@ def main() -> None:
     print(f"{'video':<28}{'size':>13}{'frames':>8}{'frames/s':>12}{'start s':>10}{'peak MB':>10}")
     with tempfile.TemporaryDirectory() as folder:
         for seconds in LENGTHS_S:
-            print(line(f"drawn, {seconds} s", measured(filmed(Path(folder) / "drawn.mp4", seconds))))
+            print(line(f"drawn, {seconds} s", measured(write_test_video(Path(folder) / "drawn.mp4", seconds))))
     for source in sources([Path(sys.argv[1])], None) if sys.argv[1:] else []:
         print(line(source.name, measured(source.path)))
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     try:
         child(Path(sys.argv[2])) if sys.argv[1:2] == ["--child"] else main()
     except InputError as error:

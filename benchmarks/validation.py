@@ -14,17 +14,26 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.corruptions import CORRUPTIONS, NOTHING, Corruption
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.validation import Cell, Matrix, Takes, catches, l2, matrix, pool_encoder, takes_of
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.evaluation.validation import (
+    FaultEffect,
+    SensitivityMatrix,
+    TakeSets,
+    detected_corruptions,
+    l2,
+    sensitivity_matrix,
+    split_takes,
+    train_pool_encoder,
+)
+from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.synthesis.pool import pool
 
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
-BOOTSTRAP = BootstrapSettings(draws=500, level=0.95, seed=0)
+BOOTSTRAP = BootstrapSettings(n_resamples=500, confidence_level=0.95, seed=0)
 PAGE = """# What each measure catches
 
 Made by `python -m benchmarks.validation`: {speakers} speakers of the synthetic world, {sounds} sounds each,
@@ -46,7 +55,7 @@ interval: **bold** from 1 on, where the fault is caught; "gone" where nothing is
 - **The sign of the eyes against the head**: {signs}.
 - **Late by 3 s** and **another speaker's motion** leave every distribution as it is; what is tied to speech or to the
   speaker tells them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
-- **Better than the truth** look: {won}. Nearness of a sample to what happened is won by calm motion, as L2 is.
+- **Better than the truth** look: {rated_better}. Nearness of a sample to what happened is won by calm motion, as L2 is.
 - Catch no fault here, but by having nothing left to
   measure: {blind}. They are shown because the field uses them, or need more motion than this.
 - True takes told apart by chance: {false} of {all} measures.
@@ -64,26 +73,26 @@ def main() -> None:
     torch.set_num_threads(1)
     speakers = int(sys.argv[1]) if sys.argv[1:] else 24
     conf = yaml.safe_load((ROOT / "conf/critic/default.yaml").read_text())
-    encoder = pool_encoder(
+    encoder = train_pool_encoder(
         pool(speakers, SOUNDS, 1, SECONDS, FPS, seed=1), EncoderSettings.model_validate(conf["encoder"]), seed=0
     )
-    takes = takes_of(pool(speakers, SOUNDS, TAKES, SECONDS, FPS, seed=0))
-    text = page(matrix(takes, BOOTSTRAP, encoder), takes, speakers)
+    takes = split_takes(pool(speakers, SOUNDS, TAKES, SECONDS, FPS, seed=0))
+    text = page(sensitivity_matrix(takes, BOOTSTRAP, encoder), takes, speakers)
     (ROOT / "docs/validation.md").write_text(text)
     print(text)
 
 
-def page(found: Matrix, takes: Takes, speakers: int) -> str:
+def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
     """The whole page."""
-    by_name = {each.name: each for each in (NOTHING, *CORRUPTIONS)}
+    by_name = {each.name: each for each in (UNCORRUPTED, *CORRUPTIONS)}
     blind = [name for name, cells in found.items() if not any(_told(cell) for cell in _faults(cells))]
     return PAGE.format(
         speakers=speakers,
         sounds=SOUNDS,
         minutes=speakers * SOUNDS * SECONDS * (TAKES // 2) / 60,
         faults="\n".join(f"- *{each.name}*: {each.title}" for each in CORRUPTIONS),
-        won=_won(found),
-        true_l2=l2(takes, NOTHING),
+        rated_better=_won(found),
+        true_l2=l2(takes, UNCORRUPTED),
         mean_l2=l2(takes, by_name["mean pose"]),
         frozen_l2=l2(takes, by_name["frozen"]),
         sides=_catching(found, by_name["mirrored sides"]),
@@ -92,50 +101,57 @@ def page(found: Matrix, takes: Takes, speakers: int) -> str:
         late=_catching(found, by_name["late"]),
         swapped=_catching(found, by_name["swapped"]),
         blind=", ".join(f"`{name}`" for name in blind) or "none",
-        false=sum(cells[NOTHING.name].effect > 1 for cells in found.values()),
+        false=sum(cells[UNCORRUPTED.name].effect_size > 1 for cells in found.values()),
         all=len(found),
-        table=table(found, (NOTHING, *CORRUPTIONS)),
+        table=table(found, (UNCORRUPTED, *CORRUPTIONS)),
     )
 
 
-def table(found: Matrix, columns: Sequence[Corruption]) -> str:
+def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
     """Markdown: a line a measure, a column a fault."""
-    titles = ["true" if each is NOTHING else each.name for each in columns]
+    titles = ["true" if each is UNCORRUPTED else each.name for each in columns]
     lines = ["| measure | " + " | ".join(titles) + " |", "| --- " * (len(columns) + 1) + "|"]
-    for measure in MEASURES:
-        if cells := found.get(measure.name):
-            lines.append(f"| `{measure.name}` | " + " | ".join(_written(cells[each.name]) for each in columns) + " |")
+    for metric in METRICS:
+        if cells := found.get(metric.name):
+            lines.append(f"| `{metric.name}` | " + " | ".join(_written(cells[each.name]) for each in columns) + " |")
     return "\n".join(lines)
 
 
-def _catching(found: Matrix, corruption: Corruption) -> str:
+def _catching(found: SensitivityMatrix, corruption: Corruption) -> str:
     names = [
-        name for name, cells in found.items() if corruption.name in catches(cells) and _told(cells[corruption.name])
+        name
+        for name, cells in found.items()
+        if corruption.name in detected_corruptions(cells) and _told(cells[corruption.name])
     ]
     return ", ".join(f"`{name}`" for name in names) or "none"
 
 
-def _won(found: Matrix) -> str:
-    pairs = [f"*{name}* in `{measure}`" for measure, cells in found.items() for name, cell in cells.items() if cell.won]
+def _won(found: SensitivityMatrix) -> str:
+    pairs = [
+        f"*{name}* in `{metric}`"
+        for metric, cells in found.items()
+        for name, cell in cells.items()
+        if cell.rated_better
+    ]
     return ", ".join(pairs) or "none"
 
 
-def _faults(cells: Mapping[str, Cell]) -> list[Cell]:
-    return [cell for name, cell in cells.items() if name != NOTHING.name]
+def _faults(cells: Mapping[str, FaultEffect]) -> list[FaultEffect]:
+    return [cell for name, cell in cells.items() if name != UNCORRUPTED.name]
 
 
-def _told(cell: Cell) -> bool:
+def _told(cell: FaultEffect) -> bool:
     """Caught by a figure, not by its absence."""
-    return cell.caught and not np.isnan(cell.effect)
+    return cell.detected and not np.isnan(cell.effect_size)
 
 
-def _written(cell: Cell) -> str:
-    if np.isnan(cell.effect):
+def _written(cell: FaultEffect) -> str:
+    if np.isnan(cell.effect_size):
         return "gone"
-    effect = f"{cell.effect:.1f}" if abs(cell.effect) < 99.5 else f"{min(cell.effect, 9999):.0f}"
-    return f"**{effect}**" if cell.caught else effect
+    effect_size = f"{cell.effect_size:.1f}" if abs(cell.effect_size) < 99.5 else f"{min(cell.effect_size, 9999):.0f}"
+    return f"**{effect_size}**" if cell.detected else effect_size
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

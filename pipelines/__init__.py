@@ -1,5 +1,5 @@
 """The stages as commands. One thread a process and no telemetry, set before anything heavy is imported."""
 
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 
-quiet()
+configure_environment()

@@ -21,21 +21,34 @@ import numpy as np
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.sounds import Sound, sounds
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.sounds import SoundGroup, sounds
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.corpus.windows import Recordings, recordings
-from talkingeyes.evaluation.benchmark.paired import Counted, Paired, compared, counted, of_motions, of_samples
-from talkingeyes.evaluation.benchmark.sound import CRITICS, OTHER_SOUNDS, hear
-from talkingeyes.evaluation.choosing import AssessSettings, Distances, Dynamics, distances, dynamics
-from talkingeyes.evaluation.judges import Judges
-from talkingeyes.models.condition.conditioner import NOTHING
-from talkingeyes.orchestration.run import Report, Workspace, each, main
-from talkingeyes.training.telling import Beside, Teller
-from talkingeyes.training.trained import Generator, load_generator, needs, speakers_of
+from talkingeyes.evaluation.benchmark.paired import (
+    PairedAccumulator,
+    SoundStatistics,
+    motion_behaviours,
+    pair_with_truth,
+    sample_behaviours,
+    sound_statistics,
+)
+from talkingeyes.evaluation.benchmark.sound import CRITICS, SHUFFLED_SOUNDS, corr_scores
+from talkingeyes.evaluation.choosing import (
+    DynamicsDistances,
+    MotionDynamics,
+    ValidateSettings,
+    dynamics_distances,
+    motion_dynamics,
+)
+from talkingeyes.evaluation.judges import Evaluators
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
+from talkingeyes.training.telling import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.trained import TrainedGenerator, load_generator, required_inputs, training_speakers
 
 
 @dataclass(frozen=True)
-class Sources:
+class InputPaths:
     """Where the things lie that a model is assessed with."""
 
     corpus: Path
@@ -46,101 +59,108 @@ class Sources:
 
 
 @dataclass(frozen=True)
-class Found:
+class SoundValidation:
     """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true; its part of the benchmark."""
 
     corr: dict[str, float]
     corr_fitted: dict[str, float]
-    drawn: Dynamics
-    truth: Dynamics
-    benchmark: Counted
+    sampled: MotionDynamics
+    truth: MotionDynamics
+    benchmark: SoundStatistics
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Clip-parallel; every clip's seeds are its own."""
-    settings = workspace.settings("assess", AssessSettings)
+    settings = workspace.settings("validation", ValidateSettings)
     data = workspace.data
-    sources = Sources(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
+    paths = InputPaths(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
     with workspace.output("assess", name) as folder:
-        work, benchmark = _sounds(sources, settings), Paired()
-        found = list(each(partial(assess, sources, settings), work, workspace.jobs, f"assess {name}"))
+        work, benchmark = _sounds(paths, settings), PairedAccumulator()
+        found = list(parallel_map(partial(validate_sound, paths, settings), work, workspace.jobs, f"assess {name}"))
         for one in found:
             benchmark.add(one.benchmark)
         table = benchmark.table(settings.bootstrap)
         figures = {
             **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
             **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
-            **_named(distances([clip.drawn for clip in found], [clip.truth for clip in found])),
-            "apart": float(table.apart),
-            "apart_of": float(table.apart_of),
+            **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
+            "apart": float(table.worse),
+            "apart_of": float(table.comparable),
         }
         (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
         (folder / "benchmark.json").write_text(table.json())
     return Report(metrics=figures, artifacts=[data("assess", name, "metrics.json")])
 
 
-def _sounds(sources: Sources, settings: AssessSettings) -> list[Sound]:
+def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
     """The sounds of val whose first take was fitted."""
-    corpus = Corpus(sources.corpus)
-    found = sounds(corpus, sources.fit, sources.embed, ("val",), OTHER_SOUNDS, settings.seed)
+    corpus = Corpus(paths.corpus)
+    found = sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: no fitted clip in val; a corpus needs clips in every split")
     return found
 
 
-def assess(sources: Sources, settings: AssessSettings, sound: Sound) -> Found:
+def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGroup) -> SoundValidation:
     """Draw samples for one sound and measure them."""
-    corpus, clip = Corpus(sources.corpus), sound.clip
-    fitted, *others = Recordings([clip, *sound.others], sources.fit, sources.embed)
-    speech, judges = np.array(fitted.speech), _judges(sources.critic)
+    corpus, clip = Corpus(paths.corpus), sound.clip
+    fitted, *others = Recordings([clip, *sound.others], paths.fit, paths.embed)
+    speech, evaluators = np.array(fitted.speech), _load_evaluators(paths.critic)
     seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
-    teller = _teller(sources)
-    given = teller.whole(clip, len(speech)) if teller else NOTHING
-    drawn = _generator(sources.model).generate(speech, seeds, clip.fps, given)
-    own = _one(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
+    conditioning_provider = _conditioning_provider(paths)
+    conditioning = conditioning_provider.clip_inputs(clip, len(speech)) if conditioning_provider else NO_CONDITIONING
+    sampled = _generator(paths.model).generate(speech, seeds, clip.fps, conditioning)
+    own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
     under = [np.array(other.speech) for other in others]
-    heard = hear(judges.critics, speech, under, drawn.head, drawn.gaze)
-    takes = _takes(corpus, sources, sound)
+    heard = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
+    takes = _takes(corpus, paths, sound)
     annotation = corpus.annotation(clip)
-    beside = compared(of_samples(drawn, annotation), of_motions(takes, annotation))
-    return Found(
+    motion_sets = pair_with_truth(sample_behaviours(sampled, annotation), motion_behaviours(takes, annotation))
+    return SoundValidation(
         {part: float(heard[critic].own.mean()) for part, critic in CRITICS.items()},
-        {part: float(judges.critics[critic](speech, own.head, own.gaze).mean()) for part, critic in CRITICS.items()},
-        dynamics(drawn),
-        dynamics(_one(takes[0]) if corpus.has_truth else own),
-        counted(beside, heard, judges.critics, judges.encoder, speech, under),
+        {
+            part: float(evaluators.critics[critic](speech, own.head, own.gaze).mean())
+            for part, critic in CRITICS.items()
+        },
+        motion_dynamics(sampled),
+        motion_dynamics(_single_sample(takes[0]) if corpus.has_truth else own),
+        sound_statistics(motion_sets, heard, evaluators.critics, evaluators.encoder, speech, under),
     )
 
 
-def _takes(corpus: Corpus, sources: Sources, sound: Sound) -> list[Motion]:
+def _takes(corpus: Corpus, paths: InputPaths, sound: SoundGroup) -> list[Motion]:
     """True motions of all takes; in a corpus without truth the fitted ones."""
     if corpus.has_truth:
         return [corpus.truth(take) for take in sound.takes]
-    return [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in sound.takes]
+    return [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in sound.takes]
 
 
 @lru_cache(maxsize=1)
-def _generator(folder: Path) -> Generator:
+def _generator(folder: Path) -> TrainedGenerator:
     """Loaded once a process."""
     return load_generator(folder)
 
 
 @lru_cache(maxsize=1)
-def _teller(sources: Sources) -> Teller | None:
+def _conditioning_provider(paths: InputPaths) -> ConditioningProvider | None:
     """What says what else the model is told, if it is told anything; references are of the train split."""
-    generator, corpus = _generator(sources.model), Corpus(sources.corpus)
-    wanted = needs(generator)
-    known = recordings(corpus, sources.fit, sources.embed, "train") if "reference" in wanted else ()
-    return Teller(wanted, speakers_of(generator), known, Beside(corpus, sources.embed)) if wanted else None
+    generator, corpus = _generator(paths.model), Corpus(paths.corpus)
+    wanted = required_inputs(generator)
+    known = recordings(corpus, paths.fit, paths.embed, "train") if "reference" in wanted else ()
+    return (
+        ConditioningProvider(wanted, training_speakers(generator), known, ConditioningPaths(corpus, paths.embed))
+        if wanted
+        else None
+    )
 
 
 @lru_cache(maxsize=1)
-def _judges(folder: Path) -> Judges:
+def _load_evaluators(folder: Path) -> Evaluators:
     """Loaded once a process."""
-    return Judges.load(folder)
+    return Evaluators.load(folder)
 
 
-def _one(motion: Motion) -> Samples:
+def _single_sample(motion: Motion) -> Samples:
     return Samples(motion.fps, motion.head[None], motion.gaze[None])
 
 
@@ -149,12 +169,12 @@ def _name(figure: str, part: str) -> str:
     return figure if part == "gaze" else f"{figure}_{part}"
 
 
-def _named(found: Distances) -> dict[str, float]:
+def _named(found: DynamicsDistances) -> dict[str, float]:
     return {
         "distance": found.mean,
         "eye_speed_distance": found.eye_speed,
         "saccade_amplitude_distance": found.saccade_amplitude,
-        "place_distance": found.place,
+        "place_distance": found.eccentricity,
     }
 
 

@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
+from pipelines.rows import FIGURES, RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.evaluation.pose.page import over
-from talkingeyes.orchestration.recipe import Call
+from talkingeyes.evaluation.pose.page import format_seeds
+from talkingeyes.orchestration.recipe import StageCall
 from talkingeyes.orchestration.record import revision
-from talkingeyes.orchestration.run import Report, Workspace, shell
+from talkingeyes.orchestration.run import Report, Workspace, run_command
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.trained import load_generator
 
@@ -52,20 +52,20 @@ TITLES = {f"{head}_{gaze}": (HEADS[head], GAZES[gaze]) for head in HEADS for gaz
 LENGTH_S, SAMPLES = 10.0, 10
 ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/training", "src/talkingeyes/models")
 # Of data/assess/<model>/metrics.json, with what stands over the column; `fitted` is the same of the motion learnt from.
-FIGURES_OF_VAL = {
+VAL_METRICS = {
     "distance": "distance",
     "corr": "Corr. eyes",
     "corr_space": "Corr. space",
     "corr_head": "Corr. head",
     "apart": "apart",
 }
-FITTED = {name: name.replace("corr", "corr_fitted") for name in FIGURES_OF_VAL if name.startswith("corr")}
+FITTED = {name: name.replace("corr", "corr_fitted") for name in VAL_METRICS if name.startswith("corr")}
 COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
 INTRODUCTION = """# Every head before every gaze decoder
 
 Written by `python -m pipelines.combinations{words}` at revision {revision}; killed, it goes on. What is combined, and
 how: conf/experiment/combinations.yaml. A combination is configuration alone; any of them:
-`python -m pipelines.experiment experiment=combinations until=assess@vae_events`.
+`python -m pipelines.experiment experiment=combinations target=assess@vae_events`.
 
 Seeds of training and sampling: {seeds}. Each learnt for {steps} steps of {batch} windows, both parts together, under
 the same speech encoder: so few that rows can be compared with each other, and not with models that learnt for longer.
@@ -96,8 +96,8 @@ Not in the table:
 def main() -> None:
     """All combinations of all seeds, then the page."""
     wanted = options(sys.argv[1:])
-    made = of_seeds(wanted.overrides, wanted.seeds)
-    kind = Kind("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), after=("assess",))
+    made = configs_by_seed(wanted.overrides, wanted.seeds)
+    kind = RowSpec("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("assess",))
     table = _table(rows(made, kind, critic=True, title="combinations").by_name)
     text = page(table, made[0], " ".join(["", *sys.argv[1:]]), wanted.seeds)
     wanted.out.mkdir(parents=True, exist_ok=True)
@@ -106,16 +106,16 @@ def main() -> None:
     print(text)
 
 
-def options(arguments: Sequence[str]) -> Asked:
+def options(arguments: Sequence[str]) -> TableOptions:
     """What is asked for, one seed unless more are named. An experiment is composed on top of the combinations'."""
-    wanted = asked(arguments)
+    wanted = parse_arguments(arguments)
     seeds = wanted.seeds if any(text.startswith("seeds=") for text in arguments) else [0]
     more = [text.partition("=")[2] for text in wanted.overrides if text.startswith("experiment=")]
     rest = [text for text in wanted.overrides if not text.startswith("experiment=")]
     return replace(wanted, seeds=seeds, overrides=[f"experiment=[{','.join(['combinations', *more])}]", *rest])
 
 
-def _measure(call: Call, workspace: Workspace) -> Report:
+def _measure(call: StageCall, workspace: Workspace) -> Report:
     """What one combination costs, and its figures on val."""
     (row,), data = call.names, workspace.data
     clip = recordings(Corpus(workspace.corpus), data("fit"), data("embed"), "val", take=0)[0]
@@ -138,7 +138,7 @@ def _measure(call: Call, workspace: Workspace) -> Report:
     return Report()
 
 
-def _table(by_name: Mapping[str, Sequence[Made]]) -> dict[str, list[dict[str, Any]]]:
+def _table(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, list[dict[str, Any]]]:
     """Of every combination the figures of every seed, with what its training took."""
     return {
         name: [{**json.loads(one.figures.read_text()), "training_cpu_s": one.training_cpu_s} for one in seeds]
@@ -159,10 +159,10 @@ def page(
         steps=loop["steps"],
         batch=loop["batch"],
         length_s=LENGTH_S,
-        level=params["assess"]["bootstrap"]["level"],
+        level=params["validation"]["bootstrap"]["confidence_level"],
         apart_of=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
     )
-    head = [*COLUMNS, *FIGURES_OF_VAL.values()]
+    head = [*COLUMNS, *VAL_METRICS.values()]
     lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), _fitted(next(iter(table.values())))]
     lines += [_line(name, found) for name, found in table.items()]
     return introduction + "\n".join(lines) + "\n" + LEFT_OUT
@@ -170,7 +170,7 @@ def page(
 
 def _fitted(seeds: Sequence[Mapping[str, Any]]) -> str:
     """The motion that models learn from, on val: what Corr. should be near."""
-    cells = [f"{seeds[0]['val'][FITTED[name]]:.3f}" if name in FITTED else "" for name in FIGURES_OF_VAL]
+    cells = [f"{seeds[0]['val'][FITTED[name]]:.3f}" if name in FITTED else "" for name in VAL_METRICS]
     return "| " + " | ".join(["*fitted motion*", *[""] * (len(COLUMNS) - 1), *cells]) + " |"
 
 
@@ -180,14 +180,14 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
     cells = [
         *TITLES[name],
         f"{seeds[0]['parameters']:,}",
-        over(known, 0) if len(known) == len(trained) else "–",
-        *(over([seed[each] for seed in seeds]) for each in ("one_cpu_s", "ten_cpu_s")),
-        *(over([seed["val"][each] for seed in seeds], 0 if each == "apart" else 3) for each in FIGURES_OF_VAL),
+        format_seeds(known, 0) if len(known) == len(trained) else "–",
+        *(format_seeds([seed[each] for seed in seeds]) for each in ("one_cpu_s", "ten_cpu_s")),
+        *(format_seeds([seed["val"][each] for seed in seeds], 0 if each == "apart" else 3) for each in VAL_METRICS),
     ]
     return "| " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":
-    shell(
+    run_command(
         importlib.import_module("pipelines.combinations").main
     )  # by its name, so that worker processes find `_measure`

@@ -19,18 +19,18 @@ from typing import Any
 
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
-from talkingeyes.evaluation.contrast import CriticSettings, Hearing, divide, learn
-from talkingeyes.evaluation.verdict import Verdict, judge
-from talkingeyes.models.critic import PARTS
-from talkingeyes.orchestration.run import SUMS, Report, Workspace, each, main
+from talkingeyes.evaluation.contrast import ChannelSelection, CriticSettings, split_speakers, train_critic
+from talkingeyes.evaluation.verdict import CriticScores, score_critic
+from talkingeyes.models.critic import CRITIC_PARTS
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
 
 
 @dataclass(frozen=True)
-class Trained:
+class CriticResult:
     """What the critic of a part can tell by group of clips, and what a reader of its figures must know."""
 
-    verdicts: dict[str, Verdict]
-    note: str
+    verdicts: dict[str, CriticScores]
+    caveat: str
 
 
 def run(workspace: Workspace) -> Report:
@@ -41,18 +41,18 @@ def run(workspace: Workspace) -> Report:
         train = partial(
             train_part, workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings, machine
         )
-        trained = dict(zip(PARTS, each(train, PARTS, workspace.jobs, "critic"), strict=True))
+        trained = dict(zip(CRITIC_PARTS, parallel_map(train, CRITIC_PARTS, workspace.jobs, "critic"), strict=True))
         verdicts = {part: one.verdicts for part, one in trained.items()}
         report = {
             part: {group: asdict(verdict) for group, verdict in groups.items()} for part, groups in verdicts.items()
         }
         (folder / "report.json").write_text(json.dumps(report, indent=1))
-        notes = [f"{part}: {one.note}" for part, one in trained.items() if one.note]
-        (folder / "notes.txt").write_text("".join(f"- {note}\n" for note in notes))
-        for note in notes:
-            print(f"critic of {note}")
+        notes = [f"{part}: {one.caveat}" for part, one in trained.items() if one.caveat]
+        (folder / "notes.txt").write_text("".join(f"- {caveat}\n" for caveat in notes))
+        for caveat in notes:
+            print(f"critic of {caveat}")
         explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
-    for part in PARTS:
+    for part in CRITIC_PARTS:
         workspace.data(f".critic-{part}.progress").unlink(missing_ok=True)
     metrics = {**dict(_flat(verdicts)), "encoder/explained": explained}
     return Report(metrics=metrics, artifacts=[workspace.data("critic", "report.json")])
@@ -66,46 +66,46 @@ def train_part(
     settings: CriticSettings,
     machine: Mapping[str, Any],
     part: str,
-) -> Trained:
+) -> CriticResult:
     """Train and save the critic of one part; what it can tell on each group of speakers."""
     from talkingeyes.training.checkpoint import save
-    from talkingeyes.training.place import Place
-    from talkingeyes.training.progress import Progress
+    from talkingeyes.training.place import ExecutionContext
+    from talkingeyes.training.progress import ResumeFile
 
-    place = Place.alone(machine)
-    reads = (corpus_root / "clips.parquet", fit / SUMS, embed / SUMS, Path(__file__))
-    made_of = (settings.model_dump(mode="json"), part, place.describe())
-    progress = Progress.of(folder.with_name(f".critic-{part}.progress"), made_of, reads)
+    context = ExecutionContext.single_process(machine)
+    reads = (corpus_root / "clips.parquet", fit / CHECKSUMS_FILE, embed / CHECKSUMS_FILE, Path(__file__))
+    fingerprint = (settings.model_dump(mode="json"), part, context.describe())
+    resume = ResumeFile.of(folder.with_name(f".critic-{part}.progress"), fingerprint, reads)
     corpus = Corpus(corpus_root)
-    hearing = Hearing.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
-    learnt = learn(part, recordings(corpus, fit, embed, "train"), hearing, settings, place, progress)
+    channel_selection = ChannelSelection.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
+    learnt = train_critic(part, recordings(corpus, fit, embed, "train"), channel_selection, settings, context, resume)
     (folder / part).mkdir()
     save(folder / part, learnt.corr.critic.state_dict(), learnt.config, learnt.history)
     groups = {
-        "kept_out": learnt.kept_out,
+        "held_out": learnt.held_out,
         "test": recordings(corpus, fit, embed, "test", take=0),
         "unseen": recordings(corpus, fit, embed, "unseen", take=0),
         "test_and_unseen": recordings(corpus, fit, embed, "test", "unseen", take=0),
     }
-    verdicts = {name: judge(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
-    return Trained(verdicts, learnt.note)
+    verdicts = {name: score_critic(learnt.corr, list(group), settings.bootstrap) for name, group in groups.items()}
+    return CriticResult(verdicts, learnt.caveat)
 
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
     """Train and save the encoder; the share of variance that it keeps of the speakers kept out."""
-    from talkingeyes.evaluation.distribution.encoder import NAME, learn_encoder
+    from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME, fit_motion_encoder
     from talkingeyes.training.checkpoint import save
 
     known = recordings(Corpus(corpus_root), fit, embed, "train")
-    division = divide(known, settings)
-    train, kept_out = ([known[index] for index in indices] for indices in (division.train, division.kept_out))
-    learnt = learn_encoder(train, kept_out, settings.encoder, settings.seed)
-    (folder / NAME).mkdir()
-    save(folder / NAME, learnt.encoder.network.state_dict(), learnt.encoder.config, learnt.history)
+    division = split_speakers(known, settings)
+    train, held_out = ([known[index] for index in indices] for indices in (division.train, division.held_out))
+    learnt = fit_motion_encoder(train, held_out, settings.encoder, settings.seed)
+    (folder / CHECKPOINT_NAME).mkdir()
+    save(folder / CHECKPOINT_NAME, learnt.encoder.network.state_dict(), learnt.encoder.config, learnt.history)
     return max(row["explained"] for row in learnt.history)
 
 
-def _flat(verdicts: dict[str, dict[str, Verdict]]) -> Iterable[tuple[str, float]]:
+def _flat(verdicts: dict[str, dict[str, CriticScores]]) -> Iterable[tuple[str, float]]:
     for part, groups in verdicts.items():
         for group, verdict in groups.items():
             for name, estimate in asdict(verdict).items():

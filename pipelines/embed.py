@@ -21,14 +21,14 @@ from numpy import ndarray
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.orchestration.run import Report, Workspace, each, main
+from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
-SMALLEST_STD = 1e-5  # a channel that never moves is not blown up by dividing
+MIN_STD = 1e-5  # a channel that never moves is not blown up by dividing
 
 
 @dataclass(frozen=True)
-class Moments:
+class ChannelSums:
     """Frames of a set of sounds, and the sums over them of each channel and of its square."""
 
     frames: int
@@ -40,16 +40,16 @@ def run(workspace: Workspace) -> Report:
     """Embed every sound once; the statistics are summed in the order of the index, whatever the number of jobs."""
     settings = workspace.settings("embed", EmbedSettings)
     clips = list({clip.sound: clip for clip in Corpus(workspace.corpus).clips}.values())
-    fps = one_frame_rate(clips)
-    channels = encoder_of(settings).channels
+    fps = common_frame_rate(clips)
+    channels = cached_encoder(settings).channels
     with workspace.output("embed") as folder:
         if settings.partner:
             (folder / "partner").mkdir()
         embed = partial(embed_sound, workspace.corpus, settings, folder)
-        moments = each(embed, clips, workspace.jobs, "embed")
-        total = summed(part for clip, part in zip(clips, moments, strict=True) if clip.split == "train")
+        sums_by_sound = parallel_map(embed, clips, workspace.jobs, "embed")
+        total = merge_sums(part for clip, part in zip(clips, sums_by_sound, strict=True) if clip.split == "train")
         mean = total.sums / total.frames
-        std = np.sqrt(np.maximum(total.squares / total.frames - mean**2, SMALLEST_STD**2))
+        std = np.sqrt(np.maximum(total.squares / total.frames - mean**2, MIN_STD**2))
         content = {
             "fps": fps,
             "settings": settings.model_dump(mode="json"),
@@ -63,25 +63,25 @@ def run(workspace: Workspace) -> Report:
     )
 
 
-def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> Moments:
+def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> ChannelSums:
     """Write the features of a clip's sound, and of its partner's. Gives the sums of its own."""
-    features = encoder_of(settings)(Corpus(corpus).speech(clip), clip.fps)
-    np.save(sharded_for_writing(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
+    features = cached_encoder(settings)(Corpus(corpus).speech(clip), clip.fps)
+    np.save(make_shard_path(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
     partner = Corpus(corpus).partner(clip) if settings.partner else None
     if partner is not None:
-        heard = encoder_of(settings)(partner, clip.fps)
-        np.save(sharded_for_writing(folder / "partner", clip.sound, ".npy"), heard, allow_pickle=False)
+        heard = cached_encoder(settings)(partner, clip.fps)
+        np.save(make_shard_path(folder / "partner", clip.sound, ".npy"), heard, allow_pickle=False)
     exact = features.astype(np.float64)
-    return Moments(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
+    return ChannelSums(len(exact), exact.sum(axis=0), np.square(exact).sum(axis=0))
 
 
 @lru_cache(maxsize=1)
-def encoder_of(settings: EmbedSettings) -> SpeechEncoder:
+def cached_encoder(settings: EmbedSettings) -> SpeechEncoder:
     """The encoder, loaded once a process."""
     return make_encoder(settings)
 
 
-def one_frame_rate(clips: list[Clip]) -> float:
+def common_frame_rate(clips: list[Clip]) -> float:
     """The frame rate of all clips. Raises InputError if there is none, or more than one."""
     rates = sorted({clip.fps for clip in clips})
     if len(rates) != 1:
@@ -89,14 +89,14 @@ def one_frame_rate(clips: list[Clip]) -> float:
     return rates[0]
 
 
-def summed(parts: Iterable[Moments]) -> Moments:
+def merge_sums(parts: Iterable[ChannelSums]) -> ChannelSums:
     """Sums over sounds. Raises InputError if there are none."""
-    total: Moments | None = None
+    total: ChannelSums | None = None
     for part in parts:
         total = (
             part
             if total is None
-            else Moments(total.frames + part.frames, total.sums + part.sums, total.squares + part.squares)
+            else ChannelSums(total.frames + part.frames, total.sums + part.sums, total.squares + part.squares)
         )
     if total is None:
         raise InputError("embed: the corpus should have clips in the split train, got none")

@@ -24,31 +24,46 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from pipelines.evaluate_face import REAL, FaceSources, gives_face, measure_faces, shows_face
+from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, has_face, has_face_samples, measure_faces
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.sounds import Sound, sounds
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.sounds import SoundGroup, sounds
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.evaluation.benchmark.behaviour import with_references
-from talkingeyes.evaluation.benchmark.paired import Compared, Counted, Paired, compared, counted, of_motions, of_samples
-from talkingeyes.evaluation.benchmark.sound import CRITICS, OTHER_SOUNDS, Heard, hear
+from talkingeyes.evaluation.benchmark.paired import (
+    MotionSets,
+    PairedAccumulator,
+    SoundStatistics,
+    motion_behaviours,
+    pair_with_truth,
+    sample_behaviours,
+    sound_statistics,
+)
+from talkingeyes.evaluation.benchmark.sound import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.bootstrap import Estimate
-from talkingeyes.evaluation.evaluation import Case, EvaluateSettings, Figures, cropped, measure, summarise
+from talkingeyes.evaluation.evaluation import (
+    ClipMetrics,
+    EvaluateSettings,
+    EvaluationCase,
+    clip_metrics,
+    crop_samples,
+    summarise,
+)
 from talkingeyes.evaluation.face.row import summarise_face
-from talkingeyes.evaluation.judges import Judges
-from talkingeyes.orchestration.run import Report, Workspace, each, main
+from talkingeyes.evaluation.judges import Evaluators
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
 SPLITS = ("test", "unseen")
 # Where the distribution of speed is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
 # Starting a process takes as long as measuring some twenty sounds.
-SOUNDS_WORTH_A_PROCESS = 40
+SOUNDS_PER_PROCESS = 40
 
 
 @dataclass(frozen=True)
-class Sources:
+class InputPaths:
     """Where the things lie that a row is made of."""
 
     row: str
@@ -57,32 +72,38 @@ class Sources:
     embed: Path
     critic: Path
     sample: Path
-    benchmarked: int  # samples of a sound that the benchmark looks at
+    benchmark_samples: int  # samples of a sound that the benchmark looks at
 
 
 @dataclass(frozen=True)
-class Measured:
+class SoundResult:
     """What is kept of a sound: figures by part, and its part of the benchmark."""
 
-    figures: dict[str, Figures]
-    benchmark: Counted
+    figures: dict[str, ClipMetrics]
+    benchmark: SoundStatistics
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Clip-parallel; the figures of a clip do not depend on the others."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     data = workspace.data
-    sources = Sources(
-        name, workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", name), settings.benchmarked
+    paths = InputPaths(
+        name,
+        workspace.corpus,
+        data("fit"),
+        data("embed"),
+        data("critic"),
+        data("sample", name),
+        settings.benchmark_samples,
     )
-    found: dict[str, dict[str, list[Figures]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
-    work = items(sources, settings)
-    of_face = gives_face(sources.sample)
+    found: dict[str, dict[str, list[ClipMetrics]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
+    work = items(paths, settings)
+    of_face = has_face_samples(paths.sample)
     eyes = [] if of_face else work
-    judges = Judges.load(sources.critic) if eyes else None
-    jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_WORTH_A_PROCESS)
-    measured = each(partial(evaluate, sources, judges), eyes, jobs, f"evaluate {name}")
-    benchmark = Paired()
+    evaluators = Evaluators.load(paths.critic) if eyes else None
+    jobs = min(workspace.jobs, 1 + len(work) // SOUNDS_PER_PROCESS)
+    measured = parallel_map(partial(evaluate, paths, evaluators), eyes, jobs, f"evaluate {name}")
+    benchmark = PairedAccumulator()
     for item, one in zip(eyes, measured, strict=True):
         if one is None:
             continue
@@ -93,8 +114,8 @@ def run(workspace: Workspace, name: str) -> Report:
         split: {part: summarise(part, clips, settings.bootstrap) for part, clips in parts.items() if clips}
         for split, parts in found.items()
     }
-    if of_face or name in REAL:
-        for split, of_split in _faces(sources, work, settings, jobs).items():
+    if of_face or name in REAL_ROWS:
+        for split, of_split in _faces(paths, work, settings, jobs).items():
             figures[split]["face"] = of_split
     with workspace.output("evaluate", name) as folder:
         (folder / "metrics.json").write_text(json.dumps(_plain(figures), indent=1))
@@ -104,11 +125,11 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 def _faces(
-    sources: Sources, work: Sequence[Sound], settings: EvaluateSettings, jobs: int
+    paths: InputPaths, work: Sequence[SoundGroup], settings: EvaluateSettings, jobs: int
 ) -> dict[str, dict[str, Estimate]]:
     """The figures of the face, by split; none where motions have no face."""
-    places = FaceSources(sources.row, sources.corpus, sources.fit, sources.sample, settings.seed)
-    if not work or not shows_face(places, work[0].takes[0]):
+    places = FaceInputPaths(paths.row, paths.corpus, paths.fit, paths.sample, settings.seed)
+    if not work or not has_face(places, work[0].takes[0]):
         return {}
     measured = measure_faces(places, [item.takes for item in work], jobs)
     pairs = list(zip(work, measured, strict=True))
@@ -116,101 +137,101 @@ def _faces(
     return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}
 
 
-def items(sources: Sources, settings: EvaluateSettings) -> list[Sound]:
+def items(paths: InputPaths, settings: EvaluateSettings) -> list[SoundGroup]:
     """The sounds of test and unseen whose first take was fitted."""
-    corpus = Corpus(sources.corpus)
-    if sources.row == "truth" and not corpus.has_truth:
+    corpus = Corpus(paths.corpus)
+    if paths.row == "truth" and not corpus.has_truth:
         return []
-    found = sounds(corpus, sources.fit, sources.embed, SPLITS, settings.mismatched, settings.seed)
+    found = sounds(corpus, paths.fit, paths.embed, SPLITS, settings.mismatched_samples, settings.seed)
     if not found:
         raise InputError(f"{corpus.root}: no fitted clip in {' or '.join(SPLITS)}; Table III needs one")
     return found
 
 
 @dataclass(frozen=True)
-class Seen:
+class EvaluatedSound:
     """One sound of a row: what is compared, what the critics say of it, and its figures by part."""
 
-    case: Case
+    case: EvaluationCase
     samples: Samples  # uncropped
     true: list[Motion] | None
     speech: Float[ndarray, "T C"]
     others: list[np.ndarray]
-    heard: dict[str, Heard]
-    figures: dict[str, Figures]
+    heard: dict[str, CorrScores]
+    figures: dict[str, ClipMetrics]
 
 
-def look(sources: Sources, judges: Judges, item: Sound) -> Seen | None:
+def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) -> EvaluatedSound | None:
     """Measure one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
-    corpus, clip = Corpus(sources.corpus), item.takes[0]
-    takes = Recordings(item.takes, sources.fit, sources.embed)[:]
-    fitted = stacked(clip.fps, takes)
+    corpus, clip = Corpus(paths.corpus), item.takes[0]
+    takes = Recordings(item.takes, paths.fit, paths.embed)[:]
+    fitted = stack_motions(clip.fps, takes)
     true = [corpus.truth(take) for take in item.takes] if corpus.has_truth else None
-    truth = stacked(clip.fps, true) if true else None
-    samples = _samples(sources, item, fitted, truth)
+    truth = stack_motions(clip.fps, true) if true else None
+    samples = _samples(paths, item, fitted, truth)
     if samples is None:
         return None
     frames = min(len(takes[0]), *(each.head.shape[1] for each in (samples, fitted, truth or fitted)))
-    speech, others = np.array(takes[0].speech[:frames]), _other_sounds(sources, item)
-    case = Case(
-        samples=cropped(samples, frames),
-        own=sources.row in ("truth", "fitted"),
-        fitted=cropped(fitted, frames),
-        truth=cropped(truth, frames) if truth else None,
+    speech, others = np.array(takes[0].speech[:frames]), _other_sounds(paths, item)
+    case = EvaluationCase(
+        samples=crop_samples(samples, frames),
+        own=paths.row in ("truth", "fitted"),
+        fitted=crop_samples(fitted, frames),
+        truth=crop_samples(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],
     )
-    heard, fitted_heard = (
-        hear(judges.critics, speech, sounds, each.head, each.gaze)
+    heard, fitted_corr_scores = (
+        corr_scores(evaluators.critics, speech, sounds, each.head, each.gaze)
         for each, sounds in ((case.samples, others), (case.fitted, ()))
     )
-    return Seen(case, samples, true, speech, others, heard, measure(case, heard, fitted_heard))
+    return EvaluatedSound(case, samples, true, speech, others, heard, clip_metrics(case, heard, fitted_corr_scores))
 
 
-def evaluate(sources: Sources, judges: Judges | None, item: Sound) -> Measured | None:
+def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup) -> SoundResult | None:
     """The figures of one sound and its part of the gaze benchmark; None if the row has nothing for it."""
-    assert judges is not None
-    seen = look(sources, judges, item)
+    assert evaluators is not None
+    seen = evaluate_sound(paths, evaluators, item)
     if seen is None:
         return None
-    beside = _compared(sources, item, seen.samples, seen.true)
-    counts = counted(beside, seen.heard, judges.critics, judges.encoder, seen.speech, seen.others)
-    return Measured(seen.figures, counts)
+    motion_sets = _compared(paths, item, seen.samples, seen.true)
+    counts = sound_statistics(motion_sets, seen.heard, evaluators.critics, evaluators.encoder, seen.speech, seen.others)
+    return SoundResult(seen.figures, counts)
 
 
-def _compared(sources: Sources, item: Sound, samples: Samples, true: list[Motion] | None) -> Compared:
-    annotation = Corpus(sources.corpus).annotation(item.clip)
-    of_truth = of_motions(true or (), annotation)
-    if of_truth and sources.row == "truth":
+def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[Motion] | None) -> MotionSets:
+    annotation = Corpus(paths.corpus).annotation(item.clip)
+    of_truth = motion_behaviours(true or (), annotation)
+    if of_truth and paths.row == "truth":
         both = with_references(of_truth)
-        return Compared(both, both)
+        return MotionSets(both, both)
     fits = []
-    if sources.row == "fitted" or not of_truth:
-        fits = of_motions(
-            [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in item.takes], annotation
+    if paths.row == "fitted" or not of_truth:
+        fits = motion_behaviours(
+            [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in item.takes], annotation
         )
-    count = sources.benchmarked
+    count = paths.benchmark_samples
     drawn = Samples(samples.fps, samples.head[:count], samples.gaze[:count])
-    return compared(fits if sources.row == "fitted" else of_samples(drawn, annotation), of_truth or fits)
+    return pair_with_truth(fits if paths.row == "fitted" else sample_behaviours(drawn, annotation), of_truth or fits)
 
 
-def _other_sounds(sources: Sources, item: Sound) -> list[np.ndarray]:
+def _other_sounds(paths: InputPaths, item: SoundGroup) -> list[np.ndarray]:
     """Embeddings of a few other sounds of the speaker; none for mismatched motion, to which they may belong."""
-    others = [] if sources.row == "mismatched" else item.others[:OTHER_SOUNDS]
-    return [np.array(each.speech) for each in Recordings(others, sources.fit, sources.embed)]
+    others = [] if paths.row == "mismatched" else item.others[:SHUFFLED_SOUNDS]
+    return [np.array(each.speech) for each in Recordings(others, paths.fit, paths.embed)]
 
 
-def _samples(sources: Sources, item: Sound, fitted: Samples, truth: Samples | None) -> Samples | None:
-    if sources.row == "truth":
+def _samples(paths: InputPaths, item: SoundGroup, fitted: Samples, truth: Samples | None) -> Samples | None:
+    if paths.row == "truth":
         return truth
-    if sources.row == "fitted":
+    if paths.row == "fitted":
         return fitted
-    if sources.row == "mismatched":
-        others = Recordings(item.others, sources.fit, sources.embed)[:]
-        return stacked(item.takes[0].fps, others) if others else None
-    return Samples.load(sharded(sources.sample, item.takes[0].id, ".npz"))
+    if paths.row == "mismatched":
+        others = Recordings(item.others, paths.fit, paths.embed)[:]
+        return stack_motions(item.takes[0].fps, others) if others else None
+    return Samples.load(shard_path(paths.sample, item.takes[0].id, ".npz"))
 
 
-def stacked(fps: float, motions: Sequence[Motion | Recording]) -> Samples:
+def stack_motions(fps: float, motions: Sequence[Motion | Recording]) -> Samples:
     """Motions as samples, cut to the shortest."""
     frames = min(map(len, motions))
     return Samples(
@@ -236,7 +257,7 @@ def _flat(table: dict[str, dict[str, dict[str, Estimate]]]) -> dict[str, float]:
     }
 
 
-def _write_speeds(path: Path, found: dict[str, dict[str, list[Figures]]]) -> None:
+def _write_speeds(path: Path, found: dict[str, dict[str, list[ClipMetrics]]]) -> None:
     """Share of frames that are faster than each of SPEEDS_DEG_S, of both splits together."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

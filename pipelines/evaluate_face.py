@@ -19,20 +19,20 @@ from numpy import ndarray
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.evaluation.face.emotion import EmotionClassifier, features
-from talkingeyes.evaluation.face.row import FaceCase, FaceFigures, cropped_faces, measure_face
-from talkingeyes.evaluation.face.surface import Surface
-from talkingeyes.head.anny import open_head
-from talkingeyes.orchestration.run import each
+from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.evaluation.face.emotion import EmotionClassifier, emotion_features
+from talkingeyes.evaluation.face.row import FaceCase, FaceMetrics, crop_faces, face_metrics
+from talkingeyes.evaluation.face.surface import FaceSurface
+from talkingeyes.head.anny import anny_head
+from talkingeyes.orchestration.run import parallel_map
 
 # Starting a process takes as long as looking at so many faces.
-FACES_WORTH_A_PROCESS = 400
-REAL = ("truth", "fitted")
+FACES_PER_PROCESS = 400
+REAL_ROWS = ("truth", "fitted")
 
 
 @dataclass(frozen=True)
-class FaceSources:
+class FaceInputPaths:
     """Where the things lie; `seed` of the halves that diversity is taken of."""
 
     row: str
@@ -42,7 +42,7 @@ class FaceSources:
     seed: int
 
 
-def gives_face(sample: Path) -> bool:
+def has_face_samples(sample: Path) -> bool:
     """Whether what `sample` drew is faces."""
     path = next(sample.glob("*/*.npz"), None)
     if path is None:
@@ -51,66 +51,66 @@ def gives_face(sample: Path) -> bool:
         return "jaw" in file.files
 
 
-def shows_face(sources: FaceSources, clip: Clip) -> bool:
+def has_face(paths: FaceInputPaths, clip: Clip) -> bool:
     """Whether motions of the corpus have faces: an expression, if only at rest."""
-    return bool(Motion.load(sharded(sources.fit / "motion", clip.id, ".npz")).expression_names)
+    return bool(Motion.load(shard_path(paths.fit / "motion", clip.id, ".npz")).expression_names)
 
 
-def measure_faces(sources: FaceSources, sounds: Sequence[Sequence[Clip]], jobs: int) -> list[FaceFigures]:
+def measure_faces(paths: FaceInputPaths, sounds: Sequence[Sequence[Clip]], jobs: int) -> list[FaceMetrics]:
     """The figures of each sound, of which the fitted takes are given, the first of them take 0."""
-    classifier = learn_emotions(sources, min(jobs, 1 + len(sounds) // FACES_WORTH_A_PROCESS))
-    measure = partial(_measure, sources, classifier)
-    return list(each(measure, list(sounds), jobs, f"evaluate {sources.row}: face"))
+    classifier = train_emotion_classifier(paths, min(jobs, 1 + len(sounds) // FACES_PER_PROCESS))
+    measure = partial(_measure, paths, classifier)
+    return list(parallel_map(measure, list(sounds), jobs, f"evaluate {paths.row}: face"))
 
 
-def learn_emotions(sources: FaceSources, jobs: int) -> EmotionClassifier | None:
+def train_emotion_classifier(paths: FaceInputPaths, jobs: int) -> EmotionClassifier | None:
     """From the train split; None where it has less than two emotions."""
-    clips = Corpus(sources.corpus).select("train")
+    clips = Corpus(paths.corpus).select("train")
     if len({clip.emotion for clip in clips}) < 2:
         return None
-    seen = list(each(partial(_features, sources), clips, jobs, "evaluate: emotions"))
+    seen = list(parallel_map(partial(_features, paths), clips, jobs, "evaluate: emotions"))
     known = [(row, clip.emotion) for row, clip in zip(seen, clips, strict=True) if row is not None]
     return EmotionClassifier.learn(np.array([row for row, _ in known]), [emotion for _, emotion in known])
 
 
 @cache
-def _surface() -> Surface:
+def _surface() -> FaceSurface:
     """Once a process."""
-    return Surface(open_head())
+    return FaceSurface(anny_head())
 
 
-def _features(sources: FaceSources, clip: Clip) -> Float[ndarray, " F"] | None:
-    corpus = Corpus(sources.corpus)
-    path = sharded(sources.fit / "motion", clip.id, ".npz")
+def _features(paths: FaceInputPaths, clip: Clip) -> Float[ndarray, " F"] | None:
+    corpus = Corpus(paths.corpus)
+    path = shard_path(paths.fit / "motion", clip.id, ".npz")
     if not corpus.has_truth and not path.exists():
         return None
     motion = corpus.truth(clip) if corpus.has_truth else Motion.load(path)
-    return np.asarray(features(_surface(), stacked_faces([motion]))[0])
+    return np.asarray(emotion_features(_surface(), stack_faces([motion]))[0])
 
 
-def _measure(sources: FaceSources, classifier: EmotionClassifier | None, takes: Sequence[Clip]) -> FaceFigures:
-    corpus, clip = Corpus(sources.corpus), takes[0]
-    fitted = [Motion.load(sharded(sources.fit / "motion", take.id, ".npz")) for take in takes]
+def _measure(paths: FaceInputPaths, classifier: EmotionClassifier | None, takes: Sequence[Clip]) -> FaceMetrics:
+    corpus, clip = Corpus(paths.corpus), takes[0]
+    fitted = [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in takes]
     true = [corpus.truth(take) for take in takes] if corpus.has_truth else fitted
-    truth = stacked_faces(true)
-    if sources.row in REAL:
-        samples = truth if sources.row == "truth" else stacked_faces(fitted)
+    truth = stack_faces(true)
+    if paths.row in REAL_ROWS:
+        samples = truth if paths.row == "truth" else stack_faces(fitted)
     else:
-        samples = FaceSamples.load(sharded(sources.sample, clip.id, ".npz"))
+        samples = FaceSamples.load(shard_path(paths.sample, clip.id, ".npz"))
     frames = min(samples.jaw.shape[1], truth.jaw.shape[1])
     case = FaceCase(
-        samples=cropped_faces(samples, frames),
-        own=sources.row == "truth" or (sources.row == "fitted" and not corpus.has_truth),
-        truth=cropped_faces(truth, frames),
+        samples=crop_faces(samples, frames),
+        own=paths.row == "truth" or (paths.row == "fitted" and not corpus.has_truth),
+        truth=crop_faces(truth, frames),
         valid=true[0].valid[:frames],
         annotation=corpus.annotation(clip),
         sound=corpus.speech(clip),
-        seed=(sources.seed, *clip.id.encode()),
+        seed=(paths.seed, *clip.id.encode()),
     )
-    return measure_face(_surface(), classifier, case)
+    return face_metrics(_surface(), classifier, case)
 
 
-def stacked_faces(motions: Sequence[Motion]) -> FaceSamples:
+def stack_faces(motions: Sequence[Motion]) -> FaceSamples:
     """The faces of motions as samples, cut to the shortest."""
     frames, first = min(map(len, motions)), motions[0]
     jaw, expression = (

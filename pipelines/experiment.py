@@ -1,6 +1,6 @@
 """The Hydra entry: compose conf/, run the chain through the result store, once or for every job of a sweep.
 
-One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, until=train@vae
+One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, target=train@vae
 A sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook (docs/sweeps.md)
 
 Any key and any group may be swept. Every job calls the same stage functions as dvc.yaml does, in the same order; what
@@ -20,17 +20,17 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.config import CONF, checked, hydra_in_one_line, write_params
-from talkingeyes.orchestration.recipe import CHECKOUT, OWN_CORPUS, Call, needed, recipe
-from talkingeyes.orchestration.record import record
-from talkingeyes.orchestration.run import Report, Row, Workspace, clip_parallel, shell
-from talkingeyes.orchestration.store import Entry, link, obtain
+from talkingeyes.orchestration.config import CONFIG_DIR, one_line_hydra_errors, validate_config, write_params
+from talkingeyes.orchestration.recipe import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, required_calls, stage_calls
+from talkingeyes.orchestration.record import log_run
+from talkingeyes.orchestration.run import MethodResult, Report, Workspace, parallel_backend, run_command
+from talkingeyes.orchestration.store import StoredResult, get_or_run, link
 
 REFERENCES = ("truth", "fitted", "mismatched")
-Watch = Callable[[int, dict[str, float]], None]
+ValidationCallback = Callable[[int, dict[str, float]], None]
 
 
-def calls(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """The stages in order, each with the item that it is called for."""
     models = list(params["model"])
     watched = [name for name, model in params["model"].items() if "gaze" in model["parts"]]
@@ -45,32 +45,35 @@ def calls(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     yield ("report",)
 
 
-def chain(params: Mapping[str, Any]) -> list[Call]:
+def pipeline_calls(params: Mapping[str, Any]) -> list[StageCall]:
     """What `until` needs. A corpus from elsewhere takes the place of `synthesize`."""
-    found = recipe(params, calls(params))
-    if params["corpus"] != OWN_CORPUS:
+    found = stage_calls(params, stage_order(params))
+    if params["corpus"] != DEFAULT_CORPUS:
         found = [call for call in found if call.stage != "synthesize"]
-    return needed(found, params["until"])
+    return required_calls(found, params["target"])
 
 
-def run_chain(
-    params: Mapping[str, Any], view: Path, overrides: Sequence[str] = (), watch: Watch | None = None
+def run_pipeline(
+    params: Mapping[str, Any],
+    view: Path,
+    overrides: Sequence[str] = (),
+    on_validation: ValidationCallback | None = None,
 ) -> list[float]:
     """Run what is not in the store, link all into `view`, log the rows. Gives the objectives, if they were measured."""
     root, start = Path(params["workspace"]), time.monotonic()
-    if root.resolve() == CHECKOUT or view.resolve() == CHECKOUT:
+    if root.resolve() == REPOSITORY_ROOT or view.resolve() == REPOSITORY_ROOT:
         raise InputError("workspace: should be another folder than the repository, whose data/ belongs to dvc")
-    if params["corpus"] != OWN_CORPUS:
+    if params["corpus"] != DEFAULT_CORPUS:
         params = {**params, "corpus": str(Path(params["corpus"]).resolve())}
     write_params(view / "params.yaml", dict(params))
-    entries: dict[Path, Entry] = {}
+    entries: dict[Path, StoredResult] = {}
 
-    def make(call: Call, workspace: Workspace) -> Report:
+    def make(call: StageCall, workspace: Workspace) -> Report:
         print("==", call.stage, *call.names, file=sys.stderr)
-        return _stage(call, replace(workspace, watch=watch), root, params)
+        return _stage(call, replace(workspace, on_validation=on_validation), root, params)
 
-    for call in chain(params):
-        entry = obtain(Path(params["store"]), call, params, entries, make)
+    for call in pipeline_calls(params):
+        entry = get_or_run(Path(params["result_store"]), call, params, entries, make)
         if entry.origin != "made":
             print("==", call.stage, *call.names, f"is in the {entry.origin}", file=sys.stderr)
         entries[call.folder] = entry
@@ -78,20 +81,24 @@ def run_chain(
     return _log(params, entries, root, overrides, time.monotonic() - start)
 
 
-def _stage(call: Call, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
+def _stage(call: StageCall, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
     """Call a stage and log it; its rows are logged with those of the whole chain."""
     stage = importlib.import_module(f"pipelines.{call.stage}").run
     start = time.monotonic()
-    with clip_parallel(params["machine"]):
+    with parallel_backend(params["machine"]):
         report: Report = stage(workspace, *call.names)
     seconds = time.monotonic() - start
     title = "-".join([call.stage, *call.names])
-    record(root, call.stage, title, params, workspace.sections_read, seconds, replace(report, rows=()))
+    log_run(root, call.stage, title, params, workspace.sections_read, seconds, replace(report, rows=()))
     return report
 
 
 def _log(
-    params: Mapping[str, Any], entries: Mapping[Path, Entry], root: Path, overrides: Sequence[str], seconds: float
+    params: Mapping[str, Any],
+    entries: Mapping[Path, StoredResult],
+    root: Path,
+    overrides: Sequence[str],
+    seconds: float,
 ) -> list[float]:
     """One flat row a model: what the report says of it, if there is one, and its figures on val."""
     val = {
@@ -101,12 +108,12 @@ def _log(
     }
     rows = {row.name: row for entry in entries.values() for row in entry.report.rows}
     for model, figures in val.items():
-        row = rows.get(model, Row(model, {}))
+        row = rows.get(model, MethodResult(model, {}))
         rows[model] = replace(row, metrics={**row.metrics, **{f"val/{key}": value for key, value in figures.items()}})
     objective = params["objective"]
-    wanted = {key: val[objective["model"]][key] for key in objective["figures"]} if objective["model"] in val else {}
+    wanted = {key: val[objective["model"]][key] for key in objective["metrics"]} if objective["model"] in val else {}
     report = Report(metrics=wanted, rows=list(rows.values()))
-    record(root, "experiment", params["study"], params, set(params), seconds, report, overrides)
+    log_run(root, "experiment", params["study"], params, set(params), seconds, report, overrides)
     return list(wanted.values())
 
 
@@ -116,20 +123,20 @@ def job(config: Any) -> float | tuple[float, ...] | None:
     from omegaconf import OmegaConf
 
     hydra_config = HydraConfig.get()
-    params = checked(OmegaConf.to_container(config, resolve=True))
+    params = validate_config(OmegaConf.to_container(config, resolve=True))
     if params["machine"]["device"] != "cpu":
-        from talkingeyes.training.place import Place
+        from talkingeyes.training.place import ExecutionContext
 
-        Place.of(params["machine"])  # a card that is not there is told before the corpus is made
-    found = run_chain(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
+        ExecutionContext.of(params["machine"])  # a card that is not there is told before the corpus is made
+    found = run_pipeline(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
     return found[0] if len(found) == 1 else tuple(found) or None
 
 
 def main() -> None:
     """Check what can be checked before anything runs, then hand over to Hydra; afterwards sum a study up."""
-    from pipelines.study import conclude, prepare, quieted
+    from pipelines.study import prepare, silence_warnings, write_results
 
-    quieted()
+    silence_warnings()
     arguments = sys.argv[1:]
     overrides = [each for each in arguments if not each.startswith("-")]
     if not {"-m", "--multirun"} & set(arguments):
@@ -137,10 +144,10 @@ def main() -> None:
     study = prepare(overrides)
     if study is None:
         return hydra(arguments)
-    with study.alone():
-        if study.left:
+    with study.exclusive():
+        if study.remaining_trials:
             hydra([*arguments, *study.overrides()])
-        conclude(study)
+        write_results(study)
 
 
 def hydra(arguments: list[str]) -> None:
@@ -149,8 +156,8 @@ def hydra(arguments: list[str]) -> None:
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors are raised, not printed
     sys.argv[1:] = arguments
-    with hydra_in_one_line(), redirect_stderr(_WithoutEcho(sys.stderr)):
-        entry(config_path=str(CONF), config_name="config", version_base="1.3")(job)()
+    with one_line_hydra_errors(), redirect_stderr(_WithoutEcho(sys.stderr)):
+        entry(config_path=str(CONFIG_DIR), config_name="config", version_base="1.3")(job)()
 
 
 class _WithoutEcho:
@@ -167,4 +174,6 @@ class _WithoutEcho:
 
 
 if __name__ == "__main__":
-    shell(importlib.import_module("pipelines.experiment").main)  # by its name, so that worker processes find `job`
+    run_command(
+        importlib.import_module("pipelines.experiment").main
+    )  # by its name, so that worker processes find `job`

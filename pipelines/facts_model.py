@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.facts import observe_sound, source_of, squint_rad, whole
-from talkingeyes.animation.direction import Direction
-from talkingeyes.animation.perform import Performer
+from pipelines.facts import axis_divergence_rad, extract_sound, source_of, write_atomically
+from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.perform import Animator
 from talkingeyes.audio.prosody import prosody
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
@@ -31,18 +31,18 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recordings
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.facts import blinks, figures, head, page, saccades
-from talkingeyes.evaluation.facts.acceptance import FACTS, Fact
-from talkingeyes.evaluation.facts.clip import Measured, Pool, Seen, Sounding, joined
-from talkingeyes.evaluation.facts.figures import Figures
-from talkingeyes.evaluation.facts.source import Source
-from talkingeyes.evaluation.table import line
-from talkingeyes.orchestration.run import Workspace, clip_parallel, each, shell
-from talkingeyes.training.telling import who_moves
+from talkingeyes.evaluation.facts.acceptance import REFERENCE_RANGES, ReferenceRange
+from talkingeyes.evaluation.facts.clip import ClipData, FrameProsody, Measurement, PooledArrays, join_pools
+from talkingeyes.evaluation.facts.figures import Measurements
+from talkingeyes.evaluation.facts.source import CorpusInputs
+from talkingeyes.evaluation.table import markdown_row
+from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_map, run_command
+from talkingeyes.training.telling import speaker_index
 
-UNHEARD = ("val", "test", "unseen")
+HELD_OUT_SPLITS = ("val", "test", "unseen")
 SAMPLES = 16
 # The model's own rate, that of a screen, and that of the law of saccades.
-OWN_FPS, SCREEN_FPS, LAW_FPS = 25.0, 120.0, 500.0
+OWN_FPS, SCREEN_FPS, MAIN_SEQUENCE_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Facts of the default model
 
 Written by `python -m pipelines.facts_model{words}`: motion of the model for {sounds} sounds that it was not trained on,
@@ -59,14 +59,14 @@ model draws ([whole.md](whole.md)): the column "as drawn" has none of them but b
 
 
 @dataclass(frozen=True)
-class Performed:
+class AnimationPools:
     """What is read off the performances of one sound at 25 and at 120 frames a second, off those of the model alone at
     25, and off the truth."""
 
-    slow: Pool
-    fast: Pool
-    drawn: Pool
-    true: Pool
+    slow: PooledArrays
+    fast: PooledArrays
+    drawn: PooledArrays
+    true: PooledArrays
 
 
 def main() -> None:
@@ -75,114 +75,131 @@ def main() -> None:
     if len(sys.argv) > 2:
         raise InputError(f"facts_model: should get one model or none, got {' '.join(sys.argv[1:])}")
     name = sys.argv[1] if sys.argv[1:] else "talkingeyes"
-    source, model = source_of(workspace, workspace.corpus), workspace.data("train", name)
-    if not source.corpus.has_truth:
+    corpus_inputs, model = source_of(workspace, workspace.corpus), workspace.data("train", name)
+    if not corpus_inputs.corpus.has_truth:
         raise InputError(f"{workspace.corpus}: should be a corpus with true motion, got one without")
-    Performer.load(model)
-    clips = [clip for clip in source.corpus.clips if clip.split in UNHEARD and clip.take == 0]
-    with clip_parallel(workspace.params.get("machine", {})):
-        found = list(each(partial(observe, source, model), list(enumerate(clips)), workspace.jobs, f"facts of {name}"))
+    Animator.load(model)
+    clips = [clip for clip in corpus_inputs.corpus.clips if clip.split in HELD_OUT_SPLITS and clip.take == 0]
+    with parallel_backend(workspace.params.get("machine", {})):
+        found = list(
+            parallel_map(
+                partial(extract, corpus_inputs, model), list(enumerate(clips)), workspace.jobs, f"facts of {name}"
+            )
+        )
     slow, fast, drawn, true = (
-        joined(pools) for pools in zip(*((one.slow, one.fast, one.drawn, one.true) for one in found), strict=True)
+        join_pools(pools) for pools in zip(*((one.slow, one.fast, one.drawn, one.true) for one in found), strict=True)
     )
-    columns = [with_law(by_take(slow)), of_pool(by_take(fast)), with_law(by_take(drawn)), of_pool(true)]
+    columns = [
+        measure_with_main_sequence(order_by_take(slow)),
+        measure_pool(order_by_take(fast)),
+        measure_with_main_sequence(order_by_take(drawn)),
+        measure_pool(true),
+    ]
     text = markdown(columns, len(clips), f" {name}" if sys.argv[1:] else "")
     out = Path("docs/facts_model.md") if name == "talkingeyes" else Path("build/facts", f"{name}.md")
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
-    whole(workspace.root / out, lambda path: path.write_text(text))
+    write_atomically(workspace.root / out, lambda path: path.write_text(text))
     print(text)
 
 
 @lru_cache(maxsize=1)
-def _performer(model: Path) -> Performer:
+def _performer(model: Path) -> Animator:
     """Loaded once a process."""
-    return Performer.load(model)
+    return Animator.load(model)
 
 
-def observe(source: Source, model: Path, numbered: tuple[int, Clip]) -> Performed:
+def extract(corpus_inputs: CorpusInputs, model: Path, numbered: tuple[int, Clip]) -> AnimationPools:
     """One sound, performed by seeds of its own and as it was.
 
     By the same seeds, all sounds would begin with the same numbers: vergence, which hardly changes within a clip, would
     be that of so many draws as there are seeds.
     """
-    number, clip = numbered
-    embedding = np.array(Recordings([clip], source.fit, source.embed)[0].speech)
-    performer, sound = _performer(model), source.corpus.speech(clip)
+    format_number, clip = numbered
+    embedding = np.array(Recordings([clip], corpus_inputs.fit, corpus_inputs.embed)[0].speech)
+    animator, sound = _performer(model), corpus_inputs.corpus.speech(clip)
 
-    def made(fps: float, direction: Direction) -> list[Motion]:
-        drawn = performer.perform_embedded(embedding, SAMPLES, SAMPLES * number, fps, direction, sound)
+    def made(fps: float, controls: Controls) -> list[Motion]:
+        drawn = animator.generate_from_embedding(embedding, SAMPLES, SAMPLES * format_number, fps, controls, sound)
         return [each.motion for each in drawn]
 
-    def seen(motions: list[Motion]) -> Pool:
-        return joined(figures.observe(see(source, clip, motion)) for motion in motions)
+    def seen(motions: list[Motion]) -> PooledArrays:
+        return join_pools(figures.extract(load_clip_data(corpus_inputs, clip, motion)) for motion in motions)
 
-    def with_finest(direction: Direction) -> Pool:
-        coarse, finest = made(OWN_FPS, direction), made(LAW_FPS, direction)
-        return {**seen(coarse), **joined(of_law(*motions) for motions in zip(finest, coarse, strict=True))}
+    def with_finest(controls: Controls) -> PooledArrays:
+        coarse, finest = made(OWN_FPS, controls), made(MAIN_SEQUENCE_FPS, controls)
+        return {
+            **seen(coarse),
+            **join_pools(extract_main_sequence(*motions) for motions in zip(finest, coarse, strict=True)),
+        }
 
-    known = performer.persons
-    person = known[who_moves(known, clip.speaker, clip.speaker)] if known else None
-    asked = Direction(partner=source.corpus.partner(clip), person=person)
-    alone = with_finest(Direction(person=person, as_drawn=True))
-    return Performed(with_finest(asked), seen(made(SCREEN_FPS, asked)), alone, observe_sound(source, [clip]))
+    known = animator.persons
+    person = known[speaker_index(known, clip.speaker, clip.speaker)] if known else None
+    asked = Controls(partner=corpus_inputs.corpus.partner(clip), person=person)
+    alone = with_finest(Controls(person=person, no_postprocessing=True))
+    return AnimationPools(
+        with_finest(asked), seen(made(SCREEN_FPS, asked)), alone, extract_sound(corpus_inputs, [clip])
+    )
 
 
-def see(source: Source, clip: Clip, motion: Motion) -> Seen:
+def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> ClipData:
     """A performance with what is known of its sound; its jaw is not the model's."""
-    heard = prosody(source.corpus.speech(clip), motion.fps, source.prosody)
-    annotation = source.corpus.annotation(clip)
+    heard = prosody(corpus_inputs.corpus.speech(clip), motion.fps, corpus_inputs.prosody)
+    annotation = corpus_inputs.corpus.annotation(clip)
     fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
     frames = len(motion)
-    return Seen(
+    return ClipData(
         speaker=clip.speaker,
         sound=clip.sound,
         behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
         annotation=annotation,
-        sounding=Sounding(heard.energy_dbfs[:frames], heard.f0_hz[:frames]),
-        squint_rad=squint_rad(source, clip),
+        frame_prosody=FrameProsody(heard.energy_dbfs[:frames], heard.f0_hz[:frames]),
+        axis_divergence_rad=axis_divergence_rad(corpus_inputs, clip),
     )
 
 
-def of_law(finest: Motion, coarse: Motion) -> Pool:
+def extract_main_sequence(finest: Motion, coarse: Motion) -> PooledArrays:
     """Saccades at 500 frames a second, the same ones at 25, and the blinks' course."""
     high, low = (
         behaviour(each.fps, {"head": each.head, "gaze": each.gaze, "lid": each.lid}) for each in (finest, coarse)
     )
-    found = saccades.rendered(high)
+    found = saccades.detect_rendered(high)
     return {
-        **saccades.of_rate("at500", high, found),
-        **saccades.same("same25", found, saccades.rendered(low)),
-        **blinks.observe_fast(high),
+        **saccades.extract_at_rate("at500", high, found),
+        **saccades.match_frame_rates("same25", found, saccades.detect_rendered(low)),
+        **blinks.extract_kinematics(high),
     }
 
 
-def by_take(pool: Pool) -> Pool:
+def order_by_take(pool: PooledArrays) -> PooledArrays:
     """Styles of the first sample of every sound, then of the second: half minutes of a speaker are of several sounds
     then, as those of the truth are, and not of one sound again and again."""
     styles = {name: values.reshape(-1, SAMPLES).T.ravel() for name, values in pool.items() if name.startswith("style.")}
     return {**pool, **styles}
 
 
-def of_pool(pool: Pool) -> Figures:
+def measure_pool(pool: PooledArrays) -> Measurements:
     """The rows that head, gaze and blinks of one rate have."""
-    found = figures.of_gaze(pool) | figures.of_head(pool) | figures.of_speech(pool)
-    found |= figures.of_blinks(pool) | figures.of_shifts(pool)
+    found = figures.measure_gaze(pool) | figures.measure_head(pool) | figures.measure_speech(pool)
+    found |= figures.measure_blinks(pool) | figures.measure_gaze_shifts(pool)
     found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
     return found
 
 
-def with_law(pool: Pool) -> Figures:
+def measure_with_main_sequence(pool: PooledArrays) -> Measurements:
     """The same, and the rows of the law of saccades and of the course of blinks."""
-    return of_pool(pool) | figures.of_rates(pool) | figures.of_courses(pool)
+    return measure_pool(pool) | figures.measure_main_sequence(pool) | figures.measure_blink_kinematics(pool)
 
 
-def markdown(columns: Sequence[Figures], sounds: int, words: str) -> str:
+def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
     """The page: rows of the acceptance table, a column a rate, and the truth."""
-    rows = [line(["", "band", "25 fps", "120 fps", "25 fps, as drawn", "truth, 25 fps"]), line(["---"] * 6)]
-    for fact in FACTS:
-        if any(fact.name in each for each in columns):
-            cells = [cell(fact, each.get(fact.name)) for each in columns]
-            rows.append(line([page.named(fact), page.band(fact), *cells]))
+    rows = [
+        markdown_row(["", "band", "25 fps", "120 fps", "25 fps, as drawn", "truth, 25 fps"]),
+        markdown_row(["---"] * 6),
+    ]
+    for reference_range in REFERENCE_RANGES:
+        if any(reference_range.name in each for each in columns):
+            cells = [cell(reference_range, each.get(reference_range.name)) for each in columns]
+            rows.append(markdown_row([page.label(reference_range), page.range_text(reference_range), *cells]))
     slow, fast, drawn, truth = map(counts, columns)
     introduction = INTRODUCTION.format(
         words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, drawn=drawn, truth=truth
@@ -190,18 +207,24 @@ def markdown(columns: Sequence[Figures], sounds: int, words: str) -> str:
     return introduction + "\n".join([*rows, ""])
 
 
-def counts(found: Figures) -> str:
+def counts(found: Measurements) -> str:
     """How many of the rows that were measured are in their bands, and how many are out."""
-    verdicts = [page.verdict(fact, found[fact.name]) for fact in FACTS if fact.name in found]
+    verdicts = [
+        page.range_status(reference_range, found[reference_range.name])
+        for reference_range in REFERENCE_RANGES
+        if reference_range.name in found
+    ]
     return f"{verdicts.count('in')} are in, {verdicts.count('OUT')} out"
 
 
-def cell(fact: Fact, found: Measured | None) -> str:
+def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:
     """A figure, and whether it is out."""
     if found is None or found.value is None:
         return "" if found is None else f"- ({found.reason})"
-    return f"{page.number(found.value)}{'' if fact.met(found.value) else ' **out**'}"
+    return f"{page.format_number(found.value)}{'' if reference_range.contains(found.value) else ' **out**'}"
 
 
 if __name__ == "__main__":
-    shell(importlib.import_module("pipelines.facts_model").main)  # by its name, so that worker processes find `observe`
+    run_command(
+        importlib.import_module("pipelines.facts_model").main
+    )  # by its name, so that worker processes find `extract`

@@ -21,13 +21,13 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.fitting.accuracy import pooled
-from talkingeyes.fitting.blink import rates
+from talkingeyes.fitting.blink import blink_rate_distribution
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.fitting.comparison import Match, Truth, Verdict, judge
-from talkingeyes.fitting.manner import SHORTEST_S, SPEAKERS_FILE, Manner, in_all, measured, save_speakers
-from talkingeyes.orchestration.run import Report, Workspace, each, main
+from talkingeyes.fitting.comparison import BlinkMatches, FitEvaluation, GroundTruth, evaluate_fit
+from talkingeyes.fitting.manner import MIN_CLIP_S, SPEAKERS_FILE, MotionStyle, mean_style, measure_style, save_speakers
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
 # Table VIII of the paper: 30 HDTF videos brought down to 224 x 224; pixels, and pixels a second at 25 fps.
 PAPER = [
@@ -38,14 +38,14 @@ PAPER = [
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Of one clip; a rejected one has a reason and no verdict. `manner`: None, too, of a clip that is too short."""
+class ClipResult:
+    """Of one clip; a rejected one has a reason and no verdict. `motion_style` is None, too, if the clip is short."""
 
-    rejected: str
+    reject_reason: str
     blinks: int
     seconds: float
-    verdict: Verdict | None
-    manner: Manner | None = None
+    evaluation: FitEvaluation | None
+    motion_style: MotionStyle | None = None
 
 
 def run(workspace: Workspace) -> Report:
@@ -53,79 +53,88 @@ def run(workspace: Workspace) -> Report:
     settings = workspace.settings("fit", FitSettings)
     corpus = Corpus(workspace.corpus)
     clips = corpus.clips
-    chosen = np.linspace(0, len(clips) - 1, min(settings.table8.adam_clips, len(clips))).round().astype(int)
+    chosen = np.linspace(0, len(clips) - 1, min(settings.method_comparison.adam_clips, len(clips))).round().astype(int)
     by_adam = {clips[index].id for index in chosen}
     with workspace.output("fit") as folder:
         fit = partial(fit_one, corpus.root, folder / "motion", settings, by_adam)
-        outcomes = list(each(fit, clips, workspace.jobs, "fit"))
-        kept = [(clip, outcome) for clip, outcome in zip(clips, outcomes, strict=True) if not outcome.rejected]
+        outcomes = list(parallel_map(fit, clips, workspace.jobs, "fit"))
+        kept = [(clip, outcome) for clip, outcome in zip(clips, outcomes, strict=True) if not outcome.reject_reason]
         if not kept:
-            raise InputError(f"fit: all {len(clips)} clips were rejected, the first because: {outcomes[0].rejected}")
+            raise InputError(
+                f"fit: all {len(clips)} clips were rejected, the first because: {outcomes[0].reject_reason}"
+            )
         _write_rejected(folder / "rejected.csv", clips, outcomes)
         save_speakers(folder / SPEAKERS_FILE, speakers(kept))
-        verdicts = [outcome.verdict for _, outcome in kept if outcome.verdict is not None]
-        table, summary = table8(verdicts), summary_of(verdicts, len(clips))
-        for name, content in {"table8": table, "blinks": blink_laws(kept), "summary": summary}.items():
+        evaluations = [outcome.evaluation for _, outcome in kept if outcome.evaluation is not None]
+        table, summary = method_comparison(evaluations), summarise(evaluations, len(clips))
+        for name, content in {"table8": table, "blinks": blink_rate_summary(kept), "summary": summary}.items():
             (folder / f"{name}.json").write_text(json.dumps(content, indent=1))
     return Report(metrics=dict(_metrics(table, summary)), artifacts=[workspace.data("fit", "table8.json")])
 
 
-def fit_one(corpus_root: Path, motions: Path, settings: FitSettings, by_adam: set[str], clip: Clip) -> Outcome:
+def fit_one(corpus_root: Path, motions: Path, settings: FitSettings, by_adam: set[str], clip: Clip) -> ClipResult:
     """Fit one clip and write its motion, unless it is rejected."""
     corpus = Corpus(corpus_root)
     observation = corpus.observation(clip)
     fit = fit_clip(observation, settings)
-    outcome = Outcome(fit.rejected, len(fit.lids.blinks), fit.motion.seconds, None)
-    if fit.rejected:
+    outcome = ClipResult(fit.reject_reason, len(fit.lids.blinks), fit.motion.seconds, None)
+    if fit.reject_reason:
         return outcome
-    fit.motion.save(sharded_for_writing(motions, clip.id, ".npz"))
-    truth = Truth(corpus.truth(clip), corpus.truth_events(clip)) if corpus.has_truth else None
-    verdict = judge(observation, fit, truth, settings, clip.id in by_adam)
-    manner = measured(fit.motion) if fit.motion.seconds >= SHORTEST_S else None
-    return Outcome("", outcome.blinks, outcome.seconds, verdict, manner)
+    fit.motion.save(make_shard_path(motions, clip.id, ".npz"))
+    truth = GroundTruth(corpus.truth(clip), corpus.truth_events(clip)) if corpus.has_truth else None
+    evaluation = evaluate_fit(observation, fit, truth, settings, clip.id in by_adam)
+    motion_style = measure_style(fit.motion) if fit.motion.seconds >= MIN_CLIP_S else None
+    return ClipResult("", outcome.blinks, outcome.seconds, evaluation, motion_style)
 
 
-def table8(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def method_comparison(evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
     """Table VIII: one row a method, the ratios taken to the truth of the same clips; the paper's own rows beside it."""
-    names = list(dict.fromkeys(name for verdict in verdicts for name in verdict.tallies))
+    names = list(dict.fromkeys(name for evaluation in evaluations for name in evaluation.error_sums_by_method))
     return {
         "units": "pixels of the crop, pixels a second; frames without blinks; errors against noiseless pupils",
-        "rows": [_row(name, [verdict for verdict in verdicts if name in verdict.tallies]) for name in names],
+        "rows": [
+            _row(name, [evaluation for evaluation in evaluations if name in evaluation.error_sums_by_method])
+            for name in names
+        ],
         "paper": PAPER,
     }
 
 
-def _row(name: str, verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    tally = pooled(verdict.tallies[name] for verdict in verdicts)
+def _row(name: str, evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
+    error_sums = pooled(evaluation.error_sums_by_method[name] for evaluation in evaluations)
     row: dict[str, Any] = {
         "method": name,
-        "clips": len(verdicts),
-        "error_to_input_px": tally.noisy_px / max(tally.noisies, 1),
-        "velocity_px_s": tally.speed_px_s / max(tally.speeds, 1),
+        "clips": len(evaluations),
+        "error_to_input_px": error_sums.input_distance_px / max(error_sums.input_distances, 1),
+        "velocity_px_s": error_sums.speed_px_s / max(error_sums.speeds, 1),
     }
-    if name in verdicts[0].objectives:
-        row["objective"] = float(np.mean([verdict.objectives[name] for verdict in verdicts]))
-    if "ground_truth" in verdicts[0].tallies:
-        truth = pooled(verdict.tallies["ground_truth"] for verdict in verdicts)
-        row["error_px"] = tally.distance_px / max(tally.distances, 1)
-        row["velocity_ratio"] = tally.speed_px_s / truth.speed_px_s if truth.speed_px_s else 0.0
-        row["saccade_peak_ratio"] = tally.peak_px_s / truth.peak_px_s if truth.peak_px_s else 0.0
+    if name in evaluations[0].objectives:
+        row["objective"] = float(np.mean([evaluation.objectives[name] for evaluation in evaluations]))
+    if "ground_truth" in evaluations[0].error_sums_by_method:
+        truth = pooled(evaluation.error_sums_by_method["ground_truth"] for evaluation in evaluations)
+        row["error_px"] = error_sums.truth_distance_px / max(error_sums.truth_distances, 1)
+        row["velocity_ratio"] = error_sums.speed_px_s / truth.speed_px_s if truth.speed_px_s else 0.0
+        row["saccade_peak_ratio"] = error_sums.peak_px_s / truth.peak_px_s if truth.peak_px_s else 0.0
     return row
 
 
-def summary_of(verdicts: Sequence[Verdict], clips: int) -> dict[str, Any]:
+def summarise(evaluations: Sequence[FitEvaluation], clips: int) -> dict[str, Any]:
     """Means over clips: residual of the rigid landmarks, head error; precision and recall of blinks."""
     summary: dict[str, Any] = {
         "clips": clips,
-        "rejected": clips - len(verdicts),
-        "landmark_residual_px": float(np.mean([verdict.residual_px for verdict in verdicts])),
+        "rejected": clips - len(evaluations),
+        "landmark_residual_px": float(np.mean([evaluation.residual_px for evaluation in evaluations])),
     }
-    matches = [verdict.match for verdict in verdicts if verdict.match is not None]
+    matches = [evaluation.match for evaluation in evaluations if evaluation.match is not None]
     if matches:
-        match = sum(matches, Match())
+        match = sum(matches, BlinkMatches())
         summary |= {
-            "head_error_deg": float(np.degrees(np.mean([v.head_rad for v in verdicts if v.head_rad is not None]))),
-            "head_error_mm": float(np.mean([v.translation_m for v in verdicts if v.translation_m is not None]) * 1e3),
+            "head_error_deg": float(
+                np.degrees(np.mean([v.head_error_rad for v in evaluations if v.head_error_rad is not None]))
+            ),
+            "head_error_mm": float(
+                np.mean([v.translation_error_m for v in evaluations if v.translation_error_m is not None]) * 1e3
+            ),
             "blink_precision": match.precision,
             "blink_recall": match.recall,
             "blinks_found": match.found,
@@ -134,13 +143,13 @@ def summary_of(verdicts: Sequence[Verdict], clips: int) -> dict[str, Any]:
     return summary
 
 
-def blink_laws(kept: Sequence[tuple[Clip, Outcome]]) -> dict[str, Any]:
+def blink_rate_summary(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, Any]:
     """Blinks a minute over clips, as the paper counts them, and over speakers, whose long counts scatter less."""
-    speakers: dict[str, list[Outcome]] = {}
+    speakers: dict[str, list[ClipResult]] = {}
     for clip, outcome in kept:
         speakers.setdefault(clip.speaker, []).append(outcome)
-    by_clip = rates([outcome.blinks for _, outcome in kept], [outcome.seconds for _, outcome in kept])
-    by_speaker = rates(
+    by_clip = blink_rate_distribution([outcome.blinks for _, outcome in kept], [outcome.seconds for _, outcome in kept])
+    by_speaker = blink_rate_distribution(
         [sum(outcome.blinks for outcome in group) for group in speakers.values()],
         [sum(outcome.seconds for outcome in group) for group in speakers.values()],
     )
@@ -152,21 +161,26 @@ def blink_laws(kept: Sequence[tuple[Clip, Outcome]]) -> dict[str, Any]:
     }
 
 
-def speakers(kept: Sequence[tuple[Clip, Outcome]]) -> dict[str, Manner]:
+def speakers(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, MotionStyle]:
     """Habits of the speakers of the train split, by name."""
-    found: dict[str, list[tuple[Manner, float]]] = {}
+    found: dict[str, list[tuple[MotionStyle, float]]] = {}
     for clip, outcome in kept:
-        if clip.split == "train" and outcome.manner is not None:
-            found.setdefault(clip.speaker, []).append((outcome.manner, outcome.seconds))
-    return {name: in_all([manner for manner, _ in clips], [s for _, s in clips]) for name, clips in found.items()}
+        if clip.split == "train" and outcome.motion_style is not None:
+            found.setdefault(clip.speaker, []).append((outcome.motion_style, outcome.seconds))
+    return {
+        name: mean_style([motion_style for motion_style, _ in clips], [s for _, s in clips])
+        for name, clips in found.items()
+    }
 
 
-def _write_rejected(path: Path, clips: Sequence[Clip], outcomes: Sequence[Outcome]) -> None:
+def _write_rejected(path: Path, clips: Sequence[Clip], outcomes: Sequence[ClipResult]) -> None:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["clip", "reason"])
         writer.writerows(
-            (clip.id, outcome.rejected) for clip, outcome in zip(clips, outcomes, strict=True) if outcome.rejected
+            (clip.id, outcome.reject_reason)
+            for clip, outcome in zip(clips, outcomes, strict=True)
+            if outcome.reject_reason
         )
 
 

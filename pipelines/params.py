@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from talkingeyes.orchestration.config import compose, write_params
-from talkingeyes.orchestration.run import shell
+from talkingeyes.orchestration.run import run_command
 
 if __name__ == "__main__":
-    shell(lambda: write_params(Path("params.yaml"), compose(sys.argv[1:])))
+    run_command(lambda: write_params(Path("params.yaml"), compose(sys.argv[1:])))

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.experiment import run_chain
+from pipelines.experiment import run_pipeline
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import SUMS, shell
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
 
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
 ABLATIONS = ("posegan_without_motion", "posegan_without_start")
@@ -37,7 +37,7 @@ compare the order of rows, not the values.
 
 """
 # New people who speak other languages: for style transfer, and for how a model takes to sounds that it never heard.
-STRANGERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
+NEW_SPEAKERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
 
 
 def main() -> None:
@@ -52,11 +52,11 @@ def main() -> None:
     seeds = [int(each) for each in given.seeds.split(",")]
     of_gaze = [int(each) for each in (given.gaze_seeds or given.seeds).split(",")] if not given.without_gaze else []
     conf = _conf(given.overrides)
-    strangers = _strangers(given.workspace, conf)
+    new_speakers = _strangers(given.workspace, conf)
     found = {}
     for seed in seeds:
         view = _trained(given.workspace, conf, seed, seed in of_gaze)
-        found[seed] = _measured(given.workspace, view, strangers, seed)
+        found[seed] = _measured(given.workspace, view, new_speakers, seed)
     benchmark = _benchmark(given.workspace, of_gaze) if of_gaze else {}
     _write(given.workspace, found, benchmark)
 
@@ -77,43 +77,43 @@ def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -
     taken = json.loads(cost.read_text()) if cost.is_file() else {}
     models = (*HEADS, *ABLATIONS, "pgface")
     params = _params(workspace, conf, seed, models)
-    run_chain({**params, "until": "train@head_mean"}, view)
+    run_pipeline({**params, "target": "train@head_mean"}, view)
     for name in models:
         before, marked = time.process_time(), _digest(view, name)
-        run_chain({**params, "until": f"train@{name}"}, view)
+        run_pipeline({**params, "target": f"train@{name}"}, view)
         if _digest(view, name) != marked or name not in taken:
             taken[name] = time.process_time() - before
             cost.write_text(json.dumps(taken, indent=1))
     if with_gaze:
         compared = _params(workspace, conf, seed, (*HEADS, "talkingeyes", *GAZE))
-        run_chain({**compared, "until": "evaluate"}, view)
+        run_pipeline({**compared, "target": "evaluate"}, view)
     return view
 
 
 def _strangers(workspace: Path, conf: Sequence[str]) -> Path:
     """The corpus of new people, and its embedding."""
     view = workspace / "strangers"
-    params = compose((*conf, *STRANGERS, f"workspace={workspace}"))
-    run_chain({**params, "model": {}, "until": "embed"}, view)
+    params = compose((*conf, *NEW_SPEAKERS, f"workspace={workspace}"))
+    run_pipeline({**params, "model": {}, "target": "embed"}, view)
     return view
 
 
 def _digest(view: Path, name: str) -> str:
-    path = view / "data" / "train" / name / SUMS
+    path = view / "data" / "train" / name / CHECKSUMS_FILE
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
-def _measured(workspace: Path, view: Path, strangers: Path, seed: int) -> dict[str, Any]:
+def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dict[str, Any]:
     """All figures of one seed's models; from the file if they are of these models."""
-    from talkingeyes.evaluation.pose.measuring import Sources, measured
+    from talkingeyes.evaluation.pose.measuring import PoseInputPaths, evaluate_models
 
     path = workspace / "measured" / f"seed-{seed}.json"
     key = [_digest(view, name) for name in (*HEADS, *ABLATIONS)]
     if path.is_file() and (content := json.loads(path.read_text()))["models"] == key:
         figures: dict[str, Any] = content["figures"]
         return figures
-    data = Sources(view / "data", strangers / "data", HEADS, ABLATIONS)
-    figures = {**measured(data, seed), "training_s": json.loads((view / "cpu_seconds.json").read_text())}
+    data = PoseInputPaths(view / "data", new_speakers / "data", HEADS, ABLATIONS)
+    figures = {**evaluate_models(data, seed), "training_s": json.loads((view / "cpu_seconds.json").read_text())}
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     partial.write_text(json.dumps({"models": key, "figures": figures}, indent=1))
@@ -138,4 +138,4 @@ def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[st
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

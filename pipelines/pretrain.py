@@ -13,70 +13,70 @@ from talkingeyes.corpus.faces import faces
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import recordings
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.orchestration.run import SUMS, Report, Workspace, main
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.checkpoint import save
-from talkingeyes.training.face_priors import FacePriorSettings, FacePriorTask, prior_config
+from talkingeyes.training.face_priors import FaceTokenizerSettings, FaceTokenizerTask, face_tokenizer_config
 from talkingeyes.training.loop import train
-from talkingeyes.training.place import Place
-from talkingeyes.training.priors import PriorSettings, PriorTask
-from talkingeyes.training.progress import Progress
+from talkingeyes.training.place import ExecutionContext
+from talkingeyes.training.priors import GazeTokenizerSettings, GazeTokenizerTask
+from talkingeyes.training.progress import ResumeFile
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Of gaze or of the face, as the section says."""
     prior = workspace.params.get("pretrain", {}).get(name)
     if isinstance(prior, dict) and prior.get("kind") == "face":
-        return _face(workspace, name, workspace.settings(f"pretrain.{name}", FacePriorSettings))
-    return _gaze(workspace, name, workspace.settings(f"pretrain.{name}", PriorSettings))
+        return _face(workspace, name, workspace.settings(f"pretrain.{name}", FaceTokenizerSettings))
+    return _gaze(workspace, name, workspace.settings(f"pretrain.{name}", GazeTokenizerSettings))
 
 
-def _gaze(workspace: Workspace, name: str, settings: PriorSettings) -> Report:
+def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> Report:
     """Train, then count code use over all windows of the train split."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    task = PriorTask(settings, recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val"))
-    place = Place.of(workspace.params["machine"])
-    progress = _progress(workspace, name, settings, place)
-    history = train(task, settings.loop, f"pretrain {name}", place=place, progress=progress)
-    place.leave_unless_first()
-    use = task.use(task.train_recordings)
-    figures = use.figures() | {"val_error_deg": task.use(task.val_recordings).error_deg}
+    task = GazeTokenizerTask(settings, recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val"))
+    context = ExecutionContext.of(workspace.params["machine"])
+    resume = _resume_file(workspace, name, settings, context)
+    history = train(task, settings.loop, f"pretrain {name}", context=context, resume=resume)
+    context.exit_unless_main()
+    code_usage = task.code_usage(task.train_recordings)
+    figures = code_usage.figures() | {"val_error_deg": task.code_usage(task.val_recordings).error_deg}
     with workspace.output("pretrain", name) as folder:
         save(folder, task.module.state_dict(), settings.network.model_dump(mode="json"), history)
-        (folder / "codes.json").write_text(json.dumps({"counts": use.counts.int().tolist(), **figures}))
-    progress.remove()
+        (folder / "codes.json").write_text(json.dumps({"counts": code_usage.counts.int().tolist(), **figures}))
+    resume.remove()
     return Report(metrics=figures)
 
 
-def _face(workspace: Workspace, name: str, settings: FacePriorSettings) -> Report:
+def _face(workspace: Workspace, name: str, settings: FaceTokenizerSettings) -> Report:
     """Train, then take the autoencoder's units of its own latents and count the use of codes, if it has any."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    known, held_out = faces(corpus, fit, embed, "train"), faces(corpus, fit, embed, "val")
-    basis = FaceBasis(known.head_model, known.expression_names)
-    task = FacePriorTask(settings, known, held_out, basis)
-    place = Place.of(workspace.params["machine"])
-    progress = _progress(workspace, name, settings, place)
-    history = train(task, settings.loop, f"pretrain {name}", place=place, progress=progress)
-    place.leave_unless_first()
-    task.measure()
-    error = task.error(known)
+    train_faces, val_faces = faces(corpus, fit, embed, "train"), faces(corpus, fit, embed, "val")
+    basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
+    task = FaceTokenizerTask(settings, train_faces, val_faces, basis)
+    context = ExecutionContext.of(workspace.params["machine"])
+    resume = _resume_file(workspace, name, settings, context)
+    history = train(task, settings.loop, f"pretrain {name}", context=context, resume=resume)
+    context.exit_unless_main()
+    task.fit_latent_statistics()
+    error = task.error(train_faces)
     of_val = {
-        f"val_{name}": value for name, value in task.error(held_out).figures().items() if name.startswith("error")
+        f"val_{name}": value for name, value in task.error(val_faces).figures().items() if name.startswith("error")
     }
     figures = error.figures() | of_val
     with workspace.output("pretrain", name) as folder:
-        save(folder, task.module.state_dict(), prior_config(settings.network, basis), history)
+        save(folder, task.module.state_dict(), face_tokenizer_config(settings.network, basis), history)
         if len(error.counts):
             (folder / "codes.json").write_text(json.dumps({"counts": error.counts.int().tolist(), **figures}))
-    progress.remove()
+    resume.remove()
     return Report(metrics=figures)
 
 
-def _progress(workspace: Workspace, name: str, settings: Settings, place: Place) -> Progress:
+def _resume_file(workspace: Workspace, name: str, settings: Settings, context: ExecutionContext) -> ResumeFile:
     """The file of this training, and all that its result follows from."""
-    sums = [workspace.data(stage) / SUMS for stage in ("fit", "embed")]
+    sums = [workspace.data(stage) / CHECKSUMS_FILE for stage in ("fit", "embed")]
     reads = (workspace.corpus / "clips.parquet", *sums, Path(__file__))
-    made_of = (settings.model_dump(mode="json"), place.describe())
-    return Progress.of(workspace.data(f".pretrain-{name}.progress"), made_of, reads)
+    fingerprint = (settings.model_dump(mode="json"), context.describe())
+    return ResumeFile.of(workspace.data(f".pretrain-{name}.progress"), fingerprint, reads)
 
 
 if __name__ == "__main__":

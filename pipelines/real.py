@@ -19,28 +19,28 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import angles_of_gaze
-from talkingeyes.core.settings import validated
+from talkingeyes.core.rotation import gaze_to_angles
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import each, shell
+from talkingeyes.orchestration.run import parallel_map, run_command
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.video import facts
+from talkingeyes.tracking.video import probe_video
 from talkingeyes.tracking.yields import as_text
 from talkingeyes.workflows.track import track
 
 FOLDER = Path("build/real")
-MOVES_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said to move
-FACING_DEG = 12.0  # median turn of the head below which a clip is said to face the camera
-BLINKS_A_MINUTE = (15.0, 35.0)
-CORRELATION = 0.8
-UNBOUND_RAD = 10.0  # a prior on changes of vergence that is none
+MIN_GAZE_RANGE_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said to move
+MAX_FRONTAL_YAW_DEG = 12.0  # median turn of the head below which a clip is said to face the camera
+BLINKS_PER_MINUTE = (15.0, 35.0)
+MIN_EYE_CORRELATION = 0.8
+UNINFORMATIVE_SD_RAD = 10.0  # a prior on changes of vergence that is none
 
 
 @dataclass(frozen=True)
-class Row:
+class RealClipResult:
     """One clip: what its fit says. Correlations of yaw: of both eyes, of the eyes with the head; angles in degrees.
 
     Both eyes as each was seen, fitted without the prior on how they stand to each other, under which they always agree.
@@ -49,84 +49,84 @@ class Row:
     clip: str
     fps: float
     seconds: float
-    rejected: str
+    reject_reason: str
     residual_px: float
     head_yaw: float
     gaze_range: float
-    eyes_together: float
-    eyes_with_head: float
+    eye_correlation: float
+    eye_head_correlation: float
     blinks: int
 
 
-def real(videos: Path, jobs: int) -> list[Row]:
+def evaluate_real_videos(videos: Path, jobs: int) -> list[RealClipResult]:
     """Track and fit all clips, print the table, return its rows."""
-    params = compose(["fit=video", "track.keep.voice=false", "track.thumbnails=false"])
-    tracked = track([videos], FOLDER / "corpus", validated("track", TrackSettings, params["track"]), jobs=jobs)
+    params = compose(["fit=video", "track.clip_filter.require_voice=false", "track.thumbnails=false"])
+    tracked = track([videos], FOLDER / "corpus", validate_section("track", TrackSettings, params["track"]), jobs=jobs)
     print(as_text(tracked.outcomes))
     for line in (FOLDER / "corpus/rejected.csv").read_text().splitlines()[1:]:
         print("  rejected:", line)
-    settings = validated("fit", FitSettings, params["fit"])
-    rates = {outcome.source.id: facts(outcome.source.path).fps for outcome in tracked.outcomes if outcome.entries}
-    fit = partial(measured, tracked.corpus, settings, rates)
-    rows = list(each(fit, tracked.corpus.clips, jobs, "fit"))
+    settings = validate_section("fit", FitSettings, params["fit"])
+    rates = {outcome.source.id: probe_video(outcome.source.path).fps for outcome in tracked.outcomes if outcome.entries}
+    fit = partial(measure_fit, tracked.corpus, settings, rates)
+    rows = list(parallel_map(fit, tracked.corpus.clips, jobs, "fit"))
     print(table(rows))
     (FOLDER / "real.json").write_text(json.dumps([asdict(row) for row in rows], indent=1))
     return rows
 
 
-def measured(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float], clip: Clip) -> Row:
+def measure_fit(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float], clip: Clip) -> RealClipResult:
     """Fit one clip and look at its yaw."""
     fit = fit_clip(corpus.observation(clip), settings)
     motion = fit.motion
-    alone = settings.eyes.model_copy(update={"vergence_sd_rad": UNBOUND_RAD})
-    by_itself = fit_clip(corpus.observation(clip), settings.model_copy(update={"eyes": alone})).motion
-    eyes_rad = angles_of_gaze(by_itself.gaze)[motion.valid, :, 0]
+    alone = settings.eye_calibration.model_copy(update={"vergence_sd_rad": UNINFORMATIVE_SD_RAD})
+    by_itself = fit_clip(corpus.observation(clip), settings.model_copy(update={"eye_calibration": alone})).motion
+    eyes_rad = gaze_to_angles(by_itself.gaze)[motion.valid, :, 0]
     head_rad = motion.head[motion.valid, 1]
-    return Row(
+    return RealClipResult(
         clip=clip.id,
         fps=rates[clip.id.rpartition("-")[0]],
         seconds=clip.seconds,
-        rejected=fit.rejected,
+        reject_reason=fit.reject_reason,
         residual_px=float(np.nanmedian(fit.pose.residual_px)),
         head_yaw=float(np.degrees(np.median(head_rad))),
         gaze_range=float(np.degrees(np.ptp(np.percentile(eyes_rad.mean(axis=1), [5, 95])))),
-        eyes_together=_correlation(eyes_rad[:, 0], eyes_rad[:, 1]),
-        eyes_with_head=_correlation(eyes_rad.mean(axis=1), head_rad),
+        eye_correlation=_correlation(eyes_rad[:, 0], eyes_rad[:, 1]),
+        eye_head_correlation=_correlation(eyes_rad.mean(axis=1), head_rad),
         blinks=len(fit.lids.blinks),
     )
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[RealClipResult]) -> str:
     """The rows and what they should show, for a person."""
     head = f"{'clip':<34}{'fps':>7}{'s':>7}{'px':>6}{'head':>7}{'gaze':>7}{'l~r':>7}{'e~h':>7}{'blinks':>8}"
     lines = [head, *(_line(row) for row in rows), ""]
-    kept = [row for row in rows if not row.rejected]
-    moving = [row for row in kept if row.gaze_range > MOVES_DEG]
-    facing = [row for row in kept if abs(row.head_yaw) < FACING_DEG]
+    kept = [row for row in rows if not row.reject_reason]
+    moving = [row for row in kept if row.gaze_range > MIN_GAZE_RANGE_DEG]
+    facing = [row for row in kept if abs(row.head_yaw) < MAX_FRONTAL_YAW_DEG]
     minutes = sum(row.seconds for row in kept) / 60
     rate = sum(row.blinks for row in kept) / minutes if minutes else 0.0
-    together = sum(row.eyes_together >= CORRELATION for row in moving)
-    against = sum(row.eyes_with_head < 0 for row in facing)
-    low, high = BLINKS_A_MINUTE
+    together = sum(row.eye_correlation >= MIN_EYE_CORRELATION for row in moving)
+    against = sum(row.eye_head_correlation < 0 for row in facing)
+    low, high = BLINKS_PER_MINUTE
     return "\n".join(
         [
             *lines,
             f"fitted: {len(kept)} of {len(rows)} clips",
-            f"left and right yaw correlate at {CORRELATION} or more where gaze moves (> {MOVES_DEG:g} degrees): "
-            f"{together} of {len(moving)}",
-            f"eyes turn against the head where it faces the camera (< {FACING_DEG:g} degrees): "
+            f"left and right yaw correlate at {MIN_EYE_CORRELATION} or more where gaze moves"
+            f" (> {MIN_GAZE_RANGE_DEG:g} degrees): {together} of {len(moving)}",
+            f"eyes turn against the head where it faces the camera (< {MAX_FRONTAL_YAW_DEG:g} degrees): "
             f"{against} of {len(facing)}",
             f"blinks a minute, pooled over {minutes:.1f} min: {rate:.1f} ({'in' if low <= rate <= high else 'not in'} "
             f"{low:g} to {high:g})",
-            f"refused because the face does not fit: {sum('does not fit' in row.rejected for row in rows)}",
+            f"refused because the face does not fit: {sum('does not fit' in row.reject_reason for row in rows)}",
         ]
     )
 
 
-def _line(row: Row) -> str:
-    figures = f"{row.residual_px:6.2f}{row.head_yaw:7.1f}{row.gaze_range:7.1f}{row.eyes_together:7.2f}"
-    line = f"{row.clip:<34}{row.fps:7.2f}{row.seconds:7.2f}{figures}{row.eyes_with_head:7.2f}{row.blinks:8d}"
-    return f"{line}  rejected: {row.rejected}" if row.rejected else line
+def _line(row: RealClipResult) -> str:
+    figures = f"{row.residual_px:6.2f}{row.head_yaw:7.1f}{row.gaze_range:7.1f}{row.eye_correlation:7.2f}"
+    line = f"{row.clip:<34}{row.fps:7.2f}{row.seconds:7.2f}{figures}{row.eye_head_correlation:7.2f}{row.blinks:8d}"
+    return f"{line}  rejected: {row.reject_reason}" if row.reject_reason else line
 
 
 def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> float:
@@ -143,8 +143,8 @@ def main() -> None:
     if not videos.is_dir():
         print(f"real: no videos at {videos}; nothing was done")
         return
-    real(videos, jobs=1)
+    evaluate_real_videos(videos, jobs=1)
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

@@ -24,30 +24,37 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.strip import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
-from talkingeyes.evaluation.benchmark.tally import Row as BenchmarkRow
+from talkingeyes.evaluation.benchmark.tally import MetricResult
 from talkingeyes.evaluation.face.table import face_markdown
-from talkingeyes.evaluation.plots import COLOURS, Trace, plot_codes, plot_figures, plot_speeds, plot_traces
+from talkingeyes.evaluation.plots import (
+    COLOURS,
+    Trace,
+    plot_code_usage,
+    plot_metrics,
+    plot_speed_distributions,
+    plot_traces,
+)
 from talkingeyes.evaluation.table import (
     TITLES,
+    MethodMetrics,
     Requirement,
-    Table,
-    checklist,
-    comma_separated,
+    critic_table,
     markdown,
-    ordered,
+    order_rows,
     requirements,
-    verdicts,
+    requirements_table,
+    to_csv,
 )
-from talkingeyes.orchestration.run import Report, Row, Workspace, main
+from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
 # Methods whose traces are drawn beside truth, and how many of their samples.
-TRACED, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4
+TRACE_METHODS, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4
 # Requirements on what comes before the models: pupil error and speed after fitting, codes in use.
-MOST_ERROR_PX, LEAST_SPEED, MOST_SPEED, LEAST_CODES = 0.95, 1.0, 1.25, 0.9
+MAX_ERROR_PX, MIN_SPEED_RATIO, MAX_SPEED_RATIO, MIN_CODE_USAGE = 0.95, 1.0, 1.25, 0.9
 
 INTRODUCTION = """# Table III
 
@@ -79,47 +86,54 @@ def run(workspace: Workspace) -> Report:
         path.parent.name: np.array(_json(path)["counts"], float)
         for path in sorted(workspace.data("pretrain").glob("*/codes.json"))
     }
-    asked = [*requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
+    required = [*requirements(eyes), *_upstream(workspace.data("fit", "table8.json"), counts)]
     with workspace.output("report") as folder:
         (folder / "metrics.json").write_text(json.dumps(_values(rows), indent=1))
-        (folder / "table3.csv").write_text(comma_separated(eyes))
-        benchmarks = _benchmarks(workspace.data("evaluate"), ordered(eyes))
+        (folder / "table3.csv").write_text(to_csv(eyes))
+        benchmarks = _benchmarks(workspace.data("evaluate"), order_rows(eyes))
         critic = _json(workspace.data("critic", "report.json"))
         notes = workspace.data("critic", "notes.txt").read_text()
-        (folder / "table3.md").write_text(_page(eyes, critic, notes, asked, benchmarks))
+        (folder / "table3.md").write_text(_page(eyes, critic, notes, required, benchmarks))
         (folder / "face.md").write_text(FACES + face_markdown(rows))
         plot_strips(
             {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
         )
-        plot_figures(eyes, folder / "figures.png")
-        plot_speeds(_speeds(workspace.data("evaluate"), ordered(eyes)), folder / "speeds.png")
+        plot_metrics(eyes, folder / "figures.png")
+        plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(eyes)), folder / "speeds.png")
         if counts:
-            plot_codes(counts, folder / "codes.png")
+            plot_code_usage(counts, folder / "codes.png")
         _draw_traces(workspace, folder / "traces.png")
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
     flat = {name: _flat(row) for name, row in _values(rows).items()}
-    missed = sum(not each.reached for each in asked)
+    missed = sum(not each.is_met for each in required)
     return Report(
-        metrics={"required": float(len(asked)), "missed": float(missed)},
+        metrics={"required": float(len(required)), "missed": float(missed)},
         artifacts=artifacts,
-        rows=[Row(name, flat[name], pictures) for name in ordered(rows)],
+        rows=[MethodResult(name, flat[name], pictures) for name in order_rows(rows)],
     )
 
 
 def _page(
-    rows: Mapping[str, Table],
+    rows: Mapping[str, MethodMetrics],
     critic: Mapping[str, Any],
     notes: str,
-    asked: list[Requirement],
-    benchmarks: Mapping[str, Sequence[BenchmarkRow]],
+    required: list[Requirement],
+    benchmarks: Mapping[str, Sequence[MetricResult]],
 ) -> str:
     parts = [INTRODUCTION, markdown(rows), BENCHMARK, benchmark_markdown(benchmarks, TITLES)]
-    parts += ["\n### Required\n", checklist(asked), "\n### The critics behind Corr.\n", verdicts(critic), "", notes]
+    parts += [
+        "\n### Required\n",
+        requirements_table(required),
+        "\n### The critics behind Corr.\n",
+        critic_table(critic),
+        "",
+        notes,
+    ]
     return "\n".join(parts)
 
 
-def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[BenchmarkRow]]:
+def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[MetricResult]]:
     """What `evaluate` wrote of the gaze benchmark, by row; rows without figures are left out."""
     tables = {name: from_json(_json(folder / name / "benchmark.json")) for name in names}
     return {name: table for name, table in tables.items() if any(row.value for row in table)}
@@ -134,26 +148,26 @@ def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[
     if table8.exists():
         fitted = next(row for row in _json(table8)["rows"] if row["method"] == "lightgazefit")
         if "error_px" in fitted:
-            found.append(Requirement("fit: pupil error, pixels", fitted["error_px"], most=MOST_ERROR_PX))
+            found.append(Requirement("fit: pupil error, pixels", fitted["error_px"], maximum=MAX_ERROR_PX))
             ratio = fitted["velocity_ratio"]
-            found.append(Requirement("fit: eye-only speed to truth's", ratio, LEAST_SPEED, MOST_SPEED))
+            found.append(Requirement("fit: eye-only speed to truth's", ratio, MIN_SPEED_RATIO, MAX_SPEED_RATIO))
     for name, used in counts.items():
-        found.append(Requirement(f"{name}: share of codes in use", float((used > 0).mean()), least=LEAST_CODES))
+        found.append(Requirement(f"{name}: share of codes in use", float((used > 0).mean()), minimum=MIN_CODE_USAGE))
     return found
 
 
 def _draw_traces(workspace: Workspace, path: Path) -> None:
     """Truth, where it is known, and the traced models under the test sound with the most takes."""
     corpus = Corpus(workspace.corpus)
-    models = [name for name in TRACED if workspace.data("sample", name).is_dir()]
+    models = [name for name in TRACE_METHODS if workspace.data("sample", name).is_dir()]
     clips = corpus.select("test", "unseen")
     if not models or not clips:
         return
     takes: dict[str, list[Clip]] = {}
     for clip in clips:
         takes.setdefault(clip.sound, []).append(clip)
-    most = max(takes, key=lambda sound: len(takes[sound]))
-    chosen = sorted(takes[most], key=lambda clip: clip.take)
+    maximum = max(takes, key=lambda sound: len(takes[sound]))
+    chosen = sorted(takes[maximum], key=lambda clip: clip.take)
     traces = []
     if corpus.has_truth:
         motions = [corpus.truth(clip) for clip in chosen[:SAMPLES_DRAWN]]
@@ -161,7 +175,7 @@ def _draw_traces(workspace: Workspace, path: Path) -> None:
         title = f"Truth, {len(motions)} takes" if len(motions) > 1 else "Truth"
         traces.append(Trace(title, Samples(chosen[0].fps, *stacks)))
     for name in models:
-        samples = Samples.load(sharded(workspace.data("sample", name), chosen[0].id, ".npz"))
+        samples = Samples.load(shard_path(workspace.data("sample", name), chosen[0].id, ".npz"))
         few = Samples(samples.fps, samples.head[:SAMPLES_DRAWN], samples.gaze[:SAMPLES_DRAWN])
         traces.append(Trace(TITLES[name], few))
     plot_traces(traces, corpus.speech(chosen[0]), SAMPLE_RATE, path)
@@ -179,7 +193,7 @@ def _speeds(folder: Path, names: list[str]) -> dict[str, dict[str, Float[ndarray
     return found
 
 
-def _values(rows: Mapping[str, Table]) -> dict[str, Any]:
+def _values(rows: Mapping[str, MethodMetrics]) -> dict[str, Any]:
     return {
         name: {
             split: {part: {key: each["value"] for key, each in figures.items()} for part, figures in parts.items()}

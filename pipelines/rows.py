@@ -17,16 +17,16 @@ from typing import Any
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import CHECKOUT, OWN_CORPUS, Call, recipe
-from talkingeyes.orchestration.run import Report, Workspace, clip_parallel, each
-from talkingeyes.orchestration.store import Entry, obtain
+from talkingeyes.orchestration.recipe import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, stage_calls
+from talkingeyes.orchestration.run import Report, Workspace, parallel_backend, parallel_map
+from talkingeyes.orchestration.store import StoredResult, get_or_run
 
 SEEDS = (0, 1, 2)
 FIGURES = "figures.json"
 
 
 @dataclass(frozen=True)
-class Made:
+class RowResult:
     """A row under one seed: where its figures are, and of a model its samples (if the row reads them) and the model
     itself, with the CPU seconds of its training (None if `dvc repro` trained it)."""
 
@@ -38,33 +38,33 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Kind:
+class RowSpec:
     """What a row is: the name of its entries in the store, the code that it follows from, what it reads, its measure.
 
-    `measure` writes figures.json. `models`: those who are rows; real motion (`references`) is measured alone. `after`:
-    the stages that follow the training of a model and that the row reads.
+    `measure` writes figures.json. `models`: those who are rows; real motion (`references`) is measured alone.
+    `stages_after`: the stages that follow the training of a model and that the row reads.
     """
 
     stage: str
-    code: tuple[str, ...]
+    code_deps: tuple[str, ...]
     reads: tuple[str, ...]
     sections: tuple[str, ...]
-    measure: Callable[[Call, Workspace], Report]
+    measure: Callable[[StageCall, Workspace], Report]
     models: tuple[str, ...]
     references: tuple[str, ...]
-    after: tuple[str, ...] = ("sample",)
+    stages_after: tuple[str, ...] = ("sample",)
 
 
 @dataclass(frozen=True)
-class Rows:
+class TableRows:
     """All rows, by name, one a seed; and where what they share lies, by stage."""
 
-    by_name: dict[str, list[Made]]
+    by_name: dict[str, list[RowResult]]
     data: dict[str, Path]
 
 
 @dataclass(frozen=True)
-class Asked:
+class TableOptions:
     """What the command line asks for: where to write, which seeds, what is set in conf/, and words of its own."""
 
     out: Path
@@ -73,9 +73,9 @@ class Asked:
     words: dict[str, list[str]]
 
 
-def asked(arguments: Sequence[str], words: Sequence[str] = ()) -> Asked:
+def parse_arguments(arguments: Sequence[str], words: Sequence[str] = ()) -> TableOptions:
     """The arguments, of which `words` (as in word=a,b) are a table's own. Raises InputError for seeds that are none."""
-    left, out = list(arguments), CHECKOUT / "docs"
+    left, out = list(arguments), REPOSITORY_ROOT / "docs"
     if "--out" in left:
         at = left.index("--out")
         if at + 1 == len(left):
@@ -89,75 +89,75 @@ def asked(arguments: Sequence[str], words: Sequence[str] = ()) -> Asked:
         came = next(text for text in left if text.startswith("seeds="))
         raise InputError(f"seeds: should be numbers such as seeds=0,1,2, got {came.removeprefix('seeds=')!r}") from None
     overrides = [text for text in left if text.partition("=")[0] not in ("seeds", *words)]
-    return Asked(out, seeds, overrides, given)
+    return TableOptions(out, seeds, overrides, given)
 
 
 def _values(arguments: Sequence[str], word: str) -> list[str]:
     return [value for text in arguments if text.startswith(f"{word}=") for value in text.partition("=")[2].split(",")]
 
 
-def of_seeds(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
+def configs_by_seed(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
     """The composition under each seed. A corpus from elsewhere is named as seen from anywhere."""
     made = [compose([*overrides, f"train.seed={seed}", f"sample.seed={seed}"]) for seed in seeds]
     for params in made:
-        if params["corpus"] != OWN_CORPUS:
+        if params["corpus"] != DEFAULT_CORPUS:
             params["corpus"] = str(Path(params["corpus"]).resolve())
     return made
 
 
-def rows(made: Sequence[Mapping[str, Any]], kind: Kind, critic: bool, title: str) -> Rows:
+def rows(made: Sequence[Mapping[str, Any]], kind: RowSpec, critic: bool, title: str) -> TableRows:
     """Every row of every seed; references have one."""
-    params, entries = made[0], dict[Path, Entry]()
-    for call in shared(params, kind.models, critic):
+    params, entries = made[0], dict[Path, StoredResult]()
+    for call in shared_calls(params, kind.models, critic):
         entries[call.folder] = _obtain(params, call, entries)
     work = [(params, name) for name in kind.references] + [(each, name) for each in made for name in kind.models]
-    found: dict[str, list[Made]] = {}
-    for one in each(partial(_row, kind, entries), work, params["machine"]["jobs"], f"{title}: rows"):
+    found: dict[str, list[RowResult]] = {}
+    for one in parallel_map(partial(_row, kind, entries), work, params["machine"]["jobs"], f"{title}: rows"):
         found.setdefault(one.name, []).append(one)
-    return Rows(found, {folder.parts[1]: entry.output for folder, entry in entries.items()})
+    return TableRows(found, {folder.parts[1]: entry.output for folder, entry in entries.items()})
 
 
-def shared(params: Mapping[str, Any], models: Iterable[str], critic: bool) -> list[Call]:
+def shared_calls(params: Mapping[str, Any], models: Iterable[str], critic: bool) -> list[StageCall]:
     """What all rows and seeds share."""
     priors = {params["model"][name]["prior"] for name in _with_parts(params, models)} - {None}
-    own = [("synthesize",)] if params["corpus"] == OWN_CORPUS else []
+    own = [("synthesize",)] if params["corpus"] == DEFAULT_CORPUS else []
     order = [*own, ("fit",), ("embed",), *(("pretrain", prior) for prior in sorted(priors)), *[("critic",)] * critic]
-    return recipe(params, order)
+    return stage_calls(params, order)
 
 
 def _with_parts(params: Mapping[str, Any], models: Iterable[str]) -> list[str]:
     """Models, each after those that it is made of."""
     found = []
     for name in models:
-        found += [*_with_parts(params, params["model"][name].get("made_of", ())), name]
+        found += [*_with_parts(params, params["model"][name].get("source_models", ())), name]
     return found
 
 
-def _obtain(params: Mapping[str, Any], call: Call, upstream: Mapping[Path, Entry]) -> Entry:
-    def make(of: Call, workspace: Workspace) -> Report:
+def _obtain(params: Mapping[str, Any], call: StageCall, upstream: Mapping[Path, StoredResult]) -> StoredResult:
+    def make(of: StageCall, workspace: Workspace) -> Report:
         print("==", of.stage, *of.names, file=sys.stderr)
-        with clip_parallel(params["machine"]):
+        with parallel_backend(params["machine"]):
             report: Report = importlib.import_module(f"pipelines.{of.stage}").run(workspace, *of.names)
         return report
 
-    return obtain(Path(params["store"]), call, params, upstream, make)
+    return get_or_run(Path(params["result_store"]), call, params, upstream, make)
 
 
-def _row(kind: Kind, shared_entries: Mapping[Path, Entry], work: tuple[Mapping[str, Any], str]) -> Made:
+def _row(kind: RowSpec, shared_entries: Mapping[Path, StoredResult], work: tuple[Mapping[str, Any], str]) -> RowResult:
     """Train one model of one seed, run what follows the training, and measure it; real motion is measured alone."""
     params, name = work
     entries, of_model = dict(shared_entries), name not in kind.references
     if of_model:
         order = [("train", each) for each in _with_parts(params, [name])]
-        for call in recipe(params, [*order, *((stage, name) for stage in kind.after)]):
+        for call in stage_calls(params, [*order, *((stage, name) for stage in kind.stages_after)]):
             entries[call.folder] = _obtain(params, call, entries)
-    own = tuple(f"data/{stage}/{name}" for stage in (*kind.after, "train") if of_model)
-    corpus = "data/synthesize" if params["corpus"] == OWN_CORPUS else params["corpus"]
+    own = tuple(f"data/{stage}/{name}" for stage in (*kind.stages_after, "train") if of_model)
+    corpus = "data/synthesize" if params["corpus"] == DEFAULT_CORPUS else params["corpus"]
     reads = (corpus, "data/fit", "data/embed", *kind.reads, *own)
-    call = Call(kind.stage, name, reads, kind.code, kind.sections)
-    figures = obtain(Path(params["store"]), call, params, entries, kind.measure).output / FIGURES
+    call = StageCall(kind.stage, name, reads, kind.code_deps, kind.sections)
+    figures = get_or_run(Path(params["result_store"]), call, params, entries, kind.measure).output / FIGURES
     if not of_model:
-        return Made(name, figures)
+        return RowResult(name, figures)
     samples, model = (entries.get(Path("data", stage, name)) for stage in ("sample", "train"))
     assert model is not None
-    return Made(name, figures, samples.output if samples else None, model.output, model.cpu_s)
+    return RowResult(name, figures, samples.output if samples else None, model.output, model.cpu_s)

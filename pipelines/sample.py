@@ -14,13 +14,13 @@ import numpy as np
 
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import SampleSettings
-from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
-from talkingeyes.models.condition.conditioner import NOTHING
+from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.face.style import StyleKey
-from talkingeyes.orchestration.run import Report, Workspace, each, main
-from talkingeyes.training.face_trained import FaceGenerator, gives_face, load_face_generator
-from talkingeyes.training.telling import Beside, Teller
-from talkingeyes.training.trained import Generator, load_generator, needs, speakers_of
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
+from talkingeyes.training.face_trained import TrainedFaceGenerator, is_face_model, load_face_generator
+from talkingeyes.training.telling import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.trained import TrainedGenerator, load_generator, required_inputs, training_speakers
 
 
 def run(workspace: Workspace, name: str) -> Report:
@@ -28,39 +28,43 @@ def run(workspace: Workspace, name: str) -> Report:
     settings = workspace.settings("sample", SampleSettings)
     clips = Corpus(workspace.corpus).select("test", "unseen", take=0)
     with workspace.output("sample", name) as folder:
-        beside = Beside(Corpus(workspace.corpus), workspace.data("embed"))
-        task = partial(_sample, workspace.data("train", name), beside, folder, settings)
-        frames = sum(each(task, clips, workspace.jobs, f"sample {name}"))
+        conditioning_paths = ConditioningPaths(Corpus(workspace.corpus), workspace.data("embed"))
+        task = partial(_sample, workspace.data("train", name), conditioning_paths, folder, settings)
+        frames = sum(parallel_map(task, clips, workspace.jobs, f"sample {name}"))
     return Report(metrics={"clips": len(clips), "frames": frames})
 
 
 @lru_cache(maxsize=1)
-def _generator(folder: Path) -> Generator | FaceGenerator:
+def _generator(folder: Path) -> TrainedGenerator | TrainedFaceGenerator:
     """Loaded once a process."""
-    return load_face_generator(folder) if gives_face(folder) else load_generator(folder)
+    return load_face_generator(folder) if is_face_model(folder) else load_generator(folder)
 
 
 @lru_cache(maxsize=1)
-def _teller(model: Path, beside: Beside) -> Teller | None:
+def _conditioning_provider(model: Path, conditioning_paths: ConditioningPaths) -> ConditioningProvider | None:
     """What says what else the model is told, if it is told anything."""
     generator = _generator(model)
-    if isinstance(generator, FaceGenerator) or not needs(generator):
+    if isinstance(generator, TrainedFaceGenerator) or not required_inputs(generator):
         return None
-    return Teller(needs(generator), speakers_of(generator), (), beside)
+    return ConditioningProvider(required_inputs(generator), training_speakers(generator), (), conditioning_paths)
 
 
-def _sample(model: Path, beside: Beside, folder: Path, settings: SampleSettings, clip: Clip) -> int:
-    embedding = np.load(sharded(beside.embed / "speech", clip.sound, ".npy"))
+def _sample(
+    model: Path, conditioning_paths: ConditioningPaths, folder: Path, settings: SampleSettings, clip: Clip
+) -> int:
+    embedding = np.load(shard_path(conditioning_paths.embed / "speech", clip.sound, ".npy"))
     entropy = [settings.seed, *clip.id.encode()]
     seeds = np.random.default_rng(entropy).integers(2**31, size=settings.samples).tolist()
-    generator, path = _generator(model), sharded_for_writing(folder, clip.id, ".npz")
-    if isinstance(generator, FaceGenerator):
+    generator, path = _generator(model), make_shard_path(folder, clip.id, ".npz")
+    if isinstance(generator, TrainedFaceGenerator):
         style = [StyleKey(0.0, generator.vocabulary.style_of(clip))]
         generator.generate(embedding, style, seeds, clip.fps).save(path)
     else:
-        teller = _teller(model, beside)
-        given = teller.whole(clip, len(embedding)) if teller else NOTHING
-        generator.generate(embedding, seeds, clip.fps, given).save(path)
+        conditioning_provider = _conditioning_provider(model, conditioning_paths)
+        conditioning = (
+            conditioning_provider.clip_inputs(clip, len(embedding)) if conditioning_provider else NO_CONDITIONING
+        )
+        generator.generate(embedding, seeds, clip.fps, conditioning).save(path)
     return settings.samples * len(embedding)
 
 

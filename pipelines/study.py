@@ -20,21 +20,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.config import CONF, checked, compose, hydra_in_one_line
-from talkingeyes.orchestration.record import record
+from talkingeyes.orchestration.config import CONFIG_DIR, compose, one_line_hydra_errors, validate_config
+from talkingeyes.orchestration.record import log_run
 from talkingeyes.orchestration.run import Report
 
 # What the study keeps of the search that it belongs to.
 SPACE = "search_space"
 
 
-def quieted() -> None:
+def silence_warnings() -> None:
     """The sweeper's words for distributions are Optuna 2's: they work, and would be warned of at every step."""
     warnings.filterwarnings("ignore", category=FutureWarning, module="optuna|hydra_plugins")
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchConfig:
     """A search as conf/ and the command line give it: words of Hydra for what is searched, in which direction."""
 
     params: dict[str, Any]  # the composition
@@ -42,17 +42,17 @@ class Search:
     storage: Any
     directions: list[Literal["minimize", "maximize"]]
     fixed: list[str]  # overrides of the command line that are not searched
-    words: list[str]  # key=choice(...), key=interval(...)
+    search_overrides: list[str]  # key=choice(...), key=interval(...)
     trials: int
     seed: int | None
     sampler: Callable[[int], Any]  # with the seed counted on by so many trials
 
 
 @dataclass(frozen=True)
-class Study:
+class OptunaStudy:
     """A search and the study that stands for it in the storage."""
 
-    search: Search
+    search: SearchConfig
     optuna: Any
 
     @property
@@ -61,19 +61,19 @@ class Study:
         return sum(trial.state.name in ("COMPLETE", "PRUNED") for trial in self.optuna.trials)
 
     @property
-    def left(self) -> int:
+    def remaining_trials(self) -> int:
         """Trials still to make."""
         return max(0, self.search.trials - self.finished)
 
     def overrides(self) -> list[str]:
         """What Hydra's sweeper is told, so that it goes on where the study stands."""
-        found = [f"hydra.sweeper.n_trials={self.left}"]
+        found = [f"hydra.sweeper.n_trials={self.remaining_trials}"]
         if self.search.seed is not None:
             found.append(f"hydra.sweeper.sampler.seed={self.search.seed + len(self.optuna.trials)}")
         return found
 
     @contextmanager
-    def alone(self, join: bool = False) -> Iterator[None]:
+    def exclusive(self, join: bool = False) -> Iterator[None]:
         """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed.
 
         To `join` is to work beside whoever does. Raises InputError otherwise.
@@ -113,28 +113,28 @@ def storage(where: str) -> Any:
     return JournalStorage(JournalFileBackend(where))
 
 
-def prepare(overrides: Sequence[str]) -> Study | None:
+def prepare(overrides: Sequence[str]) -> OptunaStudy | None:
     """Check a sweep before it starts; the study behind it, if it has one that outlives it.
 
     Raises InputError: a bad override, a value outside its bounds, a study of another search.
     """
     search = read(overrides)
-    for values in _ends(search.words if search else _swept(overrides)):
-        compose([*_fixed(overrides), *values])
-    return None if search is None else study_of(search)
+    for values in _boundary_overrides(search.search_overrides if search else _sweep_overrides(overrides)):
+        compose([*_fixed_overrides(overrides), *values])
+    return None if search is None else open_study(search)
 
 
-def read(overrides: Sequence[str]) -> Search | None:
+def read(overrides: Sequence[str]) -> SearchConfig | None:
     """The search that the overrides ask for; None if there is no Optuna in it, or no storage."""
     from hydra import compose as hydra_compose
     from hydra import initialize_config_dir
     from hydra.utils import instantiate
     from omegaconf import OmegaConf
 
-    with hydra_in_one_line(), initialize_config_dir(str(CONF), version_base="1.3"):
-        config = hydra_compose("config", overrides=_fixed(overrides), return_hydra_config=True)
-    with hydra_in_one_line():
-        params = checked(
+    with one_line_hydra_errors(), initialize_config_dir(str(CONFIG_DIR), version_base="1.3"):
+        config = hydra_compose("config", overrides=_fixed_overrides(overrides), return_hydra_config=True)
+    with one_line_hydra_errors():
+        params = validate_config(
             OmegaConf.to_container(OmegaConf.masked_copy(config, [k for k in config if k != "hydra"]), resolve=True)
         )
     sweeper = config.hydra.sweeper
@@ -144,26 +144,26 @@ def read(overrides: Sequence[str]) -> Search | None:
     own = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
     directions = sweeper.direction if OmegaConf.is_list(sweeper.direction) else [sweeper.direction]
     seed = sweeper.sampler.get("seed")
-    return Search(
+    return SearchConfig(
         params=params,
         name=str(sweeper.study_name or params["study"]),
         storage=kept,
         directions=["maximize" if "max" in str(each).lower() else "minimize" for each in directions],
-        fixed=_fixed(overrides),
-        words=[*own, *_swept(overrides)],
+        fixed=_fixed_overrides(overrides),
+        search_overrides=[*own, *_sweep_overrides(overrides)],
         trials=int(sweeper.n_trials),
         seed=seed,
         sampler=lambda past: instantiate(sweeper.sampler, **({} if seed is None else {"seed": seed + past})),
     )
 
 
-def study_of(search: Search) -> Study:
+def open_study(search: SearchConfig) -> OptunaStudy:
     """The study in the storage, new or the same search as before. Raises InputError if it is another."""
     import optuna
 
-    figures = search.params["objective"]["figures"]
+    figures = search.params["objective"]["metrics"]
     if len(figures) != len(search.directions):
-        raise InputError(f"objective.figures: should be one for each direction {search.directions}, got {figures}")
+        raise InputError(f"objective.metrics: should be one for each direction {search.directions}, got {figures}")
     found = optuna.create_study(
         study_name=search.name, storage=search.storage, directions=[*search.directions], load_if_exists=True
     )
@@ -175,32 +175,32 @@ def study_of(search: Search) -> Study:
         now, then = asked["space"], before["space"]
         changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key))) or "the objective"
         raise InputError(f"study {search.name}: began as another search, {changed} changed; a new one needs study=NAME")
-    return Study(search, found)
+    return OptunaStudy(search, found)
 
 
-def distributions(search: Search) -> dict[str, Any]:
+def distributions(search: SearchConfig) -> dict[str, Any]:
     """The search space in Optuna's words."""
     from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
-        found, _ = create_params_from_overrides(search.words)
+        found, _ = create_params_from_overrides(search.search_overrides)
     return dict(found)
 
 
-def space(search: Search) -> dict[str, Any]:
+def space(search: SearchConfig) -> dict[str, Any]:
     """The search space as plain values, to compare it with another."""
     from optuna.distributions import distribution_to_json
 
     return {key: json.loads(distribution_to_json(each)) for key, each in sorted(distributions(search).items())}
 
 
-def conclude(study: Study) -> None:
+def write_results(study: OptunaStudy) -> None:
     """Write down all trials, draw the front of two objectives, and log both as the run of the whole sweep."""
     from optuna.trial import TrialState
 
     search, trials = study.search, study.optuna.get_trials(deepcopy=False)
-    figures = search.params["objective"]["figures"]
+    figures = search.params["objective"]["metrics"]
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     folder = Path(search.params["workspace"]) / search.name
     folder.mkdir(parents=True, exist_ok=True)
@@ -208,17 +208,19 @@ def conclude(study: Study) -> None:
     artifacts = [folder / "trials.csv"]
     best = study.optuna.best_trials if complete else []
     if len(figures) == 2 and complete:
-        from talkingeyes.evaluation.front import plot_front
+        from talkingeyes.evaluation.front import plot_pareto_front
 
         artifacts.append(folder / "pareto.png")
-        plot_front([trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1])
+        plot_pareto_front(
+            [trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1]
+        )
     states = {
         state: sum(trial.state.name.lower() == state for trial in trials) for state in ("complete", "pruned", "fail")
     }
     metrics = {f"trials_{state}": float(count) for state, count in states.items()}
     if len(figures) == 1 and best:
         metrics[f"best_{figures[0]}"] = best[0].values[0]
-    record(
+    log_run(
         Path(search.params["workspace"]),
         "sweep",
         search.name,
@@ -256,28 +258,30 @@ def _parsed(overrides: Sequence[str]) -> list[Any]:
         raise InputError(" ".join(str(error).split())) from None
 
 
-def _fixed(overrides: Sequence[str]) -> list[str]:
+def _fixed_overrides(overrides: Sequence[str]) -> list[str]:
     return [each.input_line for each in _parsed(overrides) if not each.is_sweep_override()]
 
 
-def _swept(overrides: Sequence[str]) -> list[str]:
+def _sweep_overrides(overrides: Sequence[str]) -> list[str]:
     return [each.input_line for each in _parsed(overrides) if each.is_sweep_override()]
 
 
 # So many values of a key are checked before a sweep starts: the first and the last of a longer list.
-CHECKED = 8
+MAX_CHECKED_VALUES = 8
 
 
-def _ends(words: Sequence[str]) -> Iterator[list[str]]:
+def _boundary_overrides(search_overrides: Sequence[str]) -> Iterator[list[str]]:
     """Overrides with single values to check a sweep by, every choice and both ends of an interval, all keys at once."""
     values: dict[str, list[str]] = {}
-    for each in _parsed(words):
+    for each in _parsed(search_overrides):
         if each.is_interval_sweep():
             found = [str(each.value().start), str(each.value().end)]
         else:
             found = list(each.sweep_string_iterator())
         values[each.get_key_element()] = (
-            found if len(found) <= CHECKED else found[: CHECKED // 2] + found[-CHECKED // 2 :]
+            found
+            if len(found) <= MAX_CHECKED_VALUES
+            else found[: MAX_CHECKED_VALUES // 2] + found[-MAX_CHECKED_VALUES // 2 :]
         )
     for index in range(max(map(len, values.values()), default=0)):
         yield [f"{key}={found[min(index, len(found) - 1)]}" for key, found in values.items()]

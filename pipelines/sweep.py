@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.experiment import run_chain
-from pipelines.study import Study, conclude, distributions, prepare, quieted, read, study_of
+from pipelines.experiment import run_pipeline
+from pipelines.study import OptunaStudy, distributions, open_study, prepare, read, silence_warnings, write_results
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.run import shell
+from talkingeyes.orchestration.run import run_command
 
 # So many trials are finished before one is measured by them.
 STARTUP_TRIALS = 4
@@ -30,27 +30,27 @@ def main() -> None:
     """As many processes as machine.jobs, each taking trials until none is left."""
     import joblib
 
-    quieted()
+    silence_warnings()
     overrides = sys.argv[1:]
     study = prepare(overrides)
     if study is None:
         raise InputError("sweep: should be a search of Optuna with a storage, such as sweep=alive")
     if len(study.search.directions) != 1:
-        raise InputError(f"sweep: pruning needs one objective, got {study.search.params['objective']['figures']}")
+        raise InputError(f"sweep: pruning needs one objective, got {study.search.params['objective']['metrics']}")
     jobs = int(study.search.params["machine"]["jobs"])
-    with study.alone(join=True):
-        joblib.Parallel(n_jobs=jobs)(joblib.delayed(work)(overrides) for _ in range(jobs))
-    conclude(study)
+    with study.exclusive(join=True):
+        joblib.Parallel(n_jobs=jobs)(joblib.delayed(run_trials)(overrides) for _ in range(jobs))
+    write_results(study)
 
 
-def work(overrides: Sequence[str]) -> None:
+def run_trials(overrides: Sequence[str]) -> None:
     """Make trials until the study has enough, finished or begun by anybody."""
     import optuna
 
-    quieted()
+    silence_warnings()
     search = read(overrides)
     assert search is not None
-    study = study_of(search)
+    study = open_study(search)
     study.optuna.pruner = optuna.pruners.MedianPruner(n_startup_trials=STARTUP_TRIALS)
     while (trial := _next(study)) is not None:
         try:
@@ -64,7 +64,7 @@ def work(overrides: Sequence[str]) -> None:
             study.optuna.tell(trial, value)
 
 
-def _next(study: Study) -> Any:
+def _next(study: OptunaStudy) -> Any:
     """A trial, unless all are finished or begun; processes of one workspace ask in turn."""
     from filelock import FileLock
 
@@ -72,24 +72,28 @@ def _next(study: Study) -> Any:
         trials = study.optuna.get_trials(deepcopy=False)
         begun = sum(trial.state.name == "RUNNING" for trial in trials)
         study.optuna.sampler = study.search.sampler(len(trials))  # no two trials are drawn from the same seed
-        return study.optuna.ask(distributions(study.search)) if study.left > begun else None
+        return study.optuna.ask(distributions(study.search)) if study.remaining_trials > begun else None
 
 
-def _trial(study: Study, trial: Any, overrides: Sequence[str]) -> float:
+def _trial(study: OptunaStudy, trial: Any, overrides: Sequence[str]) -> float:
     """Run the chain with what was suggested. Raises TrialPruned."""
     import optuna
 
     sign = 1 if study.search.directions[0] == "maximize" else -1
 
-    def watch(step: int, figures: dict[str, float]) -> None:
+    def on_validation(step: int, figures: dict[str, float]) -> None:
         trial.report(sign * figures["score"], step)
         if trial.should_prune():
             raise optuna.TrialPruned
 
     chosen = [*study.search.fixed, *(f"{key}={value}" for key, value in trial.params.items())]
     params = compose(chosen)
-    return run_chain(params, Path(params["workspace"], "jobs", f"{study.search.name}-{trial.number}"), chosen, watch)[0]
+    return run_pipeline(
+        params, Path(params["workspace"], "jobs", f"{study.search.name}-{trial.number}"), chosen, on_validation
+    )[0]
 
 
 if __name__ == "__main__":
-    shell(importlib.import_module("pipelines.sweep").main)  # by its name, so that worker processes find `work`
+    run_command(
+        importlib.import_module("pipelines.sweep").main
+    )  # by its name, so that worker processes find `run_trials`

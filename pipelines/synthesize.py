@@ -29,35 +29,35 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
-from talkingeyes.corpus.table1 import row_of, table
-from talkingeyes.orchestration.run import Report, Workspace, code_digest, each, main
+from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
+from talkingeyes.corpus.table1 import corpus_statistics, table
+from talkingeyes.orchestration.run import Report, Workspace, code_digest, main, parallel_map
 from talkingeyes.synthesis import plan
-from talkingeyes.synthesis.acoustics import heard
-from talkingeyes.synthesis.observations import head_shape, make_camera, observe
-from talkingeyes.synthesis.plan import Sound, SynthesizeSettings
-from talkingeyes.synthesis.take import perform
-from talkingeyes.synthesis.text import TextShare
-from talkingeyes.synthesis.voices import Spoken, converse
+from talkingeyes.synthesis.acoustics import apply_acoustics
+from talkingeyes.synthesis.observations import identity_weights, make_camera, observe
+from talkingeyes.synthesis.plan import PlannedSound, SynthesizeSettings
+from talkingeyes.synthesis.take import sample_take
+from talkingeyes.synthesis.text import TextPartition
+from talkingeyes.synthesis.voices import SynthesizedSpeech, synthesize_conversation
 
 # The code that a corpus is made by: a run that was cut off goes on only under the same.
-ROOMS = ("audio", "core", "corpus", "head", "physiology", "synthesis")
+SOURCE_MODULES = ("audio", "core", "corpus", "head", "physiology", "synthesis")
 
 
 # Each split has a share of all text to itself, so no sentence occurs in two of them.
-TEXT = {
-    "train": TextShare(0.0, 0.64),
-    "val": TextShare(0.64, 0.76),
-    "test": TextShare(0.76, 0.88),
-    "unseen": TextShare(0.88, 1.0),
+SPLIT_PARTITIONS = {
+    "train": TextPartition(0.0, 0.64),
+    "val": TextPartition(0.64, 0.76),
+    "test": TextPartition(0.76, 0.88),
+    "unseen": TextPartition(0.88, 1.0),
 }
 
 
 @dataclass(frozen=True)
-class Order:
+class SoundJob:
     """A sound to speak and perform, in its split, so many times."""
 
-    sound: Sound
+    sound: PlannedSound
     split: str
     takes: int
 
@@ -65,28 +65,30 @@ class Order:
 def run(workspace: Workspace) -> Report:
     """Speak and perform all sounds."""
     settings = workspace.settings("synthesize", SynthesizeSettings)
-    wanted = orders(settings)
-    with workspace.output("synthesize", made_of=f"{settings.model_dump_json()} {code_digest(ROOMS)}") as folder:
-        made = each(partial(make_sound, folder, settings), wanted, workspace.jobs, "synthesize")
+    wanted = sound_jobs(settings)
+    with workspace.output(
+        "synthesize", fingerprint=f"{settings.model_dump_json()} {code_digest(SOURCE_MODULES)}"
+    ) as folder:
+        made = parallel_map(partial(synthesize_sound, folder, settings), wanted, workspace.jobs, "synthesize")
         clips = [clip for takes in made for clip in takes]
         shutil.rmtree(folder / "rows")
         Corpus(folder).write_index(clips)
-        row = table("synthesize", row_of(clips), "synthesised")
+        row = table("synthesize", corpus_statistics(clips), "synthesised")
         (folder / "table1.md").write_text(row)
     print(row, end="")
     return Report(metrics=_summary(clips))
 
 
-def orders(settings: SynthesizeSettings) -> list[Order]:
+def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
     """All sounds with their splits and takes. Raises InputError when a split stays empty."""
     sounds = plan.sounds(settings)
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
     split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
-    several = _with_takes(split, settings)
-    return [Order(sound, split[sound.id], settings.takes if sound.id in several else 1) for sound in sounds]
+    several = _multi_take_sounds(split, settings)
+    return [SoundJob(sound, split[sound.id], settings.takes if sound.id in several else 1) for sound in sounds]
 
 
-def _with_takes(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
+def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -> set[str]:
     chosen: set[str] = set()
     for name in SPLITS:
         members = sorted(sound for sound, where in split.items() if where == name)
@@ -101,47 +103,47 @@ def _with_takes(split: Mapping[str, str], settings: SynthesizeSettings) -> set[s
     return chosen
 
 
-def make_sound(root: Path, settings: SynthesizeSettings, order: Order) -> list[Clip]:
+def synthesize_sound(root: Path, settings: SynthesizeSettings, job: SoundJob) -> list[Clip]:
     """One sound with all its takes, written; its rows of the index. What an earlier run finished is taken as it is."""
-    rows = sharded(root / "rows", order.sound.id, ".json")
+    rows = shard_path(root / "rows", job.sound.id, ".json")
     if rows.exists():
         return [Clip(**row) for row in json.loads(rows.read_text())]
-    spoken = say_sound(root, settings, order)
-    clips = perform_sound(root, settings, order, spoken)
-    unfinished = sharded_for_writing(root / "rows", order.sound.id, ".unfinished")
+    spoken = synthesize_speech(root, settings, job)
+    clips = synthesize_takes(root, settings, job, spoken)
+    unfinished = make_shard_path(root / "rows", job.sound.id, ".unfinished")
     unfinished.write_text(json.dumps([asdict(clip) for clip in clips]))
     unfinished.replace(rows)
     return clips
 
 
-def say_sound(root: Path, settings: SynthesizeSettings, order: Order) -> Spoken:
+def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -> SynthesizedSpeech:
     """Speak one sound and write it with its annotation; noise and room change what is written, not what is known."""
-    sound = order.sound
+    sound = job.sound
     source = settings.sources[sound.source]
     random = plan.generator(settings.seed, "sound", sound.index)
-    cast, share = plan.cast_of(settings, sound), TEXT[order.split]
-    spoken = converse(cast, source.shortest_s, source.longest_s, random, share)
+    speaker_voices, partition = plan.dialogue_voices(settings, sound), SPLIT_PARTITIONS[job.split]
+    spoken = synthesize_conversation(speaker_voices, source.shortest_s, source.longest_s, random, partition)
     random = plan.generator(settings.seed, "acoustics", sound.index)
     spoken = replace(
         spoken,
-        sound=heard(spoken.sound, settings.acoustics, random),
+        sound=apply_acoustics(spoken.sound, settings.acoustics, random),
         annotation=replace(spoken.annotation, emotion=sound.emotion, intensity=sound.intensity),
-        partner=None if spoken.partner is None else heard(spoken.partner, settings.acoustics, random),
+        partner=None if spoken.partner is None else apply_acoustics(spoken.partner, settings.acoustics, random),
     )
     Corpus(root).write_sound(sound.id, spoken.sound, spoken.annotation, spoken.partner)
     return spoken
 
 
-def perform_sound(root: Path, settings: SynthesizeSettings, order: Order, spoken: Spoken) -> list[Clip]:
+def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, spoken: SynthesizedSpeech) -> list[Clip]:
     """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
-    sound = order.sound
+    sound = job.sound
     speaker = plan.speaker_of(settings, sound)
-    identity = head_shape(speaker.identity, settings.camera)
+    identity = identity_weights(speaker.identity, settings.camera)
     clips = []
-    for number in range(order.takes):
-        clip = _row(order, spoken, number, settings.fps)
+    for number in range(job.takes):
+        clip = _clip_row(job, spoken, number, settings.fps)
         random = plan.generator(settings.seed, "motion", sound.index, number)
-        take = perform(spoken.annotation, speaker.style, clip.seconds, random, settings.blink_profile)
+        take = sample_take(spoken.annotation, speaker.style, clip.seconds, random, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
         random = plan.generator(settings.seed, "noise", sound.index, number)
         seen = observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
@@ -150,14 +152,14 @@ def perform_sound(root: Path, settings: SynthesizeSettings, order: Order, spoken
     return clips
 
 
-def _row(order: Order, spoken: Spoken, take: int, fps: float) -> Clip:
-    sound = order.sound
+def _clip_row(job: SoundJob, spoken: SynthesizedSpeech, take: int, fps: float) -> Clip:
+    sound = job.sound
     return Clip(
         id=f"{sound.id}-t{take}",
         sound=sound.id,
         take=take,
         speaker=plan.speaker_name(sound.speaker),
-        split=order.split,
+        split=job.split,
         seconds=spoken.seconds,
         fps=fps,
         emotion=sound.emotion,

@@ -17,16 +17,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pipelines.evaluate import SPLITS
-from pipelines.rows import Asked, Kind, Made, asked, of_seeds, rows
-from pipelines.table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure
+from pipelines.rows import RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
+from pipelines.table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure_row
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.evaluation import EvaluateSettings
-from talkingeyes.evaluation.seeds import Seeded
+from talkingeyes.evaluation.seeds import MultiSeedStatistic
 from talkingeyes.evaluation.tables.declared import REFERENCES, TABLES
-from talkingeyes.evaluation.tables.page import Found, as_json, found, markdown
-from talkingeyes.evaluation.tables.row import figures_of
+from talkingeyes.evaluation.tables.page import TableResult, as_json, markdown, table_result
+from talkingeyes.evaluation.tables.row import row_metrics
 from talkingeyes.orchestration.record import revision
-from talkingeyes.orchestration.run import shell
+from talkingeyes.orchestration.run import run_command
 
 INTRODUCTION = """# The paper's tables
 
@@ -58,10 +58,10 @@ same clips, does not hold 0. Pairs are named as the paper orders them.
 def main() -> None:
     """All seeds of all rows of the chosen tables, then the page."""
     wanted = options(sys.argv[1:])
-    names, made = wanted.words["tables"], of_seeds(wanted.overrides, wanted.seeds)
+    names, made = wanted.words["tables"], configs_by_seed(wanted.overrides, wanted.seeds)
     settings = EvaluateSettings.model_validate(made[0]["evaluate"])
     models = tuple(dict.fromkeys(row for name in names for row in TABLES[name].rows))
-    kind = Kind("table_row", ROW_CODE, READS, ("evaluate",), measure, models, REFERENCES)
+    kind = RowSpec("table_row", ROW_CODE, READS, ("evaluate",), measure_row, models, REFERENCES)
     figures = _figures(rows(made, kind, critic=True, title="tables").by_name)
     tables = {name: _tables(name, figures, settings) for name in names}
     words = "".join(f" {text}" for text in sys.argv[1:])
@@ -69,7 +69,7 @@ def main() -> None:
         words=words,
         revision=revision(),
         seeds=", ".join(map(str, wanted.seeds)),
-        level=settings.bootstrap.level,
+        level=settings.bootstrap.confidence_level,
         count=LONG_MOTIONS,
         long_s=LONG_S,
     )
@@ -81,9 +81,9 @@ def main() -> None:
     print(page)
 
 
-def options(arguments: Sequence[str]) -> Asked:
+def options(arguments: Sequence[str]) -> TableOptions:
     """What is asked for: tables=..., and what rows.py knows. An experiment is composed on top of the tables'."""
-    wanted = asked(arguments, ["tables"])
+    wanted = parse_arguments(arguments, ["tables"])
     names = wanted.words["tables"] or list(TABLES)
     unknown = [name for name in names if name not in TABLES]
     if unknown:
@@ -94,22 +94,22 @@ def options(arguments: Sequence[str]) -> Asked:
     return replace(wanted, overrides=[experiment, *rest], words={"tables": names})
 
 
-def _figures(by_name: Mapping[str, Sequence[Made]]) -> dict[str, dict[str, dict[str, Seeded]]]:
+def _figures(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, dict[str, dict[str, MultiSeedStatistic]]]:
     """{split: {row: {figure}}}."""
     plain = {name: [json.loads(one.figures.read_text()) for one in seeds] for name, seeds in by_name.items()}
-    return {split: {name: figures_of(seeds, split) for name, seeds in plain.items()} for split in SPLITS}
+    return {split: {name: row_metrics(seeds, split) for name, seeds in plain.items()} for split in SPLITS}
 
 
 def _tables(
-    name: str, figures: Mapping[str, Mapping[str, Mapping[str, Seeded]]], settings: EvaluateSettings
-) -> dict[str, Found]:
+    name: str, figures: Mapping[str, Mapping[str, Mapping[str, MultiSeedStatistic]]], settings: EvaluateSettings
+) -> dict[str, TableResult]:
     """A table in every split that has sounds."""
     return {
-        split: found(TABLES[name], of_split, settings.bootstrap)
+        split: table_result(TABLES[name], of_split, settings.bootstrap)
         for split, of_split in figures.items()
         if any(of_split.values())
     }
 
 
 if __name__ == "__main__":
-    shell(main)
+    run_command(main)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from talkingeyes.orchestration.run import SUMS, Report, Workspace, main, sums
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, checksums, main
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.yields import summary
 from talkingeyes.workflows.track import track
@@ -21,8 +21,8 @@ def run(workspace: Workspace, videos: str) -> Report:
     settings = workspace.settings("track", TrackSettings)
     folder = workspace.data("track")
     tracked = track([Path(videos)], folder, settings, jobs=workspace.jobs)
-    (folder / SUMS).unlink(missing_ok=True)
-    (folder / SUMS).write_text(sums(folder))
+    (folder / CHECKSUMS_FILE).unlink(missing_ok=True)
+    (folder / CHECKSUMS_FILE).write_text(checksums(folder))
     total = summary(tracked.outcomes)
     return Report(metrics={name: float(value) for name, value in total.items() if name != "rejected"})
 

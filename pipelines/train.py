@@ -17,52 +17,52 @@ from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Normaliser, recordings
 from talkingeyes.fitting.manner import SPEAKERS_FILE
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.models.baselines import BaselineSettings, bank_of, bank_of_motions
+from talkingeyes.models.baselines import BaselineSettings, build_bank, build_motion_bank
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.orchestration.run import SUMS, Report, Workspace, main
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.face_priors import load_prior
+from talkingeyes.training.face_priors import load_face_tokenizer
 from talkingeyes.training.face_trained import face_config, save_face_baseline
-from talkingeyes.training.face_translation import FaceData, FaceTask, FaceTranslationSettings
+from talkingeyes.training.face_translation import FaceData, FaceTask, FaceTaskSettings
 from talkingeyes.training.loop import train
-from talkingeyes.training.pgface import PGFaceSettings, PGFaceTask, pgface_config, read_shapes
-from talkingeyes.training.place import Place
-from talkingeyes.training.poses import PoseModelSettings, PoseTask
-from talkingeyes.training.progress import Progress
-from talkingeyes.training.telling import Beside
+from talkingeyes.training.pgface import PGFaceTask, PGFaceTaskSettings, pgface_config, read_shape_recording
+from talkingeyes.training.place import ExecutionContext
+from talkingeyes.training.poses import PoseTask, PoseTaskSettings
+from talkingeyes.training.progress import ResumeFile
+from talkingeyes.training.telling import ConditioningPaths
 from talkingeyes.training.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
-from talkingeyes.training.trained_canonical import CanonicalModelSettings, find, save_canonical
+from talkingeyes.training.trained_canonical import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.trained_poses import pose_config
-from talkingeyes.training.translation import TrainSettings, TranslationSettings, TranslationTask
+from talkingeyes.training.translation import MotionTask, MotionTaskSettings, TrainSettings
 
-NetworkSettings = TranslationSettings | FaceTranslationSettings | PoseModelSettings | PGFaceSettings
+NetworkSettings = MotionTaskSettings | FaceTaskSettings | PoseTaskSettings | PGFaceTaskSettings
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """A network is trained, a baseline fitted; both leave the same kind of folder."""
     seed = workspace.settings("train", TrainSettings).seed
-    place = Place.of(workspace.params["machine"])
+    context = ExecutionContext.of(workspace.params["machine"])
     model = workspace.params.get("model", {}).get(name)
     if isinstance(model, dict) and model.get("kind") == "speech_to_motion":
-        return _network(workspace, name, workspace.settings(f"model.{name}", TranslationSettings), seed, place)
+        return _network(workspace, name, workspace.settings(f"model.{name}", MotionTaskSettings), seed, context)
     if isinstance(model, dict) and model.get("kind") == "speech_to_face":
-        return _face(workspace, name, workspace.settings(f"model.{name}", FaceTranslationSettings), seed, place)
+        return _face(workspace, name, workspace.settings(f"model.{name}", FaceTaskSettings), seed, context)
     if isinstance(model, dict) and model.get("kind") == "speech_to_pose":
-        return _poses(workspace, name, workspace.settings(f"model.{name}", PoseModelSettings), seed)
+        return _poses(workspace, name, workspace.settings(f"model.{name}", PoseTaskSettings), seed)
     if isinstance(model, dict) and model.get("kind") == "pgface":
-        return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceSettings), seed)
-    place.leave_unless_first()
-    return _without_steps(workspace, name, model.get("kind") if isinstance(model, dict) else None, seed)
+        return _pgface(workspace, name, workspace.settings(f"model.{name}", PGFaceTaskSettings), seed)
+    context.exit_unless_main()
+    return _fit_without_loop(workspace, name, model.get("kind") if isinstance(model, dict) else None, seed)
 
 
-def _without_steps(workspace: Workspace, name: str, kind: str | None, seed: int) -> Report:
+def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: int) -> Report:
     """What has no loop: models made of others, and baselines."""
     if kind == "head_then_gaze":
-        return _joined(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
+        return _combine_models(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
     if kind == "canonical":
         return _canonical(workspace, name, workspace.settings(f"model.{name}", CanonicalModelSettings), seed)
     settings = workspace.settings(f"model.{name}", BaselineSettings)
@@ -71,108 +71,127 @@ def _without_steps(workspace: Workspace, name: str, kind: str | None, seed: int)
     )
 
 
-def _network(workspace: Workspace, name: str, settings: TranslationSettings, seed: int, place: Place) -> Report:
+def _network(
+    workspace: Workspace, name: str, settings: MotionTaskSettings, seed: int, context: ExecutionContext
+) -> Report:
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     normaliser = Normaliser.of(embed)
     codebook = _codebook(workspace, settings.prior)
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
-    start = load(workspace.data("train", settings.start_from)) if settings.start_from else None
-    task = TranslationTask(settings, seed, *data, normaliser, codebook, Beside(corpus, embed), start)
-    progress = _progress(workspace, name, settings, seed, place)
-    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
-    place.leave_unless_first()
-    task.equalise()
+    start = load(workspace.data("train", settings.init_from)) if settings.init_from else None
+    task = MotionTask(settings, seed, *data, normaliser, codebook, ConditioningPaths(corpus, embed), start)
+    resume = _resume_file(workspace, name, settings, seed, context)
+    history = train(
+        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
+    )
+    context.exit_unless_main()
+    task.fit_equaliser()
     chosen = task.choose_temperature()
-    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_figures()}
+    figures = {**history[-1], **chosen, "temperature": float(task.module.temperature), **task.truth_metrics()}
     with workspace.output("train", name) as folder:
         config = network_config(settings, normaliser.channels, codebook, task.module)
         save(folder, task.module.state_dict(), config, [*history, chosen])
-        _keep_what_animate_needs(workspace, folder)
-    progress.remove()
+        _copy_inference_files(workspace, folder)
+    resume.remove()
     weights = sum(parameter.numel() for parameter in task.module.parameters())
     return Report(metrics={**figures, "parameters": weights})
 
 
-def _face(workspace: Workspace, name: str, settings: FaceTranslationSettings, seed: int, place: Place) -> Report:
+def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int, context: ExecutionContext) -> Report:
     data = _face_data(workspace)
-    prior = load_prior(workspace.data("pretrain", settings.prior)) if settings.prior else None
+    prior = load_face_tokenizer(workspace.data("pretrain", settings.prior)) if settings.prior else None
     if prior is not None:
-        prior.basis.require(
+        prior.basis.require_match(
             data.basis, str(workspace.data("pretrain", str(settings.prior))), "pretrain it on this motion"
         )
     task = FaceTask(settings, seed, data, prior)
-    progress = _progress(workspace, name, settings, seed, place)
-    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
-    place.leave_unless_first()
+    resume = _resume_file(workspace, name, settings, seed, context)
+    history = train(
+        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
+    )
+    context.exit_unless_main()
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature)}
     with workspace.output("train", name) as folder:
         save(folder, task.module.state_dict(), face_config(settings, data, prior), [*history, chosen])
-        _keep_what_animate_needs(workspace, folder)
-    progress.remove()
+        _copy_inference_files(workspace, folder)
+    resume.remove()
     return Report(metrics={**figures, "parameters": sum(each.numel() for each in task.module.parameters())})
 
 
 def _face_data(workspace: Workspace) -> FaceData:
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    known = faces(corpus, fit, embed, "train")
-    basis = FaceBasis(known.head_model, known.expression_names)
-    vocabulary = StyleVocabulary.of(known.clips)
-    return FaceData(known, faces(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
+    train_faces = faces(corpus, fit, embed, "train")
+    basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
+    vocabulary = StyleVocabulary.of(train_faces.clips)
+    return FaceData(train_faces, faces(corpus, fit, embed, "val"), basis, vocabulary, Normaliser.of(embed))
 
 
-def _poses(workspace: Workspace, name: str, settings: PoseModelSettings, seed: int) -> Report:
+def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: int) -> Report:
     """A model of the head alone; its curves, the rival's among them, go to the record of runs."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    normaliser, place = Normaliser.of(embed), Place.alone(workspace.params["machine"])
+    normaliser, context = Normaliser.of(embed), ExecutionContext.single_process(workspace.params["machine"])
     of_train, of_val = (
         pose_recordings(corpus, fit, embed, settings.poses, split, take=0) for split in ("train", "val")
     )
     task = PoseTask(settings, seed, of_train, of_val, normaliser)
-    progress = _progress(workspace, name, settings, seed, place)
+    resume = _resume_file(workspace, name, settings, seed, context)
     if settings.loop is None:
         history = [{"step": 0.0, **task.validate()}]
     else:
-        history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+        history = train(
+            task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
+        )
     with workspace.output("train", name) as folder:
         save(folder, task.module.state_dict(), pose_config(settings, normaliser, task.module), history)
-        _keep_what_animate_needs(workspace, folder)
-    progress.remove()
+        _copy_inference_files(workspace, folder)
+    resume.remove()
     weights = sum(parameter.numel() for parameter in task.module.parameters())
-    of_rival = sum(parameter.numel() for parameter in task.rival.parameters()) if task.rival else 0
-    figures = {**history[-1], "parameters": weights - of_rival, "parameters_rival": of_rival}
+    discriminator_parameters = (
+        sum(parameter.numel() for parameter in task.discriminator.parameters()) if task.discriminator else 0
+    )
+    figures = {
+        **history[-1],
+        "parameters": weights - discriminator_parameters,
+        "parameters_rival": discriminator_parameters,
+    }
     return Report(metrics=figures, history=history)
 
 
-def _pgface(workspace: Workspace, name: str, settings: PGFaceSettings, seed: int) -> Report:
+def _pgface(workspace: Workspace, name: str, settings: PGFaceTaskSettings, seed: int) -> Report:
     """The face's shape of speech and head pose."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
-    normaliser, place, surface = (
+    normaliser, context, surface = (
         Normaliser.of(embed),
-        Place.alone(workspace.params["machine"]),
-        FaceSurface(open_head()),
+        ExecutionContext.single_process(workspace.params["machine"]),
+        FaceSurface(anny_head()),
     )
     of_train, of_val = (
-        [read_shapes(fit, embed, clip, settings.poses) for clip in recordings(corpus, fit, embed, split, take=0).clips]
+        [
+            read_shape_recording(fit, embed, clip, settings.poses)
+            for clip in recordings(corpus, fit, embed, split, take=0).clips
+        ]
         for split in ("train", "val")
     )
     task = PGFaceTask(settings, seed, of_train, of_val, normaliser, surface)
-    progress = _progress(workspace, name, settings, seed, place)
-    history = train(task, settings.loop, f"train {name}", report=workspace.watch, place=place, progress=progress)
+    resume = _resume_file(workspace, name, settings, seed, context)
+    history = train(
+        task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
+    )
     with workspace.output("train", name) as folder:
         save(folder, task.module.state_dict(), pgface_config(settings, normaliser, surface), history)
-        _keep_what_animate_needs(workspace, folder)
-    progress.remove()
+        _copy_inference_files(workspace, folder)
+    resume.remove()
     weights = sum(parameter.numel() for parameter in task.module.parameters())
     return Report(metrics={**history[-1], "parameters": weights}, history=history)
 
 
-def _joined(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:
+def _combine_models(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:
     """Nothing is trained: two models that are stand in one folder."""
-    head, gaze = (load(workspace.data("train", each)) for each in settings.made_of)
+    head, gaze = (load(workspace.data("train", each)) for each in settings.source_models)
     with workspace.output("train", name) as folder:
         save_head_then_gaze(folder, settings, head, gaze)
-        _keep_what_animate_needs(workspace, folder)
+        _copy_inference_files(workspace, folder)
     return Report()
 
 
@@ -180,21 +199,23 @@ def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings
     """In closed form, behind the head of a model that is."""
     embed = workspace.data("embed")
     clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
-    found = find(settings, clips, Normaliser.of(embed), seed)
+    found = fit_canonical_gaze(settings, clips, Normaliser.of(embed), seed)
     with workspace.output("train", name) as folder:
-        save_canonical(folder, settings, found, load(workspace.data("train", *settings.made_of)))
-        _keep_what_animate_needs(workspace, folder)
-    return Report(metrics={f"correlation/{at}": float(each) for at, each in enumerate(found.found.correlations)})
+        save_canonical(folder, settings, found, load(workspace.data("train", *settings.source_models)))
+        _copy_inference_files(workspace, folder)
+    return Report(metrics={f"correlation/{at}": float(each) for at, each in enumerate(found.correlation.correlations)})
 
 
-def _progress(workspace: Workspace, name: str, settings: NetworkSettings, seed: int, place: Place) -> Progress:
+def _resume_file(
+    workspace: Workspace, name: str, settings: NetworkSettings, seed: int, context: ExecutionContext
+) -> ResumeFile:
     """The file of this training, and all that its result follows from."""
     folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.prior))]
-    if isinstance(settings, TranslationSettings) and settings.start_from:
-        folders.append(workspace.data("train", settings.start_from))
-    reads = (workspace.corpus / "clips.parquet", *(folder / SUMS for folder in folders), Path(__file__))
-    made_of = (settings.model_dump(mode="json"), seed, place.describe())
-    return Progress.of(workspace.data(f".train-{name}.progress"), made_of, reads)
+    if isinstance(settings, MotionTaskSettings) and settings.init_from:
+        folders.append(workspace.data("train", settings.init_from))
+    reads = (workspace.corpus / "clips.parquet", *(folder / CHECKSUMS_FILE for folder in folders), Path(__file__))
+    made_of = (settings.model_dump(mode="json"), seed, context.describe())
+    return ResumeFile.of(workspace.data(f".train-{name}.progress"), made_of, reads)
 
 
 def _codebook(workspace: Workspace, prior: str | None) -> GazeVQVAE | None:
@@ -211,31 +232,31 @@ def _baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Re
     normaliser = Normaliser.of(embed)
     clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
     std = np.maximum(normaliser.std, 1e-6)
-    bank = bank_of(
+    bank = build_bank(
         [(np.asarray(each.speech) - normaliser.mean) / std for each in clips],
         [each.head for each in clips],
         [each.gaze for each in clips],
     )
     with workspace.output("train", name) as folder:
         save_baseline(folder, settings, bank, normaliser.mean, normaliser.std)
-        _keep_what_animate_needs(workspace, folder)
+        _copy_inference_files(workspace, folder)
     return Report(metrics={"clips": len(bank.features)})
 
 
 def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) -> Report:
     data = _face_data(workspace)
     std = np.maximum(data.normaliser.std, 1e-6)
-    bank = bank_of_motions(
+    bank = build_motion_bank(
         [(np.asarray(each.speech) - data.normaliser.mean) / std for each in data.train],
-        [data.basis.joined(each.expression, each.jaw) for each in data.train],
+        [data.basis.to_vector(each.expression, each.jaw) for each in data.train],
     )
     with workspace.output("train", name) as folder:
         save_face_baseline(folder, settings, bank, data)
-        _keep_what_animate_needs(workspace, folder)
+        _copy_inference_files(workspace, folder)
     return Report(metrics={"clips": len(bank.features)})
 
 
-def _keep_what_animate_needs(workspace: Workspace, folder: Path) -> None:
+def _copy_inference_files(workspace: Workspace, folder: Path) -> None:
     """The encoder's settings, the blinks of the corpus and its speakers' habits, so that a model's folder is whole."""
     for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
         shutil.copyfile(workspace.data(stage, name), folder / name)

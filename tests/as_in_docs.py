@@ -16,7 +16,7 @@ import urllib.request
 
 STEPS = "{0}.loop.steps=4 {0}.loop.batch=4 {0}.loop.validate_every=2"
 # A part of a command line, and what takes its place; all that fit, in this order.
-SMALL = [
+SUBSTITUTIONS = [
     (r"^(python -m pipelines\.params\b.*)", r"\1 experiment=tiny"),
     (r"^(python -m pipelines\.experiment -m\b.*)", r"\1 experiment=least"),
     (r"^(python -m pipelines\.experiment .*\bsweep=.*)", r"\1 hydra.sweeper.n_trials=2"),
@@ -32,30 +32,30 @@ SMALL = [
         f"experiment=[probtalk3d_table,tiny] {STEPS.format('pretrain.face_vae')} {STEPS.format('model.face_vae')}",
     ),
     (r"^python -m pytest -n 2$", "python -m pytest -n 0 -q tests/test_layers.py"),
-    (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-pictures"),
+    (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-previews"),
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
     (r"^(talkingeyes study make .*)", r"\1 --fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
     (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes make the same file
 ]
 SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b"
-PATIENCE_S = 120
+TIMEOUT_S = 120
 
 
-def changed(line: str) -> str:
+def shortened(line: str) -> str:
     """The command line that is run in the place of this one."""
-    for pattern, instead in SMALL:
+    for pattern, instead in SUBSTITUTIONS:
         line = re.sub(pattern, instead, line)
     return line
 
 
-def served(words: list[str]) -> int:
+def run_server(words: list[str]) -> int:
     """Run a server on a free port until its page answers, then interrupt it. The status: 0 if it answered."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     server = subprocess.Popen([*words, "--port", str(port)], start_new_session=True)
-    answered, until = False, time.monotonic() + PATIENCE_S
+    answered, until = False, time.monotonic() + TIMEOUT_S
     while not answered and server.poll() is None and time.monotonic() < until:
         time.sleep(0.2)
         try:
@@ -77,10 +77,10 @@ def main() -> None:
     """Run what the arguments say."""
     programs, name, *given = sys.argv[1:]
     line = shlex.join([name, *given])
-    words = shlex.split(changed(line))
+    words = shlex.split(shortened(line))
     words[0] = os.path.join(programs, name)
     if re.match(SERVERS, line):
-        sys.exit(served(words))
+        sys.exit(run_server(words))
     os.execv(words[0], words)
 
 

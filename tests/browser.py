@@ -61,7 +61,7 @@ class Browser:
     def open(self, address: str) -> None:
         """Go to a page; back when it is loaded."""
         self.call("Page.navigate", url=address)
-        self.until("document.readyState == 'complete'")
+        self.wait_for("document.readyState == 'complete'")
 
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript is in the page; a promise is awaited."""
@@ -69,7 +69,7 @@ class Browser:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def until(self, expression: str, seconds: float = 60.0) -> Any:
+    def wait_for(self, expression: str, seconds: float = 60.0) -> Any:
         """The value of an expression as soon as it is true."""
         for _ in range(int(seconds / 0.1)):
             found = self.value(expression)
@@ -80,13 +80,13 @@ class Browser:
             f"not true within {seconds} s: {expression}; page: {self.value('document.body.innerText')}"
         )
 
-    def picture(self, path: Path) -> None:
+    def screenshot(self, path: Path) -> None:
         """What the page looks like, as PNG."""
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
 
 
 @contextmanager
-def browsing(profile: Path, width: int = 1400, height: int = 1000) -> Iterator[Browser]:
+def open_browser(profile: Path, width: int = 1400, height: int = 1000) -> Iterator[Browser]:
     """A browser with an empty profile in a folder; ended at the end."""
     assert CHROMIUM is not None
     to_browser, from_us = os.pipe()

@@ -9,9 +9,9 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-from talkingeyes.orchestration.run import quiet
+from talkingeyes.orchestration.run import configure_environment
 
-quiet()
+configure_environment()
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HF_HUB_OFFLINE"] = "1"
 # Processes that tests start in other folders find this checkout: the package, the stages (not installed), these tests.
@@ -29,16 +29,16 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope="session")
-def common(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of this test run that all its processes share."""
     own = tmp_path_factory.getbasetemp()
     return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="session")
-def tiny(repository: Path, common: Path) -> Path:
+def tiny(repository: Path, shared_folder: Path) -> Path:
     """A workspace in which the whole chain has run on the tiny corpus, once for all processes of a test run."""
-    root = common / "tiny"
+    root = shared_folder / "tiny"
     with FileLock(root.with_suffix(".lock")):
         if not (root / "data" / "report" / "table3.md").exists():
             command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}"]

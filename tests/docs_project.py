@@ -16,10 +16,10 @@ from pathlib import Path
 
 from docs_pages import REPOSITORY
 
-WRAPPED = ("python", "talkingeyes", "mlflow")
+WRAPPED_PROGRAMS = ("python", "talkingeyes", "mlflow")
 PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/as_in_docs.py {bin} {name} "$@"\n'
 # Names that no file can have, and what is written in their place.
-INSTEAD = [
+SUBSTITUTIONS = [
     (r"(?<=\s|=)/shared/", "shared/"),
     (r"data/sample/talkingeyes/0/CLIP\.npz", "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)"),
 ]
@@ -30,11 +30,11 @@ rm dvc.lock
 dvc commit --quiet --force synthesize fit embed pretrain train critic sample evaluate report
 git add --all && git commit --quiet -m docs
 """
-STAND_INS = """
+PLACEHOLDER_COMMANDS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
 python tests/stand_ins.py "$SOUND"
 cp SPEECH.wav speech.wav
-talkingeyes animate SPEECH.wav -o take --samples 2 --no-pictures --model data/train/talkingeyes
+talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes
 cp take/sample_00.npz MOTION.npz; cp take/sample_01.npz OTHER.npz; cp take/sample_01.npz other.npz
 mkdir MOTION_DIR && cp MOTION.npz "MOTION_DIR/$(basename "$SOUND" .flac)-t0.npz"
 talkingeyes export OTHER.npz -f vhap --model FLAME_FILE -o TRACKED.npz
@@ -45,7 +45,7 @@ mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes -name '*.npz' | sort | head
 """
 
 
-def copy_of(root: Path, tiny: Path) -> Path:
+def copy_project(root: Path, tiny: Path) -> Path:
     """The project under `root`, ready for any page."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, check=True, capture_output=True).stdout
     for name in listed.decode().split("\0"):
@@ -60,7 +60,7 @@ def copy_of(root: Path, tiny: Path) -> Path:
     for workspace in ("tiny", "experiment", "least", "posegan", "sweep"):  # what was made once is found by all
         (root / "build" / workspace).mkdir(parents=True)
         (root / "build" / workspace / "store").symlink_to(tiny / "store")
-    said = typed(DATA + STAND_INS, root)
+    said = run_bash(DATA + PLACEHOLDER_COMMANDS, root)
     assert said.returncode == 0, said.stdout[-2000:] + said.stderr[-4000:]
     return root
 
@@ -69,18 +69,18 @@ def _programs(folder: Path, root: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "activate").write_text("")
     for program in Path(sys.executable).parent.iterdir():
-        if program.name not in (*WRAPPED, "activate"):
+        if program.name not in (*WRAPPED_PROGRAMS, "activate"):
             (folder / program.name).symlink_to(program)
-    for name in WRAPPED:
+    for name in WRAPPED_PROGRAMS:
         words = {"python": sys.executable, "root": root, "bin": Path(sys.executable).parent}
         text = PROGRAM.format(name=name, **{key: shlex.quote(str(value)) for key, value in words.items()})
         (folder / name).write_text(text)
         (folder / name).chmod(0o755)
 
 
-def typed(text: str, root: Path) -> subprocess.CompletedProcess[str]:
+def run_bash(text: str, root: Path) -> subprocess.CompletedProcess[str]:
     """What bash says to these lines in the copy; it stops at the first that fails, and names it."""
-    for pattern, instead in INSTEAD:
+    for pattern, instead in SUBSTITUTIONS:
         text = re.sub(pattern, instead, text)
     environment = {**os.environ, "PATH": f"{root}/.venv/bin:{os.environ['PATH']}", "PYTHONPATH": f"{root}/src:{root}"}
     return subprocess.run(

@@ -16,20 +16,20 @@ import yaml
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.orchestration.config import CONF
+from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import save
 from talkingeyes.training.trained import network_config
-from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.training.translation import MotionTaskSettings
 
 
 def content(*place: str) -> Any:
     """A file of conf/."""
-    return yaml.safe_load(CONF.joinpath(*place).read_text())
+    return yaml.safe_load(CONFIG_DIR.joinpath(*place).read_text())
 
 
 CODES = {
     "prior": "gaze_patches",
-    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_back": 12, "condition_ahead": 0},
+    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
 }
 
 
@@ -53,7 +53,7 @@ def embedding_settings() -> EmbedSettings:
 def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any) -> Path:
     """Write one with other values at the top of its section, trained on these speakers."""
     torch.manual_seed(3)
-    settings = TranslationSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
+    settings = MotionTaskSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
     prior = codebook() if settings.prior else None

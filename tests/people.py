@@ -16,7 +16,7 @@ ANNOTATION = Annotation(speaking=(Span(2.0, 5.0), Span(6.0, 9.0)))
 
 
 @dataclass(frozen=True)
-class Person:
+class ToyPerson:
     """What somebody does, at any frame rate; `side` is where they look when they look away (1: left)."""
 
     seed: int
@@ -46,6 +46,6 @@ class Person:
         return behaviour(fps, {"head": head, "gaze": gaze_in_head, "lid": lid}, None, ANNOTATION, reference)
 
 
-def people(count: int, seed: int = 0) -> list[Person]:
+def people(count: int, seed: int = 0) -> list[ToyPerson]:
     """Some who look to the left and some who look to the right."""
-    return [Person(seed * 1000 + index, 1.0 if index % 2 else -1.0) for index in range(count)]
+    return [ToyPerson(seed * 1000 + index, 1.0 if index % 2 else -1.0) for index in range(count)]

@@ -18,12 +18,12 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._device import _device_constructors
 from torch.utils._pytree import tree_leaves
 
-CPU, CARD = torch.device("cpu"), torch.device("cuda", 0)
+CPU, GPU = torch.device("cpu"), torch.device("cuda", 0)
 # What may be asked of tensors of both places: a copy, and an index on the CPU for a tensor on the card.
-MIXED = {"copy_", "__getitem__", "_has_compatible_shallow_copy_type"}
+MIXED_DEVICE_FUNCTIONS = {"copy_", "__getitem__", "_has_compatible_shallow_copy_type"}
 
 
-def place(tensor: Tensor) -> torch.device | None:
+def device_of(tensor: Tensor) -> torch.device | None:
     """Where it was put; None if nobody has said."""
     return tensor.__dict__.get("put")
 
@@ -35,30 +35,30 @@ def put(found: Any, where: torch.device | None) -> Any:
     return found
 
 
-def named(value: Any) -> torch.device | None:
+def device_named(value: Any) -> torch.device | None:
     """The place that an argument names."""
     if isinstance(value, Tensor):
-        return place(value)
+        return device_of(value)
     if isinstance(value, str | torch.device) and str(value).split(":")[0] in ("cpu", "cuda"):
         return torch.device(str(value).split(":")[0], 0) if str(value).startswith("cuda") else CPU
     return None
 
 
-class Places(TorchFunctionMode):
+class DeviceCheckMode(TorchFunctionMode):
     """Every call of torch, with the places of what goes in and comes out."""
 
     def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
-        if function in OF_ONE:
-            return OF_ONE[function](*args, *kwargs.values())
-        asked = named(kwargs.pop("device", None))
+        if function in SINGLE_TENSOR_FUNCTIONS:
+            return SINGLE_TENSOR_FUNCTIONS[function](*args, *kwargs.values())
+        asked = device_named(kwargs.pop("device", None))
         leaves = tree_leaves((args, kwargs))
         _refuse_mixed(getattr(function, "__name__", ""), args, leaves)
-        everywhere = {place(each) for each in leaves if isinstance(each, Tensor)}
-        where = asked or next((each for each in (CARD, CPU) if each in everywhere), None)
+        everywhere = {device_of(each) for each in leaves if isinstance(each, Tensor)}
+        where = asked or next((each for each in (GPU, CPU) if each in everywhere), None)
         if where is None and function in _device_constructors():
             where = CPU
-        if where == CARD and any(isinstance(each, torch.Generator) for each in leaves):
+        if where == GPU and any(isinstance(each, torch.Generator) for each in leaves):
             raise RuntimeError("expected a 'cuda' device type for generator, found 'cpu': pretended")
         found = function(*args, **kwargs)
         return found if found is None or any(found is each for each in leaves) else put(found, where)
@@ -66,52 +66,54 @@ class Places(TorchFunctionMode):
 
 def _refuse_mixed(name: str, args: Any, leaves: list[Any]) -> None:
     """Numbers alone (no dimension) may be anywhere."""
-    places = {place(each) for each in leaves if isinstance(each, Tensor) and each.dim()} - {None}
-    if len(places) > 1 and (name not in MIXED or (name == "__getitem__" and place(args[0]) == CPU)):
+    places = {device_of(each) for each in leaves if isinstance(each, Tensor) and each.dim()} - {None}
+    if len(places) > 1 and (
+        name not in MIXED_DEVICE_FUNCTIONS or (name == "__getitem__" and device_of(args[0]) == CPU)
+    ):
         raise RuntimeError(f"{name}: expected all tensors to be on the same device, found cpu and cuda: pretended")
 
 
 def _moved(tensor: Tensor, *asked: Any) -> Tensor:
     """As `Tensor.to` has it: another place, another type, or both."""
-    where = next((each for each in map(named, asked) if each), place(tensor))
+    where = next((each for each in map(device_named, asked) if each), device_of(tensor))
     dtypes = [each.dtype if isinstance(each, Tensor) else each for each in asked]
     dtype = next((each for each in dtypes if isinstance(each, torch.dtype)), tensor.dtype)
-    if where == place(tensor) and dtype == tensor.dtype:
+    if where == device_of(tensor) and dtype == tensor.dtype:
         return tensor
     return put(tensor.to(dtype, copy=True), where)
 
 
 def _set_data(tensor: Tensor, value: Tensor) -> None:
     tensor.data = value
-    put(tensor, place(value))
+    put(tensor, device_of(value))
 
 
 def _numpy(tensor: Tensor, *asked: Any) -> Any:
-    if place(tensor) == CARD:
+    if device_of(tensor) == GPU:
         raise TypeError("can't convert cuda:0 device type tensor to numpy: pretended")
     return tensor.__array__(*asked)
 
 
 # Functions of one tensor that ask for its place or change it.
-OF_ONE: dict[Any, Any] = {
-    Tensor.device.__get__: lambda tensor: place(tensor) or CPU,
-    Tensor.is_cuda.__get__: lambda tensor: place(tensor) == CARD,
-    Tensor.grad.__get__: lambda tensor: put(tensor.grad, place(tensor)),
+SINGLE_TENSOR_FUNCTIONS: dict[Any, Any] = {
+    Tensor.device.__get__: lambda tensor: device_of(tensor) or CPU,
+    Tensor.is_cuda.__get__: lambda tensor: device_of(tensor) == GPU,
+    Tensor.grad.__get__: lambda tensor: put(tensor.grad, device_of(tensor)),
     Tensor.grad.__set__: lambda tensor, value: setattr(tensor, "grad", value),
     Tensor.data.__set__: _set_data,
     Tensor.to: _moved,
     Tensor.cpu: lambda tensor: _moved(tensor, CPU),
-    Tensor.cuda: lambda tensor: _moved(tensor, CARD),
+    Tensor.cuda: lambda tensor: _moved(tensor, GPU),
     Tensor.numpy: _numpy,
     Tensor.__array__: _numpy,
 }
 
 
 @contextmanager
-def pretended_card() -> Iterator[None]:
+def fake_gpu() -> Iterator[None]:
     """A machine whose one card is pretended."""
     autocast, from_numpy, as_tensor = torch.autocast, torch.from_numpy, torch.as_tensor
-    with pytest.MonkeyPatch.context() as patch, Places():
+    with pytest.MonkeyPatch.context() as patch, DeviceCheckMode():
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "device_count", lambda: 1)
         patch.setattr(torch.cuda, "set_device", lambda index: None)

@@ -8,8 +8,8 @@ from typing import Any
 PARAMS: dict[str, Any] = {
     "corpus": "data/synthesize",
     "workspace": "build/x",
-    "store": "build/x/store",
-    "until": "report",
+    "result_store": "build/x/store",
+    "target": "report",
     "objective": {"model": "talkingeyes"},
     "study": "alive",
     "machine": {"jobs": 2},
@@ -25,7 +25,7 @@ PARAMS: dict[str, Any] = {
 }
 
 
-def client_of(root: Path) -> Any:
+def mlflow_client(root: Path) -> Any:
     """A client of a workspace's record."""
     from mlflow.tracking import MlflowClient
 

@@ -11,9 +11,9 @@ from numpy import ndarray
 from talkingeyes.core.motion import Blink, Events, Motion, Saccade
 from talkingeyes.core.rotation import eye_in_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import in_camera, landmarks, pupils
+from talkingeyes.head.landmarks import head_to_scene, landmarks, pupils
 from talkingeyes.head.observation import Observation
-from talkingeyes.physiology import saccades as law
+from talkingeyes.physiology import saccades as main_sequence_model
 
 FPS = 25.0
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)  # 1.154 px/mm
@@ -35,13 +35,17 @@ def scene(seed: int, frames: int = 220, noise: float = 1.0, blinks: bool = True)
     seconds = frames / FPS
     times_s = np.arange(frames) / FPS
     shifts = draw_saccades(seconds, random)
-    space = law.path(shifts, (0.0, 0.0), times_s)[:, None] + KAPPA_RAD + np.radians([[-1.2, 0.0], [1.2, 0.0]])
-    closures = draw_blinks(seconds, random) if blinks else ()
-    head = wander(times_s, np.radians([2.5, 4.0, 2.0]), random)
+    space = (
+        main_sequence_model.path(shifts, (0.0, 0.0), times_s)[:, None]
+        + KAPPA_RAD
+        + np.radians([[-1.2, 0.0], [1.2, 0.0]])
+    )
+    closures = sample_blinks(seconds, random) if blinks else ()
+    head = head_sway(times_s, np.radians([2.5, 4.0, 2.0]), random)
     lid = np.clip(closure(closures, times_s)[:, None] + np.zeros((1, 2)), 0, 1)
     jaw = np.zeros((frames, 3))
     jaw[:, 0] = 0.1 * np.abs(np.sin(2 * np.pi * 2.5 * times_s))
-    translation = wander(times_s, np.array([0.004, 0.003, 0.003]), random)
+    translation = head_sway(times_s, np.array([0.004, 0.003, 0.003]), random)
     motion = Motion.of(FPS, head, eye_in_head(head, space), translation=translation, lid=lid, jaw=jaw)
     return Scene(motion, Events(shifts, (), closures), observe(motion, random, noise))
 
@@ -49,8 +53,8 @@ def scene(seed: int, frames: int = 220, noise: float = 1.0, blinks: bool = True)
 def observe(motion: Motion, random: np.random.Generator, noise: float) -> Observation:
     """Landmarks and pupils in pixels; a pupil is hidden while its eye is open by less than .35."""
     points = landmarks(motion.gaze, motion.lid, motion.jaw)
-    marks = CAMERA.project(in_camera(points, motion.head, motion.translation))
-    exact = CAMERA.project(in_camera(pupils(motion.gaze), motion.head, motion.translation))
+    marks = CAMERA.project(head_to_scene(points, motion.head, motion.translation))
+    exact = CAMERA.project(head_to_scene(pupils(motion.gaze), motion.head, motion.translation))
     marks = marks + noise * random.normal(0, 0.3, marks.shape)
     seen = exact + noise * pupil_error(exact, motion, random)
     seen[motion.lid > 0.65] = np.nan
@@ -67,7 +71,7 @@ def pupil_error(exact: Float[ndarray, "T 2 2"], motion: Motion, random: np.rando
     for frame in range(1, frames):
         slow[frame] = 0.95 * slow[frame - 1] + random.normal(0, 0.35 * np.sqrt(1 - 0.95**2), (2, 2))
     white = random.normal(0, random.uniform(0.15, 0.30), (frames, 2, 2))
-    at_rest = CAMERA.project(in_camera(pupils(0 * motion.gaze), motion.head, motion.translation))
+    at_rest = CAMERA.project(head_to_scene(pupils(0 * motion.gaze), motion.head, motion.translation))
     gain = np.array([random.uniform(0.92, 1.0), random.uniform(0.80, 0.95)])
     error = (bias + slow + white) * (1 + 0.5 * np.abs(motion.head[:, 1]) / np.radians(30))[:, None, None]
     error += (gain - 1) * (exact - at_rest)
@@ -84,12 +88,12 @@ def draw_saccades(seconds: float, random: np.random.Generator) -> tuple[Saccade,
     onset, here = random.uniform(0.2, 0.6), np.zeros(2)
     while onset < seconds - 0.2:
         there = np.clip(here * 0.4 + random.normal(0, np.radians([6.0, 3.5])), -0.4, 0.3)
-        shifts.append(law.saccade(onset, here, there, random))
+        shifts.append(main_sequence_model.saccade(onset, here, there, random))
         here, onset = there, onset + max(0.2, float(random.lognormal(np.log(0.55), 0.6)))
     return tuple(shifts)
 
 
-def draw_blinks(seconds: float, random: np.random.Generator) -> tuple[Blink, ...]:
+def sample_blinks(seconds: float, random: np.random.Generator) -> tuple[Blink, ...]:
     """About 24 a minute."""
     found: list[Blink] = []
     onset = random.uniform(0.3, 2.0)
@@ -109,12 +113,12 @@ def closure(blinks: tuple[Blink, ...], times_s: Float[ndarray, " T"]) -> Float[n
     return lid
 
 
-def blinking(scene_: Scene) -> Bool[ndarray, " T"]:
+def blink_frames(scene_: Scene) -> Bool[ndarray, " T"]:
     """Frames with any true closure."""
     return np.asarray(scene_.motion.lid.max(axis=1) > 0.02)
 
 
-def wander(
+def head_sway(
     times_s: Float[ndarray, " T"], size: Float[ndarray, " C"], random: np.random.Generator
 ) -> Float[ndarray, "T C"]:
     """Slow sway and some nods: sinusoids from .1 to 2 Hz of falling size."""

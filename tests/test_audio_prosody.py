@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 
-SETTINGS = ProsodySettings(
-    f0_lowest_hz=60, f0_highest_hz=450, aperiodicity=0.25, energy_window_s=0.05, energy_floor_dbfs=-80
-)
+SETTINGS = ProsodySettings(f0_min_hz=60, f0_max_hz=450, aperiodicity=0.25, energy_window_s=0.05, energy_floor_dbfs=-80)
 
 
 def voice(f0_hz: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of, loudest_dbfs, read_speech
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count, loudest_dbfs, read_speech
 from talkingeyes.core.errors import InputError
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "speech"
@@ -132,8 +132,8 @@ def test_no_content_raises_anything_else(tmp_path: Path, content: bytes, start: 
 @given(frames=st.integers(0, 90_000), fps=st.sampled_from([24.0, 25.0, 30.0, 50.0, 60.0, 100.0]))
 def test_whole_frames_count_exactly(frames: int, fps: float) -> None:
     samples = -(-frames * SAMPLE_RATE // int(fps))
-    assert frames_of(samples, fps) == frames
-    assert frames_of(samples, fps) == samples * int(fps) // SAMPLE_RATE
+    assert frame_count(samples, fps) == frames
+    assert frame_count(samples, fps) == samples * int(fps) // SAMPLE_RATE
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the real recordings")

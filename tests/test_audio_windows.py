@@ -9,24 +9,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from talkingeyes.audio.windows import Stride, encode_in_windows, window_starts
+from talkingeyes.audio.windows import FrameGrid, encode_in_windows, window_starts
 
-STRIDE = Stride.of_convolutions((127, 7, 3), (64, 3, 2))
+STRIDE = FrameGrid.of_convolutions((127, 7, 3), (64, 3, 2))
 
 
 def hear(sound: np.ndarray) -> np.ndarray:
     """Mean over each receptive field."""
-    starts = np.arange(0, len(sound) - STRIDE.shortest + 1, STRIDE.samples)
-    return np.stack([sound[start : start + STRIDE.shortest].mean() for start in starts])[:, None].astype(np.float32)
+    starts = np.arange(0, len(sound) - STRIDE.receptive_field + 1, STRIDE.samples)
+    return np.stack([sound[start : start + STRIDE.receptive_field].mean() for start in starts])[:, None].astype(
+        np.float32
+    )
 
 
 def test_stride_of_the_packaged_encoder() -> None:
-    assert (STRIDE.samples, STRIDE.first, STRIDE.shortest) == (384, 447, 895)
+    assert (STRIDE.samples, STRIDE.first, STRIDE.receptive_field) == (384, 447, 895)
 
 
 def test_stride_of_wav2vec2() -> None:
-    stride = Stride.of_convolutions((10, 3, 3, 3, 3, 2, 2), (5, 2, 2, 2, 2, 2, 2))
-    assert (stride.samples, stride.shortest) == (320, 400)
+    stride = FrameGrid.of_convolutions((10, 3, 3, 3, 3, 2, 2), (5, 2, 2, 2, 2, 2, 2))
+    assert (stride.samples, stride.receptive_field) == (320, 400)
 
 
 @pytest.mark.parametrize("fps", [25.0, 29.97, 120.0])

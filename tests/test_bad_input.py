@@ -57,7 +57,7 @@ CASES = [
     ("animate a.wav text.txt -o taken --model model", "got letters.txt in it"),
     ("animate a.wav -o out --model model --target list.json", "schema should be"),
     ("animate a.wav -o out --model model --target bad.csv", "columns should be"),
-    ("animate a.wav -o out --model model --contact nan", "contact: should be 0"),
+    ("animate a.wav -o out --model model --eye-contact nan", "eye_contact: should be 0"),
     ("animate a.wav -o out --model model --style nobody", "style: should be one of"),
     ("animate a.wav -o out --model model --style cut.npz", "cut.npz: not a readable motion"),
     ("animate a.wav -o out --model model --emotion bored", "emotion: should be one of neutral, happy"),

@@ -19,10 +19,10 @@ from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows import animate as animation
-from talkingeyes.workflows.animate import Order
-from talkingeyes.workflows.animate_batch import animate_all, seed_of
+from talkingeyes.workflows.animate import AnimationOptions
+from talkingeyes.workflows.animate_batch import animate_all, derive_seed
 
-ORDER = Order(samples=1, seed=4, pictures=False)
+ORDER = AnimationOptions(samples=1, seed=4, previews=False)
 
 
 @pytest.fixture
@@ -64,8 +64,8 @@ def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:
 
 def test_jobs_and_order_change_no_byte(place: Path) -> None:
     sounds = sorted((place / "lines").iterdir())
-    animate_all(sounds, "one", Order(samples=2, seed=4, formats=("bvh",), pictures=False))
-    animate_all(sounds[::-1], "two", Order(samples=2, seed=4, formats=("bvh",), pictures=False), jobs=2)
+    animate_all(sounds, "one", AnimationOptions(samples=2, seed=4, formats=("bvh",), previews=False))
+    animate_all(sounds[::-1], "two", AnimationOptions(samples=2, seed=4, formats=("bvh",), previews=False), jobs=2)
     assert files(place / "one") == files(place / "two")
 
 
@@ -97,7 +97,7 @@ def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> N
 @pytest.mark.parametrize("change", [{"seed": 5}, {"samples": 2}, {"fps": 60.0}, {"formats": ("bvh",)}])
 def test_another_order_is_not_taken_for_done(place: Path, change: dict[str, object]) -> None:
     animate_all(["lines/a.wav"], "out", ORDER)
-    changed = Order(**{"samples": 1, "seed": 4, "pictures": False} | change)  # type: ignore[arg-type]
+    changed = AnimationOptions(**{"samples": 1, "seed": 4, "previews": False} | change)  # type: ignore[arg-type]
     assert [line.status for line in animate_all(["lines/a.wav"], "out", changed)] == ["failed"]
     assert [line.status for line in animate_all(["lines/a.wav"], "out", changed, force=True)] == ["made"]
 
@@ -108,7 +108,7 @@ def test_failures_do_not_stop_the_others(
     soundfile.write(place / "lines" / "b.wav", np.zeros(16_000), 16_000)
     (place / "lines" / "d.wav").write_bytes(b"no sound")
     monkeypatch.setattr(
-        sys, "argv", ["talkingeyes", "animate", "lines", "-o", "out", "--samples", "1", "--no-pictures"]
+        sys, "argv", ["talkingeyes", "animate", "lines", "-o", "out", "--samples", "1", "--no-previews"]
     )
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -149,5 +149,5 @@ def test_a_missing_model_is_refused_before_anything_is_made(place: Path) -> None
 
 def test_seeds_follow_from_what_is_heard(place: Path) -> None:
     one, other = (read_speech(place / "lines" / f"{name}.wav") for name in "ab")
-    assert seed_of(1, one) == seed_of(1, one.copy())
-    assert len({seed_of(1, one), seed_of(1, other), seed_of(2, one)}) == 3
+    assert derive_seed(1, one) == derive_seed(1, one.copy())
+    assert len({derive_seed(1, one), derive_seed(1, other), derive_seed(2, one)}) == 3

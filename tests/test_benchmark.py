@@ -7,34 +7,34 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from people import ANNOTATION, Person, people
+from people import ANNOTATION, ToyPerson, people
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.benchmark import tally as tallies
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
 from talkingeyes.evaluation.benchmark.measure import Bins
 from talkingeyes.evaluation.benchmark.page import page
-from talkingeyes.evaluation.benchmark.registry import MEASURES
-from talkingeyes.evaluation.benchmark.table import as_json, as_text, comma_separated, from_json, markdown
-from talkingeyes.evaluation.benchmark.tally import Comparison, Tally, observe, weights
-from talkingeyes.evaluation.bootstrap import BootstrapSettings, resamples
+from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
+from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, bootstrap_weights, extract
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
 from talkingeyes.physiology.saccades import peak_speed
 
-SETTINGS = BootstrapSettings(draws=100, level=0.95, seed=0)
+SETTINGS = BootstrapSettings(n_resamples=100, confidence_level=0.95, seed=0)
 COUNT = 60
 
 
 def counted(motions, fps=25.0):
-    found = Tally(fps)
+    found = Accumulator(fps)
     for motion in motions:
-        found.add(observe([motion]))
+        found.add(extract([motion]))
     return found
 
 
 def rows(motions, reference, paired=True):
     fps = motions[0].fps
     compared = Comparison(counted(motions, fps), reference, SETTINGS, paired)
-    return {row.measure.name: row for row in compared.rows()}
+    return {row.metric.name: row for row in compared.rows()}
 
 
 @pytest.fixture(scope="module")
@@ -59,13 +59,13 @@ def mirrored(motion):
 
 
 def test_names_are_unique_and_pages_have_all_they_need():
-    assert len({measure.name for measure in MEASURES}) == len(MEASURES) > 60
-    for measure in MEASURES:
-        assert measure.formula and measure.source and measure.trap and measure.least > 0, measure.name
+    assert len({metric.name for metric in METRICS}) == len(METRICS) > 60
+    for metric in METRICS:
+        assert metric.formula and metric.source and metric.caveat and metric.min_count > 0, metric.name
 
 
 def test_truth_is_never_apart_from_itself(own):
-    assert not any(row.apart for row in own.values() if row.measure.figure)
+    assert not any(row.worse for row in own.values() if row.metric.compute)
     assert own["saccades/rate"].difference.value == 0
     assert own["saccades/amplitude_distance"].value.value == pytest.approx(0, abs=1e-12)
 
@@ -83,7 +83,7 @@ def test_figures_are_what_was_put_in(own):
 
 @pytest.mark.parametrize("fps", [25.0, 60.0, 120.0])
 def test_the_truth_keeps_the_law_at_every_rate(fps):
-    found = rows([person.at(fps) for person in people(30)], counted([Person(1).at(fps)], fps))
+    found = rows([person.at(fps) for person in people(30)], counted([ToyPerson(1).at(fps)], fps))
     assert found["main_sequence/peak"].value.value == pytest.approx(1, abs=0.06)
     native = np.degrees(peak_speed(np.radians(5.0)))
     assert native > 200  # of which 25 frames a second show less than half
@@ -94,10 +94,10 @@ def test_mirrored_and_flipped_motion_is_told(true, reference, own):
     both = rows([mirrored(each) for each in true], reference)
     assert both["likeness/side"].value.value < -0.9
     assert both["likeness/tilt"].value.value < -0.9
-    assert not both["head_eye/slope_yaw"].apart
+    assert not both["head_eye/slope_yaw"].worse
     head = rows([replace(each, head=each.head * [1, -1, 1]) for each in true], reference)
     assert head["head_eye/slope_yaw"].value.value > 0.5
-    assert head["head_eye/slope_yaw"].apart
+    assert head["head_eye/slope_yaw"].worse
     down = rows([replace(each, head=each.head * [-1, 1, 1]) for each in true], reference)
     assert down["head_eye/slope_pitch"].value.value > 0.5
     assert own["head_eye/slope_pitch"].value.value < -0.5
@@ -128,14 +128,14 @@ def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(t
     for name in [*spectra, *together, "eye/pitch_skew", "head/nod_skew", "head/speaking_ratio"]:
         assert found[name].value is None, name
     assert found["head/speed"].value.value == pytest.approx(0, abs=1e-9)
-    assert found["head/speed"].apart
+    assert found["head/speed"].worse
 
 
 def test_jitter_and_smoothing_are_told(true, reference):
     random = np.random.default_rng(0)
     noisy = rows([replace(each, gaze=each.gaze + random.normal(0, 0.004, each.gaze.shape)) for each in true], reference)
     assert noisy["space/still"].value.value < 0.3
-    assert noisy["eye/conjugacy"].apart
+    assert noisy["eye/conjugacy"].worse
     kernel = np.ones(5) / 5
     smooth = [replace(each, gaze=np.apply_along_axis(np.convolve, 0, each.gaze, kernel, mode="same")) for each in true]
     assert rows(smooth, reference)["main_sequence/peak"].value.value < 0.7
@@ -163,13 +163,13 @@ def test_few_clips_are_too_few(true, reference):
 
 
 def test_nan_is_not_valid_and_not_counted():
-    motion = Person(3).at()
+    motion = ToyPerson(3).at()
     gaze = motion.gaze.copy()
     gaze[40:50] = np.nan
     holed = behaviour(25.0, {"head": motion.head, "gaze": gaze})
     assert holed.valid.sum() == len(holed) - 10
     assert np.isfinite(holed.gaze).all()
-    sums = tallies.LAYOUT.totals(observe([holed])[None])
+    sums = tallies.LAYOUT.totals(extract([holed])[None])
     assert sums["state.frames"][0] == len(holed) - 10
 
 
@@ -189,13 +189,13 @@ def test_bad_motion_is_one_line(fields, fps, message):
 
 
 def test_resamples_are_those_of_the_bootstrap():
-    drawn = resamples(7, SETTINGS)
-    assert (weights(7, SETTINGS) == np.array([np.bincount(each, minlength=7) for each in drawn])).all()
+    drawn = resample_indices(7, SETTINGS)
+    assert (bootstrap_weights(7, SETTINGS) == np.array([np.bincount(each, minlength=7) for each in drawn])).all()
 
 
 def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
     expected = reference.totals()
-    monkeypatch.setattr(tallies, "GROUPS", 10)
+    monkeypatch.setattr(tallies, "MAX_GROUPS", 10)
     few = counted(true)
     assert len(few.groups) == 10
     for name, total in few.totals().items():
@@ -203,8 +203,8 @@ def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
 
 
 def test_takes_are_judged_against_each_other():
-    takes = with_references([Person(seed).at() for seed in (1, 2, 3)])
-    sums = tallies.LAYOUT.totals(observe(takes)[None])
+    takes = with_references([ToyPerson(seed).at() for seed in (1, 2, 3)])
+    sums = tallies.LAYOUT.totals(extract(takes)[None])
     assert sums["gaze.sounds"][0] == sums["gaze.judged_sounds"][0] == 1
     assert sums["gaze.diversity"][0] > 0.05
     assert with_references(takes[:1])[0].reference is takes[0].reference
@@ -221,14 +221,14 @@ def test_quantiles_and_distances_of_bins():
     counts = np.stack([bins(one), bins(other)])
     assert bins.quantile(counts, 0.9) == pytest.approx([np.quantile(one, 0.9), np.quantile(other, 0.9)], abs=0.02)
     assert bins.distance(counts[:1], counts[1:]) == pytest.approx([1.0], abs=0.03)
-    assert bins.share_below(counts, 6.0)[1] == pytest.approx(0.5, abs=0.02)
+    assert bins.fraction_below(counts, 6.0)[1] == pytest.approx(0.5, abs=0.02)
 
 
 def test_tables_hold_every_row_and_read_back(own):
     table = list(own.values())
     content = json.loads(as_json(table, {"sounds": COUNT}))
     assert from_json(content) == table
-    assert len(comma_separated(table).splitlines()) == len(as_text(table).splitlines()) == len(MEASURES) + 1
+    assert len(to_csv(table).splitlines()) == len(as_text(table).splitlines()) == len(METRICS) + 1
     page = markdown({"truth": table, "again": table}, {"truth": "Truth"})
     assert page.splitlines()[0] == "| measure | unit | Truth | again |"
     assert ANNOTATION.speaking[0].start_s == 2.0

@@ -8,40 +8,40 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from pretended_card import pretended_card
+from pretended_card import fake_gpu
 from test_contract import CHANNELS, MODELS, codebook, content
 from test_critic import contrast, toy
 from test_face_models import BASIS, GENERATORS, data, faces, model_settings, prior_for, prior_settings, priors
 from test_learning import NORMALISER, translation
 from test_posegan import HEADS, pgface_task
 from test_posegan import task as pose_task
-from test_wave import folder, sounds, wave
+from test_wave import folder, sounds, waveform_encoder
 from toy import recordings
 from toy_training import toy_training
 
 from pipelines import critic, pretrain
 from pipelines import train as train_stage
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.orchestration.config import CONF
+from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training import checkpoint
-from talkingeyes.training.face_priors import FacePriorTask
+from talkingeyes.training.face_priors import FaceTokenizerTask
 from talkingeyes.training.face_translation import FaceTask
-from talkingeyes.training.loop import LoopSettings, Task, train
-from talkingeyes.training.place import Place
-from talkingeyes.training.priors import PriorSettings, PriorTask
+from talkingeyes.training.loop import LoopSettings, TrainingTask, train
+from talkingeyes.training.place import ExecutionContext
+from talkingeyes.training.priors import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.trained import load_generator, network_config
-from talkingeyes.training.translation import TranslationSettings, TranslationTask
+from talkingeyes.training.translation import MotionTask, MotionTaskSettings
 
 __all__ = ["folder", "priors"]  # fixtures
 SHORT = {"steps": 2, "validate_every": 2, "batch": 4}
 MACHINE = {"device": "cuda", "precision": "bfloat16"}
-GAZE_PRIORS = [path.stem for path in sorted((CONF / "pretrain").glob("gaze*.yaml"))]
+GAZE_PRIORS = [path.stem for path in sorted((CONFIG_DIR / "pretrain").glob("gaze*.yaml"))]
 
 
-def learn(task: Task, loop: LoopSettings | None) -> list[dict[str, float]]:
+def learn(task: TrainingTask, loop: LoopSettings | None) -> list[dict[str, float]]:
     """Two steps with validations, as `machine=gpu` learns."""
     short = LoopSettings.model_validate((loop.model_dump() if loop else {}) | SHORT)
-    return train(task, short, "on a card", place=Place.of(MACHINE))
+    return train(task, short, "on a card", context=ExecutionContext.of(MACHINE))
 
 
 def shortened(raw: dict[str, Any]) -> dict[str, Any]:
@@ -52,7 +52,7 @@ class TestPretence:
     """What it must refuse, and what it must not."""
 
     def test_tensors_of_both_places_are_refused(self) -> None:
-        with pretended_card():
+        with fake_gpu():
             here, there = torch.zeros(3), torch.zeros(3, device="cuda")
             for mixed in (lambda: here + there, lambda: torch.cat([there, here]), lambda: here[there.long()]):
                 with pytest.raises(RuntimeError, match="same device"):
@@ -65,7 +65,7 @@ class TestPretence:
                 torch.rand(3, device="cuda", generator=torch.Generator())
 
     def test_what_torch_allows_is_allowed(self) -> None:
-        with pretended_card():
+        with fake_gpu():
             here, there = torch.zeros(3), torch.zeros(3, device="cuda")
             assert (here.to("cuda") + there * 2).device.type == "cuda"
             assert (there + torch.tensor(1.0)).device.type == "cuda"
@@ -76,7 +76,7 @@ class TestPretence:
 
     def test_a_module_goes_there_and_learns_there(self) -> None:
         net = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.LayerNorm(4))
-        with pretended_card():
+        with fake_gpu():
             net.to(torch.device("cuda", 0))
             with pytest.raises(RuntimeError, match="same device"):
                 net(torch.zeros(2, 3))
@@ -89,17 +89,17 @@ class TestPretence:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
-    raw = content(CONF / "model" / f"{name}.yaml")
-    less = {"start_from": None, "watched_clips": 1, "temperatures": raw["temperatures"][:1]}
-    settings = TranslationSettings.model_validate(shortened(raw) | less)
+    raw = content(CONFIG_DIR / "model" / f"{name}.yaml")
+    less = {"init_from": None, "validation_clips": 1, "temperatures": raw["temperatures"][:1]}
+    settings = MotionTaskSettings.model_validate(shortened(raw) | less)
     names = tuple([*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS])
     normaliser = Normaliser(names, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
     book = codebook(settings.prior)
     clips = recordings(8, seed=1), recordings(2, seed=2)
-    task = TranslationTask(settings, 0, *clips, normaliser, book)
-    with pretended_card():
+    task = MotionTask(settings, 0, *clips, normaliser, book)
+    with fake_gpu():
         history = learn(task, settings.loop)
-        task.equalise()
+        task.fit_equaliser()
         task.choose_temperature()
         checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, names, book, task.module), history)
     assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9)[0].speech, [5], 25.0).gaze).all()
@@ -108,35 +108,35 @@ def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
 def test_an_encoder_that_is_trained_along(folder: Path, tmp_path: Path) -> None:
     clips = recordings(4, seed=1, frames=100), recordings(1, seed=2, frames=100)
     node = translation("vae", **SHORT).model_dump(mode="json")
-    node["speech"] |= {"channels": [], "wave": wave(folder).model_dump()}
-    settings = TranslationSettings.model_validate(node)
-    task = TranslationTask(settings, 0, *clips, NORMALISER, None, sounds(tmp_path, [*clips[0], *clips[1]]))
-    with pretended_card():
+    node["speech"] |= {"channels": [], "waveform_encoder": waveform_encoder(folder).model_dump()}
+    settings = MotionTaskSettings.model_validate(node)
+    task = MotionTask(settings, 0, *clips, NORMALISER, None, sounds(tmp_path, [*clips[0], *clips[1]]))
+    with fake_gpu():
         learn(task, settings.loop)
 
 
 @pytest.mark.parametrize("name", GAZE_PRIORS)
 def test_codebooks_of_gaze(name: str) -> None:
-    settings = PriorSettings.model_validate(shortened(content(CONF / "pretrain" / f"{name}.yaml")))
-    task = PriorTask(settings, recordings(12, seed=1), recordings(3, seed=2))
-    with pretended_card():
+    settings = GazeTokenizerSettings.model_validate(shortened(content(CONFIG_DIR / "pretrain" / f"{name}.yaml")))
+    task = GazeTokenizerTask(settings, recordings(12, seed=1), recordings(3, seed=2))
+    with fake_gpu():
         learn(task, settings.loop)
 
 
 @pytest.mark.parametrize("kind", ["vq", "vae"])
 def test_autoencoders_of_the_face(kind: str) -> None:
     settings = prior_settings(kind)
-    task = FacePriorTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
-    with pretended_card():
+    task = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
+    with fake_gpu():
         learn(task, settings.loop)
-        task.measure()
+        task.fit_latent_statistics()
 
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_models_of_the_face(name: str, priors: Any) -> None:
     settings = model_settings(name)
     task = FaceTask(settings, 0, data(), prior_for(name, priors))
-    with pretended_card():
+    with fake_gpu():
         learn(task, settings.loop)
         task.choose_temperature()
 
@@ -144,27 +144,27 @@ def test_models_of_the_face(name: str, priors: Any) -> None:
 @pytest.mark.parametrize("name", HEADS)
 def test_personal_heads(name: str) -> None:
     task = pose_task(name)
-    with pretended_card():
+    with fake_gpu():
         if task.settings.loop:
             learn(task, task.settings.loop)
 
 
 def test_pgface() -> None:
     task = pgface_task()
-    with pretended_card():
+    with fake_gpu():
         learn(task, task.settings.loop)
 
 
 def test_the_critic() -> None:
     task = contrast(toy(coupled=True))
-    with pretended_card():
+    with fake_gpu():
         learn(task, task.settings.loop)
 
 
 def test_stages(tmp_path: Path) -> None:
     workspace = toy_training(tmp_path, **SHORT)
     workspace.params["machine"].update(MACHINE)  # type: ignore[index]
-    with pretended_card():
+    with fake_gpu():
         pretrain.run(workspace, "codes")
         train_stage.run(workspace, "joint")
         critic.run(workspace)

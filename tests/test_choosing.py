@@ -14,26 +14,32 @@ from pipelines import assess, combinations, critic, rows
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.paired import Paired, compared, counted, of_motions, of_samples
-from talkingeyes.evaluation.benchmark.sound import CRITICS, hear
+from talkingeyes.evaluation.benchmark.paired import (
+    PairedAccumulator,
+    motion_behaviours,
+    pair_with_truth,
+    sample_behaviours,
+    sound_statistics,
+)
+from talkingeyes.evaluation.benchmark.sound import CRITICS, corr_scores
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.choosing import Figure
+from talkingeyes.evaluation.choosing import SelectionMetric
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.recipe import StageCall
 from talkingeyes.orchestration.run import Report, Workspace
-from talkingeyes.orchestration.store import obtain
-from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.orchestration.store import get_or_run
+from talkingeyes.training.translation import MotionTaskSettings
 
-BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)
+BOOTSTRAP = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 FPS, FRAMES, SOUNDS = 25.0, 250, 6
 
 
 class Deaf:
     """A critic that thinks the same of every motion."""
 
-    def under(self, sounds, head, gaze):
+    def score_sounds(self, sounds, head, gaze):
         return np.full((len(sounds), len(head)), 0.5)
 
 
@@ -48,29 +54,29 @@ def moving(random, jump_rad):
 def benchmark(jump_rad):
     """The table of motions whose eyes jump that far, of sounds whose true eyes jump by some ten degrees."""
     random, critics = np.random.default_rng(0), dict.fromkeys(CRITICS.values(), Deaf())
-    paired, speech = Paired(), np.zeros((FRAMES, 2))
+    paired, speech = PairedAccumulator(), np.zeros((FRAMES, 2))
     for _ in range(SOUNDS):
         true = [moving(random, 0.15) for _ in range(2)]
         drawn = [moving(random, jump_rad) for _ in range(2)]
         samples = Samples(FPS, np.stack([each.head for each in drawn]), np.stack([each.gaze for each in drawn]))
-        heard = hear(critics, speech, [speech], samples.head, samples.gaze)
-        beside = compared(of_samples(samples, Annotation()), of_motions(true, Annotation()))
-        paired.add(counted(beside, heard, critics, None, speech, [speech]))
+        heard = corr_scores(critics, speech, [speech], samples.head, samples.gaze)
+        beside = pair_with_truth(sample_behaviours(samples, Annotation()), motion_behaviours(true, Annotation()))
+        paired.add(sound_statistics(beside, heard, critics, None, speech, [speech]))
     return paired.table(BOOTSTRAP)
 
 
 def test_motion_without_saccades_is_not_spared_what_it_lacks():
     alike, frozen = benchmark(0.15), benchmark(0.0)
     assert alike.missing == 0
-    assert alike.apart < 0.3 * alike.apart_of
-    assert frozen.apart > alike.apart
+    assert alike.worse < 0.3 * alike.comparable
+    assert frozen.worse > alike.worse
     assert frozen.missing > 0
-    assert any(row.measure.name.startswith("saccades/") for row in frozen.rows if row.apart is None)
-    compared_alone = sum(row.apart is not None for row in frozen.rows)
-    assert frozen.apart_of == compared_alone + frozen.missing
-    assert frozen.apart == sum(row.apart is True for row in frozen.rows) + frozen.missing
+    assert any(row.metric.name.startswith("saccades/") for row in frozen.rows if row.worse is None)
+    compared_alone = sum(row.worse is not None for row in frozen.rows)
+    assert frozen.comparable == compared_alone + frozen.missing
+    assert frozen.worse == sum(row.worse is True for row in frozen.rows) + frozen.missing
     assert json.loads(frozen.json())["sounds"] == SOUNDS
-    assert json.loads(Paired().table(BOOTSTRAP).json()) == {
+    assert json.loads(PairedAccumulator().table(BOOTSTRAP).json()) == {
         "schema": "talkingeyes.benchmark/1",
         "sounds": 0,
         "measures": {},
@@ -87,7 +93,7 @@ def workspace(tmp_path_factory):
     critic.run(made)
     toy_workspace.train_random(made)
     section = {"seed": 0, "samples": 2, "bootstrap": BOOTSTRAP.model_dump()}
-    return Workspace(made.root, {**made.params, "assess": section})
+    return Workspace(made.root, {**made.params, "validation": section})
 
 
 def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(workspace):
@@ -97,7 +103,7 @@ def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(work
         found.append([(path / name).read_bytes() for name in ("metrics.json", "benchmark.json")])
     assert found[0] == found[1]
     figures, table = map(json.loads, found[0])
-    assert set(get_args(Figure)) <= set(figures)
+    assert set(get_args(SelectionMetric)) <= set(figures)
     assert 0 < figures["apart"] <= figures["apart_of"]
     assert table["sounds"] == 8
     told = [one["apart"] for one in table["measures"].values()]
@@ -107,7 +113,7 @@ def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(work
 
 def test_a_combination_is_measured_with_what_it_costs(workspace):
     assess.run(workspace, "random")
-    combinations._measure(Call("combination_row", "random", (), (), ()), workspace)
+    combinations._measure(StageCall("combination_row", "random", (), (), ()), workspace)
     figures = json.loads(workspace.data("combination_row", "random", "figures.json").read_text())
     assert figures["parameters"] > 1000
     assert figures["one_cpu_s"] > 0
@@ -121,7 +127,7 @@ def test_every_kind_is_combined_with_every_other_and_learns_as_long():
     weights: dict[str, set[frozenset[str]]] = {}
     for head in combinations.HEADS:
         for gaze in combinations.GAZES:
-            made = TranslationSettings.model_validate(params["model"][f"{head}_{gaze}"])
+            made = MotionTaskSettings.model_validate(params["model"][f"{head}_{gaze}"])
             assert (made.head.kind, made.gaze.kind) == (head, gaze)
             assert (made.loop.steps, made.loop.validate_every, made.loop.batch) == (7, 7, 8)
             assert made.speech.model_dump() == params["model"]["talkingeyes"]["speech"] | {
@@ -135,14 +141,14 @@ def test_every_kind_is_combined_with_every_other_and_learns_as_long():
                 assert own
                 weights.setdefault(part + kind, set()).add(own)
     assert all(len(found) == 1 for found in weights.values()), "a part has the same terms in every combination"
-    assert params["model"][combinations.CANONICAL]["made_of"] == ["vae_events"]
+    assert params["model"][combinations.CANONICAL]["source_models"] == ["vae_events"]
 
 
-def seed_of(apart_of=60.0, training=10.0, corr=0.2):
+def seed_of(comparable=60.0, training=10.0, corr=0.2):
     """The figures of one seed."""
     corrs = {name: corr for name in ("corr", "corr_space", "corr_head")}
     fitted = {name.replace("corr", "corr_fitted"): 0.4 for name in corrs}
-    val = {**corrs, **fitted, "distance": 0.5, "apart": 20.0, "apart_of": apart_of}
+    val = {**corrs, **fitted, "distance": 0.5, "apart": 20.0, "apart_of": comparable}
     return {"parameters": 12345, "one_cpu_s": 0.1, "ten_cpu_s": 0.5, "val": val, "training_cpu_s": training}
 
 
@@ -170,7 +176,7 @@ def test_what_is_asked():
 
 
 def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, tmp_path):
-    params, asked = compose(["experiment=combinations", f"store={tmp_path}"]), []
+    params, asked = compose(["experiment=combinations", f"result_store={tmp_path}"]), []
 
     def obtained(params, call, upstream):
         asked.append(call.address)
@@ -180,17 +186,17 @@ def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, t
                 (folder / rows.FIGURES).write_text("{}")
             return Report()
 
-        plain = replace(call, data=(), code=(), sections=())
-        return obtain(tmp_path, plain, {"corpus": "data/synthesize", "machine": {}}, {}, make)
+        plain = replace(call, inputs=(), code_deps=(), sections=())
+        return get_or_run(tmp_path, plain, {"corpus": "data/synthesize", "machine": {}}, {}, make)
 
     monkeypatch.setattr(rows, "_obtain", obtained)
 
-    def measure(call, workspace):
+    def metric(call, workspace):
         with workspace.output(call.stage, *call.names) as folder:
             (folder / rows.FIGURES).write_text("{}")
         return Report()
 
-    kind = rows.Kind("combination_row", (), (), (), measure, ("vae_canonical",), (), after=("assess",))
+    kind = rows.RowSpec("combination_row", (), (), (), metric, ("vae_canonical",), (), stages_after=("assess",))
     first, again = (rows._row(kind, {}, (params, "vae_canonical")) for _ in range(2))
     assert asked[:3] == ["train@vae_events", "train@vae_canonical", "assess@vae_canonical"]
     assert first.samples is None

@@ -13,8 +13,8 @@ import soundfile
 
 import talkingeyes
 from talkingeyes.animation import perform
-from talkingeyes.animation.direction import Direction
-from talkingeyes.audio.waveform import frames_of
+from talkingeyes.animation.direction import Controls
+from talkingeyes.audio.waveform import frame_count
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
@@ -31,21 +31,21 @@ class ToyPerformer:
         return cls()
 
     def perform(
-        self, sound: np.ndarray, samples: int, seed: int, fps: float, direction: Direction
-    ) -> list[perform.Performance]:
-        performances = []
+        self, sound: np.ndarray, samples: int, seed: int, fps: float, controls: Controls
+    ) -> list[perform.Animation]:
+        animations = []
         for index in range(samples):
             random = np.random.default_rng([seed, index])
-            frames = frames_of(len(sound), fps)
+            frames = frame_count(len(sound), fps)
             motion = Motion.of(fps, random.normal(0, 0.05, (frames, 3)), random.normal(0, 0.05, (frames, 2, 3)))
-            performances.append(perform.Performance(motion, Events(blinks=(Blink(0.1, 0.09, 0.02, 0.2, 1.0),))))
-        return performances
+            animations.append(perform.Animation(motion, Events(blinks=(Blink(0.1, 0.09, 0.02, 0.2, 1.0),))))
+        return animations
 
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder with speech and a model."""
-    monkeypatch.setattr(perform, "Performer", ToyPerformer)
+    monkeypatch.setattr(perform, "Animator", ToyPerformer)
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(0).normal(0, 0.1, (48_000, 2))
     soundfile.write(tmp_path / "my speech.wav", noise, 48_000)
@@ -67,7 +67,7 @@ SAMPLE = (".events.json", ".mp4", ".npz")
 
 @pytest.mark.parametrize("out", ["a/b/c d", "-dash", "\N{SNOWMAN}"])
 def test_a_folder_may_have_any_name(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
-    assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "1", "--no-pictures") == 0
+    assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "1", "--no-previews") == 0
     names = sorted(path.name for path in (place / out).iterdir())
     assert names == ["made_of.json", "sample_00.events.json", "sample_00.npz"]
 
@@ -85,7 +85,7 @@ def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pyte
 
 
 def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1", "--no-pictures"]
+    words = ["animate", "my speech.txt", "-o", "out", "--samples", "1", "--no-previews"]
     more = ["-f", "bvh", "-f", "events", "-f", "flame", "-f", "livelink"]
     assert call(monkeypatch, *words, *more) == 0
     names = {path.name for path in (place / "out").iterdir()}
@@ -96,7 +96,7 @@ def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest
 
 def test_python_does_the_same(place: Path) -> None:
     silent = talkingeyes.animate_samples("my speech.txt", 2, seed=5)
-    written = talkingeyes.animate_into(place / "my speech.txt", place / "out", samples=2, seed=5, pictures=False)
+    written = talkingeyes.animate_to_folder(place / "my speech.txt", place / "out", samples=2, seed=5, previews=False)
     for index in range(2):
         np.testing.assert_array_equal(silent[index].motion.gaze, written[index].motion.gaze)
         loaded = Motion.load(place / "out" / f"sample_{index:02d}.npz")
@@ -123,7 +123,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["--text", "Hello.", "--language", "tlh", "-o", "out"], "language: should be one of en, fr"),
         (["my speech.txt", "-o", "out", "--target", "window"], "target: should be camera, listener or a file"),
         (["my speech.txt", "-o", "out", "--target", "none.json"], "none.json: should be a readable track"),
-        (["my speech.txt", "-o", "out", "--contact", "2"], "contact: should be 0"),
+        (["my speech.txt", "-o", "out", "--eye-contact", "2"], "eye_contact: should be 0"),
         (["my speech.txt", "-o", "out", "--head-liveliness", "-1"], "liveliness of head: should be 0"),
         (["my speech.txt", "-o", "out", "--partner", "none.wav"], "none.wav: cannot be opened"),
         (["my speech.txt", "-o", "out", "--style", "none.npz"], "none.npz: not a readable motion"),
@@ -152,7 +152,7 @@ def test_a_mistake_is_one_line_and_changes_nothing(
 
 
 def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["animate", "my speech.txt", "-o", "out", "--no-pictures", "--samples"]
+    words = ["animate", "my speech.txt", "-o", "out", "--no-previews", "--samples"]
     assert call(monkeypatch, *words, "2") == 0
     assert call(monkeypatch, *words, "1") == 2
     assert (place / "out" / "sample_01.npz").exists()
@@ -161,14 +161,14 @@ def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pyte
 
 
 def test_a_call_that_breaks_leaves_the_earlier_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    talkingeyes.animate_into("my speech.txt", "out", samples=1)
+    talkingeyes.animate_to_folder("my speech.txt", "out", samples=1)
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(traces, "plot_traces", full)
     with pytest.raises(InputError, match="No space left"):
-        talkingeyes.animate_into("my speech.txt", "out", samples=2, force=True)
+        talkingeyes.animate_to_folder("my speech.txt", "out", samples=2, force=True)
     assert sorted(path.name for path in place.iterdir()) == ["data", "my speech.txt", "out"]
     assert not (place / "out" / "sample_01.npz").exists()
 

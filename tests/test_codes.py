@@ -10,25 +10,25 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from talkingeyes.models.layers.conditional_vae import Gaussian
-from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarSettings
-from talkingeyes.models.layers.kl import AnnealingSettings, annealed, beyond_free_bits
-from talkingeyes.models.layers.nucleus import nucleus
-from talkingeyes.models.layers.pace import tell_steps
+from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
+from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
+from talkingeyes.models.layers.kl import AnnealingSettings, annealing_weight, free_bits_kl
+from talkingeyes.models.layers.nucleus import top_p_filter
+from talkingeyes.models.layers.pace import set_trained_steps
 from talkingeyes.models.layers.quantiser import Quantiser
 from talkingeyes.models.layers.quantisers import make_quantiser
-from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualSettings
+from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
 
 LEVELS = st.lists(st.integers(2, 6), min_size=1, max_size=4).map(tuple)
 
 
 def finite(levels: tuple[int, ...]) -> FiniteScalarQuantiser:
-    return FiniteScalarQuantiser(FiniteScalarSettings(kind="finite_scalar", levels=levels))
+    return FiniteScalarQuantiser(FiniteScalarQuantiserSettings(kind="finite_scalar", levels=levels))
 
 
-def residual(depth: int, level_codes: int = 8) -> ResidualSettings:
+def residual(depth: int, level_codes: int = 8) -> ResidualQuantiserSettings:
     shared = {"width": 6, "commitment": 0.25, "decay": 0.9, "restart_below": 0.05}
-    return ResidualSettings(kind="residual", depth=depth, level_codes=level_codes, **shared)  # type: ignore[arg-type]
+    return ResidualQuantiserSettings(kind="residual", depth=depth, level_codes=level_codes, **shared)  # type: ignore[arg-type]
 
 
 @hypothesis_settings(max_examples=25, deadline=None)
@@ -53,7 +53,7 @@ def test_the_gradient_passes_through_finite_scalars_as_through_the_bound() -> No
     quantiser(latents).values.sum().backward()
     passed = latents.grad.clone()
     latents.grad = None
-    quantiser.among_codes(latents).sum().backward()
+    quantiser.to_code_space(latents).sum().backward()
     torch.testing.assert_close(passed, latents.grad)
     assert (passed > 0).all()
 
@@ -107,7 +107,7 @@ def test_too_many_sums_are_refused() -> None:
 def test_the_nucleus_is_the_smallest_that_keeps_the_mass(seed: int, top_p: float, temperature: float) -> None:
     logits = 3 * torch.randn(4, 12, generator=torch.Generator().manual_seed(seed))
     chances = (logits.double() / temperature).softmax(-1)
-    kept = nucleus(logits, top_p, temperature).isfinite()
+    kept = top_p_filter(logits, top_p, temperature).isfinite()
     for row, inside in zip(chances, kept, strict=True):
         assert row[inside].sum() >= top_p - 1e-9
         assert row[inside].sum() - row[inside].min() < top_p
@@ -116,27 +116,27 @@ def test_the_nucleus_is_the_smallest_that_keeps_the_mass(seed: int, top_p: float
 
 def test_top_p_of_1_and_temperature_0_change_nothing() -> None:
     logits = torch.randn(3, 9)
-    assert nucleus(logits, 1.0, 0.7) is logits
-    assert nucleus(logits, 0.5, 0.0) is logits
+    assert top_p_filter(logits, 1.0, 0.7) is logits
+    assert top_p_filter(logits, 0.5, 0.0) is logits
 
 
 def test_annealing_rises_once_or_again_and_again() -> None:
     linear = AnnealingSettings(shape="linear", steps=100)
-    assert [annealed(linear, step) for step in (0, 25, 100, 1000)] == [0.0, 0.25, 1.0, 1.0]
+    assert [annealing_weight(linear, step) for step in (0, 25, 100, 1000)] == [0.0, 0.25, 1.0, 1.0]
     cyclical = AnnealingSettings(shape="cyclical", steps=100)
-    assert [annealed(cyclical, step) for step in (0, 25, 50, 99, 100, 125)] == [0.0, 0.5, 1.0, 1.0, 0.0, 0.5]
-    assert annealed(None, 0) == 1.0
+    assert [annealing_weight(cyclical, step) for step in (0, 25, 50, 99, 100, 125)] == [0.0, 0.5, 1.0, 1.0, 0.0, 0.5]
+    assert annealing_weight(None, 0) == 1.0
 
 
 def test_free_bits_cost_nothing_and_what_is_beyond_costs_as_before() -> None:
     mean = torch.tensor([0.01, 2.0]).expand(3, 4, 2).clone().requires_grad_()
-    posterior = Gaussian(mean, torch.zeros(3, 4, 2))
-    assert torch.equal(beyond_free_bits(posterior.divergences(), 0.0), posterior.divergence())
-    beyond_free_bits(posterior.divergences(), 0.25).backward()
+    posterior = DiagonalGaussian(mean, torch.zeros(3, 4, 2))
+    assert torch.equal(free_bits_kl(posterior.divergence_per_dim(), 0.0), posterior.divergence())
+    free_bits_kl(posterior.divergence_per_dim(), 0.25).backward()
     assert (mean.grad[..., 0] == 0).all()
     assert (mean.grad[..., 1] > 0).all()
-    empty = Gaussian(torch.zeros(3, 4, 2), torch.zeros(3, 4, 2))
-    assert float(beyond_free_bits(empty.divergences(), 0.25)) == pytest.approx(0.25 * math.log(2))
+    empty = DiagonalGaussian(torch.zeros(3, 4, 2), torch.zeros(3, 4, 2))
+    assert float(free_bits_kl(empty.divergence_per_dim(), 0.25)) == pytest.approx(0.25 * math.log(2))
 
 
 def test_every_part_that_is_paced_is_told() -> None:
@@ -146,5 +146,5 @@ def test_every_part_that_is_paced_is_told() -> None:
             self.trained_steps = 0
 
     network = torch.nn.Sequential(Part(), torch.nn.Sequential(Part()), torch.nn.ReLU())
-    tell_steps(network, 7)
+    set_trained_steps(network, 7)
     assert [each.trained_steps for each in network.modules() if isinstance(each, Part)] == [7, 7]

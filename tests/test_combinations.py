@@ -16,11 +16,11 @@ from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
 from talkingeyes.models.head.pose import POSE_GENERATORS
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.orchestration.config import CONF
+from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, network_config, save_head_then_gaze
 from talkingeyes.training.trained_poses import pose_config
-from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.training.translation import MotionTaskSettings
 
 NAMES = [str(index) for index in range(CHANNELS)]
 SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0}
@@ -29,7 +29,7 @@ SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_d
 def sections(part: str) -> dict[str, dict[str, Any]]:
     """By kind, the first model of conf/ that has such a part."""
     found: dict[str, dict[str, Any]] = {}
-    for path in sorted((CONF / "model").glob("*.yaml")):
+    for path in sorted((CONFIG_DIR / "model").glob("*.yaml")):
         node = content(path)
         if node["kind"] == "speech_to_motion":
             found.setdefault(node[part]["kind"], node)
@@ -48,7 +48,7 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
         if name.startswith(part)
     }
     node = WITH_GAZE[gaze] | {"speech": SPEECH, "head": WITH_HEAD[head]["head"], "weights": weights}
-    settings = TranslationSettings.model_validate(node)
+    settings = MotionTaskSettings.model_validate(node)
     torch.manual_seed(0)
     made = SpeechToMotion(settings, NAMES, codebook(settings.prior), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
@@ -59,16 +59,18 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
 def test_every_kind_is_in_conf() -> None:
     assert set(WITH_HEAD) >= set(HEAD_GENERATORS.kinds)
     assert set(WITH_GAZE) >= set(GAZE_GENERATORS.kinds)
-    assert {content(CONF / "model" / f"{name}.yaml")["head"]["kind"] for name in HEADS} == set(POSE_GENERATORS.kinds)
+    assert {content(CONFIG_DIR / "model" / f"{name}.yaml")["head"]["kind"] for name in HEADS} == set(
+        POSE_GENERATORS.kinds
+    )
 
 
 @pytest.mark.parametrize("gaze", WITH_GAZE)
 @pytest.mark.parametrize("head", WITH_HEAD)
 def test_trained_together(head: str, gaze: str) -> None:
     made = joint(head, gaze).train()
-    terms = made.terms(batch())
-    assert set(made.settings.weights) <= set(terms)
-    terms["total"].backward()
+    loss_terms = made.loss_terms(batch())
+    assert set(made.settings.weights) <= set(loss_terms)
+    loss_terms["total"].backward()
     parts: list[Any] = [made.speech, made.head, made.gaze]
     assert all(any(each.grad is not None and each.grad.abs().sum() > 0 for each in part.parameters()) for part in parts)
     out = made.eval().generate(torch.randn(41, CHANNELS), [1, 2], 1.0)
@@ -104,7 +106,9 @@ def test_one_after_the_other(head: str, gazes: dict[str, Path], tmp_path: Path) 
     speech = np.random.default_rng(0).standard_normal((60, CHANNELS)).astype(np.float32)
     alone = load_generator(tmp_path / "head").generate(speech, [1, 2], 25.0)
     for gaze, folder in gazes.items():
-        node = yaml.safe_load((CONF / "model" / "head_then_gaze.yaml").read_text()) | {"made_of": [head, gaze]}
+        node = yaml.safe_load((CONFIG_DIR / "model" / "head_then_gaze.yaml").read_text()) | {
+            "source_models": [head, gaze]
+        }
         (tmp_path / "both").mkdir(exist_ok=True)
         save_head_then_gaze(
             tmp_path / "both", HeadThenGazeSettings.model_validate(node), load(tmp_path / "head"), load(folder)

@@ -13,39 +13,51 @@ from test_learning import NAMES, NORMALISER, translation
 from toy import CHANNELS, recordings
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.models.condition.conditioner import CONDITIONERS, NOTHING, Given, Known, Seen
+from talkingeyes.models.condition.conditioner import (
+    CONDITIONERS,
+    NO_CONDITIONING,
+    ConditioningInputs,
+    ConditioningSpec,
+    TrainingStatistics,
+)
 from talkingeyes.training import checkpoint
 from talkingeyes.training.loop import train
-from talkingeyes.training.telling import Beside, Teller, given, motion_numbers, who_moves
-from talkingeyes.training.trained import load_generator, needs, network_config, speakers_of
-from talkingeyes.training.translation import TranslationSettings, TranslationTask
+from talkingeyes.training.telling import (
+    ConditioningPaths,
+    ConditioningProvider,
+    collate_inputs,
+    motion_array,
+    speaker_index,
+)
+from talkingeyes.training.trained import load_generator, network_config, required_inputs, training_speakers
+from talkingeyes.training.translation import MotionTask, MotionTaskSettings
 
 KINDS: dict[str, dict[str, Any]] = {
-    "speaker": {"hidden": 0.0, "emphasis": {"head": 1.5, "gaze": 2.0}},
-    "reference": {"numbers": 4, "hidden": 0.0},
+    "speaker": {"condition_dropout": 0.0, "embedding_scale": {"head": 1.5, "gaze": 2.0}},
+    "reference": {"style_dim": 4, "condition_dropout": 0.0},
     "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
 }
 LONG = {"steps": 100, "learning_rate": 1e-2, "validate_every": 100}
-KNOWN = Known(NAMES, ("a", "b"))
+KNOWN = ConditioningSpec(NAMES, ("a", "b"))
 
 
 def conditioner(kind: str) -> Any:
     """One of each kind, with the statistics of toy motions."""
     torch.manual_seed(0)
-    made = CONDITIONERS.make(CONDITIONERS.read({"kind": kind, **KINDS[kind]}), 12, KNOWN)
-    motions = [torch.from_numpy(motion_numbers(each.head, each.gaze)) for each in recordings(6, seed=1)]
-    made.learn_from(Seen(torch.zeros(CHANNELS), torch.ones(CHANNELS), motions))
+    made = CONDITIONERS.build(CONDITIONERS.parse({"kind": kind, **KINDS[kind]}), 12, KNOWN)
+    motions = [torch.from_numpy(motion_array(each.head, each.gaze)) for each in recordings(6, seed=1)]
+    made.fit_statistics(TrainingStatistics(torch.zeros(CHANNELS), torch.ones(CHANNELS), motions))
     return made.eval()
 
 
-def told(rows: int, frames: int = 40) -> Given:
+def told(rows: int, frames: int = 40) -> ConditioningInputs:
     """Something of everything; the last window is told nothing."""
     torch.manual_seed(2)
     reference, partner = 0.1 * torch.randn(rows, 30, 9), torch.randn(rows, frames, CHANNELS)
     reference[-1], partner[-1] = torch.nan, torch.nan
-    return Given(torch.tensor([*range(rows - 1), -1]), reference, partner)
+    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]), reference, partner)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -59,11 +71,11 @@ class TestContract:
             assert found.shape[2] == 12
             assert torch.isfinite(found).all()
             assert (found[0] - found[1]).abs().max() > 1e-3
-        assert set(made.needs) == {kind}
+        assert set(made.required_inputs) == {kind}
 
     def test_a_window_that_is_told_nothing_is_as_one_of_a_batch_that_is(self, kind: str) -> None:
         made = conditioner(kind)
-        nothing, beside = made(NOTHING, 2), made(told(3), 3)
+        nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
         torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
         torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
         if kind == "partner":
@@ -79,8 +91,8 @@ class TestContract:
 
 def test_a_hidden_speaker_is_nobody() -> None:
     made = conditioner("speaker").train()
-    made.hidden = 1.0
-    assert torch.equal(made(told(3), 3).head, made(NOTHING, 3).head)
+    made.condition_dropout = 1.0
+    assert torch.equal(made(told(3), 3).head, made(NO_CONDITIONING, 3).head)
 
 
 def people(count: int, seed: int) -> list[Recording]:
@@ -93,21 +105,21 @@ def people(count: int, seed: int) -> list[Recording]:
     return found
 
 
-def task_of(condition: dict[str, Any], beside: Beside | None = None, **changes: Any) -> TranslationTask:
+def task_of(condition: dict[str, Any], beside: ConditioningPaths | None = None, **changes: Any) -> MotionTask:
     node = translation("vae", **changes).model_dump(mode="json") | {"conditions": [condition]}
     node["weights"]["head_kl"] = 3.0  # with a weak one the codes say all and the condition nothing
-    settings = TranslationSettings.model_validate(node)
-    return TranslationTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
+    settings = MotionTaskSettings.model_validate(node)
+    return MotionTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
 
 
-def aside_rad(task: TranslationTask, one: Given) -> float:
+def aside_rad(task: MotionTask, one: ConditioningInputs) -> float:
     """Where the heads of some samples rest."""
     speech = torch.from_numpy(recordings(1, seed=9)[0].speech)
     return float(task.module.generate(speech, list(range(6)), 1.0, one).head[..., 1].mean())
 
 
-def reference_of(each: Recording) -> Given:
-    return Given(reference=torch.from_numpy(motion_numbers(each.head, each.gaze))[None])
+def reference_of(each: Recording) -> ConditioningInputs:
+    return ConditioningInputs(reference=torch.from_numpy(motion_array(each.head, each.gaze))[None])
 
 
 def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Path) -> None:
@@ -118,7 +130,7 @@ def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Pa
     assert aside_rad(task, turned) > aside_rad(task, straight) + 0.1
     checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, NAMES, None, task.module))
     again = load_generator(tmp_path)
-    assert needs(again) == {"reference"}
+    assert required_inputs(again) == {"reference"}
     speech = recordings(1, seed=9)[0].speech
     direct = task.module.generate(torch.from_numpy(speech), [5], None, turned)
     np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
@@ -126,79 +138,81 @@ def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Pa
 
 def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
     task = task_of(
-        {"kind": "speaker", "hidden": 0.1, "emphasis": {"head": 1.0, "gaze": 1.0}},
+        {"kind": "speaker", "condition_dropout": 0.1, "embedding_scale": {"head": 1.0, "gaze": 1.0}},
         **LONG | {"steps": 200, "validate_every": 200},
     )
     train(task, task.settings.loop, "speaker")
-    straight, turned = (Given(speaker=torch.tensor([index])) for index in (0, 1))
+    straight, turned = (ConditioningInputs(speaker=torch.tensor([index])) for index in (0, 1))
     assert aside_rad(task, turned) > aside_rad(task, straight) + 0.02
     checkpoint.save(tmp_path, task.module.state_dict(), network_config(task.settings, NAMES, None, task.module))
-    assert speakers_of(load_generator(tmp_path)) == ("a", "b")
+    assert training_speakers(load_generator(tmp_path)) == ("a", "b")
 
 
 def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time() -> None:
     known = people(8, seed=4)
-    teller = Teller({"reference", "speaker"}, ["a", "b"], known, None)
+    conditioning_provider = ConditioningProvider({"reference", "speaker"}, ["a", "b"], known, None)
     own = known[0]
-    first, again = (teller.window(own.clip, slice(10, 60), False) for _ in range(2))
+    first, again = (conditioning_provider.window(own.clip, slice(10, 60), False) for _ in range(2))
     np.testing.assert_array_equal(first["reference"], again["reference"])
     assert int(first["speaker"]) == 1
     places = [
         index
         for index, each in enumerate(known)
         for start in range(len(each) - 49)
-        if np.array_equal(motion_numbers(each.head, each.gaze)[start : start + 50], first["reference"])
+        if np.array_equal(motion_array(each.head, each.gaze)[start : start + 50], first["reference"])
     ]
     assert len(places) == 1
     assert places[0] != 0
     assert known[places[0]].clip.speaker == own.clip.speaker
-    stranger = teller.whole(replace(own.clip, speaker="nobody"), 50)
+    stranger = conditioning_provider.clip_inputs(replace(own.clip, speaker="nobody"), 50)
     assert stranger.reference is None
 
 
 def test_whoever_was_in_no_training_is_one_of_those_who_were_drawn_for_each_sound() -> None:
     known = [f"s{number}" for number in range(9)]
-    drawn = [who_moves(known, "stranger", f"sound {number}") for number in range(200)]
+    drawn = [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
     assert set(drawn) == set(range(9))
-    assert drawn == [who_moves(known, "stranger", f"sound {number}") for number in range(200)]
-    assert [who_moves(known, name, "sound 1") for name in known] == list(range(9))
+    assert drawn == [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
+    assert [speaker_index(known, name, "sound 1") for name in known] == list(range(9))
     clip = replace(people(1, seed=4)[0].clip, speaker="stranger", sound="sound 7")
-    told = Teller({"speaker"}, known, (), None).whole(clip, 50)
+    told = ConditioningProvider({"speaker"}, known, (), None).clip_inputs(clip, 50)
     assert told.speaker is not None
     assert told.speaker.tolist() == [drawn[7]]
 
 
 def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides() -> None:
-    clip, teller = people(1, seed=4)[0].clip, Teller({"speaker"}, ["a", "b"], (), None)
-    upright, turned = (int(teller.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True))
-    assert (upright, turned) == (1, 3)
+    clip, conditioning_provider = people(1, seed=4)[0].clip, ConditioningProvider({"speaker"}, ["a", "b"], (), None)
+    symmetric, turned = (
+        int(conditioning_provider.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True)
+    )
+    assert (symmetric, turned) == (1, 3)
     made = conditioner("speaker").train()
-    found = made(Given(torch.tensor([1, 3, -1])), 3).head[:, 0]
-    torch.testing.assert_close(found[0] + found[1], 2 * made.upright.weight[1])
-    torch.testing.assert_close(found[0] - found[1], 2 * made.leaning.weight[1])
-    torch.testing.assert_close(found[2], made.upright.weight[2])
+    found = made(ConditioningInputs(torch.tensor([1, 3, -1])), 3).head[:, 0]
+    torch.testing.assert_close(found[0] + found[1], 2 * made.symmetric.weight[1])
+    torch.testing.assert_close(found[0] - found[1], 2 * made.antisymmetric.weight[1])
+    torch.testing.assert_close(found[2], made.symmetric.weight[2])
 
 
 def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
-    made, who = conditioner("speaker"), Given(torch.tensor([0, 1, 3, -1]))
+    made, who = conditioner("speaker"), ConditioningInputs(torch.tensor([0, 1, 3, -1]))
     used, learnt = made.eval()(who, 4), made.train()(who, 4).head[:, 0]
     for size, part in ((1.5, used.head[:, 0]), (2.0, used.gaze[:, 0])):
         torch.testing.assert_close(part[0] - part[1], size * (learnt[0] - learnt[1]))
         torch.testing.assert_close(part[1] - part[2], size * (learnt[1] - learnt[2]))
         torch.testing.assert_close(part[3], learnt[3])
-        leaning = made.leaning.weight[:2].mean(0)
-        torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * leaning)
+        antisymmetric = made.antisymmetric.weight[:2].mean(0)
+        torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * antisymmetric)
 
 
-def conversation(root: Path) -> Beside:
+def conversation(root: Path) -> ConditioningPaths:
     """The partner's embedding beside every second clip of `people`."""
     random = np.random.default_rng(5)
     for seed, count in ((1, 12), (2, 3)):
         for index, each in enumerate(people(count, seed)):
             for name in ("speech", "partner")[: 1 + index % 2]:
-                path = sharded_for_writing(root / name, each.clip.sound, ".npy")
+                path = make_shard_path(root / name, each.clip.sound, ".npy")
                 np.save(path, random.standard_normal(each.speech.shape).astype(np.float32))
-    return Beside(Corpus(root), root)
+    return ConditioningPaths(Corpus(root), root)
 
 
 def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path) -> None:
@@ -207,9 +221,11 @@ def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path)
     history = train(task, task.settings.loop, "listener")
     assert history[-1]["loss/total"] < history[0]["loss/total"] or len(history) == 1
     silence = torch.zeros(60, CHANNELS)
-    talks = Given(partner=torch.randn(1, 60, CHANNELS))
-    alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NOTHING, talks))
-    nobody = task.module.generate(silence, [1], 1.0, Given(partner=torch.full((1, 60, CHANNELS), torch.nan)))
+    talks = ConditioningInputs(partner=torch.randn(1, 60, CHANNELS))
+    alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
+    nobody = task.module.generate(
+        silence, [1], 1.0, ConditioningInputs(partner=torch.full((1, 60, CHANNELS), torch.nan))
+    )
     assert (alone.head - heard.head).abs().max() > 1e-4
     assert (alone.gaze - heard.gaze).abs().max() > 1e-4
     assert torch.equal(alone.gaze, nobody.gaze)
@@ -222,19 +238,19 @@ def test_a_partner_who_was_not_embedded_is_one_line() -> None:
 
 def test_windows_and_the_partner_stay_in_step(tmp_path: Path) -> None:
     beside, clip = conversation(tmp_path), people(12, seed=1)[1].clip
-    teller = Teller({"partner"}, [], (), beside)
-    whole = teller.whole(clip, 210).partner
-    assert whole is not None
-    part = given([teller.window(clip, slice(20, 70), True)]).partner
+    conditioning_provider = ConditioningProvider({"partner"}, [], (), beside)
+    clip_inputs = conditioning_provider.clip_inputs(clip, 210).partner
+    assert clip_inputs is not None
+    part = collate_inputs([conditioning_provider.window(clip, slice(20, 70), True)]).partner
     assert part is not None
-    torch.testing.assert_close(part, whole[:, 20:70])
+    torch.testing.assert_close(part, clip_inputs[:, 20:70])
 
 
-def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> TranslationTask:
+def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> MotionTask:
     node = translation("vae", steps=6, validate_every=6).model_dump(mode="json")
     node["speech"] |= changes
-    settings = TranslationSettings.model_validate(node)
-    return TranslationTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
+    settings = MotionTaskSettings.model_validate(node)
+    return MotionTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
 
 
 def test_a_model_with_sound_starts_as_the_prior_without_and_then_hears() -> None:
@@ -252,5 +268,5 @@ def test_a_model_with_sound_starts_as_the_prior_without_and_then_hears() -> None
     train(tied, tied.settings.loop, "tied")
     heard = [tied.module.generate(each, [1], 1.0).gaze for each in (speech, other)]
     assert (heard[0] - heard[1]).abs().max() > 1e-6
-    with pytest.raises(InputError, match=r"^start_from: should be a model of the same parts"):
+    with pytest.raises(InputError, match=r"^init_from: should be a model of the same parts"):
         start({"channels": None, "width": 16}, prior)

@@ -13,18 +13,18 @@ from pydantic import ValidationError
 from toy import recordings
 
 from talkingeyes.audio.encoder import ENCODERS, EmbedSettings, SpeechEncoder, make_encoder
-from talkingeyes.audio.waveform import frames_of
+from talkingeyes.audio.waveform import frame_count
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.face.autoencoder import FACE_AUTOENCODERS
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import Style, StyleVocabulary
+from talkingeyes.models.face.style import FaceStyle, StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_face import FaceBatch, SpeechToFace
-from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion
-from talkingeyes.orchestration.config import CONF
-from talkingeyes.training.face_priors import FacePriorSettings
-from talkingeyes.training.face_translation import FaceTranslationSettings
-from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
+from talkingeyes.orchestration.config import CONFIG_DIR
+from talkingeyes.training.face_priors import FaceTokenizerSettings
+from talkingeyes.training.face_translation import FaceTaskSettings
+from talkingeyes.training.translation import MotionTaskSettings
 
 CHANNELS = 6
 FACE_BASIS, SPEAKERS = FaceBasis("toy", ("mouthSmileLeft", "mouthSmileRight")), StyleVocabulary(("a", "b"))
@@ -34,16 +34,20 @@ def content(path: Path) -> Any:
     return yaml.safe_load(path.read_text())
 
 
-MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_motion"]
-FACES = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_face"]
-FAMILIES = [path.stem for path in sorted((CONF / "embed" / "encoder").glob("*.yaml"))]
+MODELS = [
+    path.stem for path in sorted((CONFIG_DIR / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_motion"
+]
+FACES = [
+    path.stem for path in sorted((CONFIG_DIR / "model").glob("*.yaml")) if content(path)["kind"] == "speech_to_face"
+]
+FAMILIES = [path.stem for path in sorted((CONFIG_DIR / "embed" / "encoder").glob("*.yaml"))]
 
 
 def codebook(prior: str | None) -> GazeVQVAE | None:
     """The codebook that a model needs, untrained."""
     if prior is None:
         return None
-    network = GazeVQVAE(GazeVQVAESettings.model_validate(content(CONF / "pretrain" / f"{prior}.yaml")["network"]))
+    network = GazeVQVAE(GazeVQVAESettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{prior}.yaml")["network"]))
     network.normalise_by(torch.zeros_like(network.mean), 0.1)
     network.quantiser.train()
     network.quantiser(torch.randn(1, 64, network.settings.quantiser.width))
@@ -52,7 +56,7 @@ def codebook(prior: str | None) -> GazeVQVAE | None:
 
 def network(name: str) -> SpeechToMotion:
     """A model of conf/model/, untrained."""
-    settings = TranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
+    settings = MotionTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
     made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior), ("a", "b"))
@@ -61,30 +65,30 @@ def network(name: str) -> SpeechToMotion:
     return made.eval()
 
 
-def batch() -> Batch:
+def batch() -> MotionBatch:
     found = recordings(2, seed=5, frames=48)
-    return Batch(
+    return MotionBatch(
         *(torch.from_numpy(np.stack([getattr(r, part) for r in found])) for part in ("speech", "head", "gaze"))
     )
 
 
 def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
-    raw = content(CONF / "model" / "talkingeyes.yaml")
+    raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
     raw["weights"]["gaze_velocity"] = 1.0
     made = SpeechToMotion(
-        TranslationSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
+        MotionTaskSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
     )
     with pytest.raises(InputError, match=r"weights: should be among gaze_when, .*; got 'gaze_velocity'"):
-        made.terms(batch())
+        made.loss_terms(batch())
 
 
 def test_codes_that_are_decoded_need_the_weight_that_they_learn_by() -> None:
-    raw = content(CONF / "model" / "talkingeyes.yaml")
+    raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
     raw["gaze"]["process"]["codebook"] = "vq_vae"
     with pytest.raises(ValidationError, match=r"weights\.gaze_codebook should be above 0 .*, got none"):
-        TranslationSettings.model_validate(raw)
+        MotionTaskSettings.model_validate(raw)
     raw["weights"]["gaze_codebook"] = 1.0
-    TranslationSettings.model_validate(raw)
+    MotionTaskSettings.model_validate(raw)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -93,10 +97,10 @@ class TestModel:
 
     def test_terms_are_finite_cover_the_weights_and_reach_the_speech(self, name: str) -> None:
         made = network(name).train()
-        terms = made.terms(batch())
-        assert all(value.shape == () and torch.isfinite(value) for value in terms.values())
-        assert set(made.settings.weights) <= set(terms)
-        terms["total"].backward()
+        loss_terms = made.loss_terms(batch())
+        assert all(value.shape == () and torch.isfinite(value) for value in loss_terms.values())
+        assert set(made.settings.weights) <= set(loss_terms)
+        loss_terms["total"].backward()
         gradients = [parameter.grad for parameter in made.speech.parameters()]
         assert any(gradient is not None and gradient.abs().sum() > 0 for gradient in gradients)
 
@@ -124,7 +128,7 @@ class TestModel:
         totals = []
         for _ in range(12):
             torch.manual_seed(0)
-            total = made.terms(data)["total"]
+            total = made.loss_terms(data)["total"]
             optimiser.zero_grad()
             total.backward()
             optimiser.step()
@@ -134,13 +138,13 @@ class TestModel:
 
 def face_network(name: str) -> SpeechToFace:
     """A model of the face of conf/model/, with its motion autoencoder, both untrained."""
-    settings = FaceTranslationSettings.model_validate(content(CONF / "model" / f"{name}.yaml"))
+    settings = FaceTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     prior = None
     if settings.prior:
-        of_prior = FacePriorSettings.model_validate(content(CONF / "pretrain" / f"{settings.prior}.yaml"))
-        prior = FACE_AUTOENCODERS.make(of_prior.network, FACE_BASIS.numbers)
-        prior.measure(torch.randn(2, 20, FACE_BASIS.numbers))
+        of_prior = FaceTokenizerSettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{settings.prior}.yaml"))
+        prior = FACE_AUTOENCODERS.build(of_prior.network, FACE_BASIS.numbers)
+        prior.fit_latent_statistics(torch.randn(2, 20, FACE_BASIS.numbers))
         prior.freeze()
     channels = [str(index) for index in range(CHANNELS)]
     return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, prior).eval()
@@ -158,20 +162,20 @@ class TestFaceModel:
         totals = []
         for _ in range(5):
             torch.manual_seed(0)
-            terms = made.terms(data)
-            assert set(made.settings.weights) <= set(terms)
-            assert all(value.shape == () and torch.isfinite(value) for value in terms.values())
+            loss_terms = made.loss_terms(data)
+            assert set(made.settings.weights) <= set(loss_terms)
+            assert all(value.shape == () and torch.isfinite(value) for value in loss_terms.values())
             optimiser.zero_grad()
-            terms["total"].backward()
+            loss_terms["total"].backward()
             optimiser.step()
-            totals.append(terms["total"].item())
+            totals.append(loss_terms["total"].item())
         assert totals[-1] < totals[0]
         heard = [made.speech, made.style] if made.style else [made.speech]
         assert all(any(each.grad.abs().sum() > 0 for each in part.parameters()) for part in heard)
 
     def test_a_face_is_finite_at_any_length_and_the_same_for_a_seed(self, name: str) -> None:
         made = face_network(name)
-        style = torch.from_numpy(SPEAKERS.vector(Style("a", "happy", 1)))[None]
+        style = torch.from_numpy(SPEAKERS.style_vector(FaceStyle("a", "happy", 1)))[None]
         for frames in (1, 9):
             speech = torch.randn(frames, CHANNELS)
             many = made.generate(speech, style, [3, 4], 1.0)
@@ -188,11 +192,11 @@ class TestEncoder:
 
     def encoder(self, name: str) -> SpeechEncoder:
         node = {
-            **content(CONF / "embed" / "default.yaml"),
-            "encoder": content(CONF / "embed" / "encoder" / f"{name}.yaml"),
+            **content(CONFIG_DIR / "embed" / "default.yaml"),
+            "encoder": content(CONFIG_DIR / "embed" / "encoder" / f"{name}.yaml"),
         }
         node.pop("defaults")
-        assert ENCODERS.member(node["encoder"]["kind"])
+        assert ENCODERS.component_class(node["encoder"]["kind"])
         try:
             return make_encoder(EmbedSettings.model_validate(node))
         except InputError as error:
@@ -204,7 +208,7 @@ class TestEncoder:
         assert len(set(encoder.channels)) == len(encoder.channels)
         for fps in (12.0, 25.0, 29.97):
             features = encoder(sound, fps)
-            assert features.shape == (frames_of(len(sound), fps), len(encoder.channels))
+            assert features.shape == (frame_count(len(sound), fps), len(encoder.channels))
             assert features.dtype == np.float32
             assert np.isfinite(features).all()
         np.testing.assert_array_equal(encoder(sound, fps), features)

@@ -7,13 +7,13 @@ import pytest
 
 from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Blink, Events, HeadMove, Refocus, Saccade
-from talkingeyes.physiology.blinks import PHYSIO, draw_blinks
+from talkingeyes.core.motion import Blink, Events, HeadMovement, Saccade, VergenceMovement
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL, sample_blinks
 from talkingeyes.synthesis import affect, gestures
-from talkingeyes.synthesis.conversation import ask, looks
-from talkingeyes.synthesis.looking import DIRECTIONS, octant_shares
-from talkingeyes.synthesis.speakers import draw_style
-from talkingeyes.synthesis.take import perform
+from talkingeyes.synthesis.conversation import gaze_intervals, sample_gaze_cues
+from talkingeyes.synthesis.looking import DIRECTIONS, octant_probabilities
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import sample_take
 
 TURN_S, TURNS = 8.0, 6
 SECONDS = 2 * TURN_S * TURNS
@@ -36,19 +36,19 @@ def annotation():
 
 @pytest.fixture(scope="module")
 def styles():
-    return [draw_style(np.random.default_rng(number)) for number in range(30)]
+    return [sample_style(np.random.default_rng(number)) for number in range(30)]
 
 
 def share(states, spans):
     """Share of the time of the spans spent looking at the partner."""
     times = np.arange(0.0, SECONDS, 0.05)
-    away = np.any([(times >= s.start_s) & (times < s.end_s) for s in states if s.averted], axis=0)
+    aversions = np.any([(times >= s.start_s) & (times < s.end_s) for s in states if s.averted], axis=0)
     inside = np.any([(times >= s.start_s) & (times < s.end_s) for s in spans], axis=0)
-    return 1.0 - away[inside].mean()
+    return 1.0 - aversions[inside].mean()
 
 
 def test_listeners_look_more_than_talkers(annotation, styles):
-    states = [looks(annotation, style, SECONDS, np.random.default_rng(k)) for k, style in enumerate(styles)]
+    states = [gaze_intervals(annotation, style, SECONDS, np.random.default_rng(k)) for k, style in enumerate(styles)]
     talking = [share(each, annotation.speaking) for each in states]
     listening = [share(each, annotation.listening) for each in states]
     assert 0.45 <= np.mean(talking) <= 0.70 and np.std(talking) >= 0.08
@@ -61,7 +61,7 @@ def test_quiet_eyes_look_away_less(annotation, styles):
         np.mean(
             [
                 share(
-                    looks(annotation, replace(s, liveliness=live), SECONDS, np.random.default_rng(k)),
+                    gaze_intervals(annotation, replace(s, liveliness=live), SECONDS, np.random.default_rng(k)),
                     annotation.speaking,
                 )
                 for k, s in enumerate(styles)
@@ -73,24 +73,24 @@ def test_quiet_eyes_look_away_less(annotation, styles):
 
 
 def test_aversions_have_causes_and_go_where_those_go(annotation, styles):
-    style = replace(styles[0], coupling=1.0, look=0.55)
-    asked = [ask(annotation, style, np.random.default_rng(seed)) for seed in range(20)]
-    starts = [look for each in asked for look in each.away]
+    style = replace(styles[0], speech_coupling=1.0, look=0.55)
+    cues = [sample_gaze_cues(annotation, style, np.random.default_rng(seed)) for seed in range(20)]
+    starts = [look for each in cues for look in each.aversions]
     turns = annotation.speaking[::4]
     planned = [look for look in starts if any(abs(look.start_s + 1.3 - turn.start_s) < 0.3 for turn in turns)]
     assert planned and np.mean([look.cause == "planning" for look in planned]) > 0.8
     assert {look.cause for look in starts} == {"planning", "floor"}
     for cause in DIRECTIONS:
-        shares = octant_shares(cause)
+        shares = octant_probabilities(cause)
         assert shares.sum() == pytest.approx(1.0) and shares[[0, 4]].sum() == pytest.approx(DIRECTIONS[cause][1])
-    assert octant_shares("planning")[2] > octant_shares("intimacy")[2]
+    assert octant_probabilities("planning")[2] > octant_probabilities("intimacy")[2]
 
 
 def test_aversions_lead_the_turn(annotation, styles):
     """People start to speak with gaze averted, and have looked away a second before."""
     before = []
     for seed, style in enumerate(styles):
-        for look in looks(annotation, style, SECONDS, np.random.default_rng(seed)):
+        for look in gaze_intervals(annotation, style, SECONDS, np.random.default_rng(seed)):
             covered = [
                 t.start_s for t in annotation.speaking[4::4] if look.averted and look.start_s <= t.start_s < look.end_s
             ]
@@ -110,7 +110,9 @@ def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
     assert sum(m.delta_rad[0] for m in moves) == pytest.approx(0.0, abs=1e-9)
     assert not gestures.backchannels(Annotation(), styles[0], np.random.default_rng(0))
     onsets = [
-        b.onset_s for k in range(40) for b in draw_blinks(PHYSIO, SECONDS, np.random.default_rng(k), annotation, 20.0)
+        b.onset_s
+        for k in range(40)
+        for b in sample_blinks(PHYSIOLOGICAL, SECONDS, np.random.default_rng(k), annotation, 20.0)
     ]
     after = [t - end for t in onsets for end in ends if 0.0 <= t - end < 0.5]
     late = np.mean(np.array(after) >= 0.25)
@@ -120,7 +122,9 @@ def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
 def test_the_head_is_calm_while_listening(annotation, styles):
     for style in styles[:3]:
         head = (
-            perform(annotation, style, SECONDS, np.random.default_rng(0), PHYSIO).motion(25.0, int(25 * SECONDS)).head
+            sample_take(annotation, style, SECONDS, np.random.default_rng(0), PHYSIOLOGICAL)
+            .motion(25.0, int(25 * SECONDS))
+            .head
         )
         speed = np.degrees(np.linalg.norm(np.diff(head, axis=0), axis=1)) * 25
         times = np.arange(len(speed)) / 25
@@ -130,40 +134,40 @@ def test_the_head_is_calm_while_listening(annotation, styles):
 
 def test_emotions_move_a_style_by_their_strength(styles):
     style = styles[0]
-    assert set(affect.TABLE) == set(EMOTIONS)
-    assert affect.moved(style, "neutral", 1.0) == style
-    weak, strong = (affect.moved(style, "sad", amount) for amount in (0.3, 1.0))
+    assert set(affect.EMOTION_FACTORS) == set(EMOTIONS)
+    assert affect.emotional_style(style, "neutral", 1.0) == style
+    weak, strong = (affect.emotional_style(style, "sad", amount) for amount in (0.3, 1.0))
     assert strong.head_scale < weak.head_scale < style.head_scale and strong.look < weak.look < style.look
     assert strong.rest_pitch > weak.rest_pitch > style.rest_pitch
-    assert affect.moved(style, "angry", 1.0).head_scale > style.head_scale
+    assert affect.emotional_style(style, "angry", 1.0).head_scale > style.head_scale
     for emotion in EMOTIONS:
-        assert 0.0 < affect.moved(style, emotion, 1.2).look_listening < 1.0
+        assert 0.0 < affect.emotional_style(style, emotion, 1.2).partner_gaze_listening < 1.0
 
 
 def test_anger_moves_the_head_more_than_sadness(annotation, styles):
     def spread(emotion):
         mood = replace(annotation, emotion=emotion, intensity=3)
-        takes = [perform(mood, style, SECONDS, np.random.default_rng(1), PHYSIO) for style in styles[:3]]
+        takes = [sample_take(mood, style, SECONDS, np.random.default_rng(1), PHYSIOLOGICAL) for style in styles[:3]]
         return np.mean([take.motion(10.0, int(10 * SECONDS)).head.std(axis=0).mean() for take in takes])
 
     assert spread("angry") > 1.2 * spread("sad")
 
 
 def test_eyes_are_set_to_the_partner_and_to_what_is_further_off(annotation, styles):
-    take = perform(annotation, styles[0], SECONDS, np.random.default_rng(3), PHYSIO)
-    onsets = [each.onset_s for each in take.events.refocuses]
+    take = sample_take(annotation, styles[0], SECONDS, np.random.default_rng(3), PHYSIOLOGICAL)
+    onsets = [each.onset_s for each in take.events.vergence_movements]
     assert onsets == sorted(onsets) and onsets[0] <= 0.0
-    for each in take.events.refocuses:
-        state = next(look for look in take.looks[::-1] if look.start_s <= each.onset_s + 1e-9)
+    for each in take.events.vergence_movements:
+        state = next(look for look in take.gaze_intervals[::-1] if look.start_s <= each.onset_s + 1e-9)
         assert 1.5 <= each.distance_m <= 4.0 if state.averted else 0.8 <= each.distance_m <= 1.3
 
 
 def test_events_are_kept_whole(tmp_path):
     events = Events(
         (Saccade(0.1, 0.04, (0.0, 0.0), (0.1, 0.0), 0.45),),
-        (HeadMove(0.2, 0.3, (0.0, 0.1, 0.0)),),
+        (HeadMovement(0.2, 0.3, (0.0, 0.1, 0.0)),),
         (Blink(0.5, 0.08, 0.02, 0.2, 1.0),),
-        (Refocus(0.1, 1.5),),
+        (VergenceMovement(0.1, 1.5),),
     )
     events.save(tmp_path / "a.json")
     assert Events.load(tmp_path / "a.json") == events

@@ -10,10 +10,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.contrast import Contrast, CriticSettings, Hearing, divide, new_critic
-from talkingeyes.evaluation.correlation import Correlation, auc
+from talkingeyes.evaluation.contrast import (
+    ChannelSelection,
+    ContrastiveTask,
+    CriticSettings,
+    new_critic,
+    split_speakers,
+)
+from talkingeyes.evaluation.correlation import CriticCorrelation, auc
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.models.critic import PARTS, Critic, CriticNetworkSettings, angles, similarity
+from talkingeyes.models.critic import CRITIC_PARTS, Critic, CriticNetworkSettings, angles, similarity
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.loop import LoopSettings, train
 
@@ -24,11 +30,11 @@ SETTINGS = CriticSettings(
     channels=["loud"],
     window_s=8.0,
     hop_s=0.8,
-    kept_out=0.25,
-    speaker_windows=6,
-    shifts=2,
-    shift_min_s=1.0,
-    scale=1.25,
+    held_out=0.25,
+    windows_per_speaker=6,
+    time_shifted_negatives=2,
+    min_shift_s=1.0,
+    scale_augmentation=1.25,
     temperature=0.1,
     network=CriticNetworkSettings(step_frames=4, width=16, layers=2, kernel=5, features=8, dropout=0.1),
     loop=LoopSettings(
@@ -41,9 +47,9 @@ SETTINGS = CriticSettings(
         validate_every=20,
     ),
     encoder=ENCODER,
-    bootstrap=BootstrapSettings(draws=50, level=0.95, seed=0),
+    bootstrap=BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0),
 )
-HEARING = Hearing(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.float32))
+HEARING = ChannelSelection(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.float32))
 
 
 def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
@@ -65,13 +71,13 @@ def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
     return found
 
 
-def contrast(recordings: list[Recording]) -> Contrast:
+def contrast(recordings: list[Recording]) -> ContrastiveTask:
     torch.manual_seed(0)
     critic = new_critic("head", recordings, HEARING, SETTINGS)
-    return Contrast("head", critic, recordings, divide(recordings, SETTINGS), FPS, SETTINGS)
+    return ContrastiveTask("head", critic, recordings, split_speakers(recordings, SETTINGS), FPS, SETTINGS)
 
 
-def learnt(recordings: list[Recording]) -> tuple[Contrast, list[dict[str, float]]]:
+def learnt(recordings: list[Recording]) -> tuple[ContrastiveTask, list[dict[str, float]]]:
     task = contrast(recordings)
     return task, train(task, SETTINGS.loop, "critic")
 
@@ -92,13 +98,13 @@ def test_training_is_repeatable() -> None:
 
 def test_no_speaker_stands_on_both_sides_of_the_division() -> None:
     recordings = toy(coupled=True)
-    division = divide(recordings, SETTINGS)
+    division = split_speakers(recordings, SETTINGS)
     train_speakers = {recordings[index].clip.speaker for index in division.train}
-    kept_out = {recordings[index].clip.speaker for index in division.kept_out}
-    assert not train_speakers & kept_out
-    assert len(kept_out) == 3
+    held_out = {recordings[index].clip.speaker for index in division.held_out}
+    assert not train_speakers & held_out
+    assert len(held_out) == 3
     with pytest.raises(InputError, match="two speakers, got 1"):
-        divide([each for each in recordings if each.clip.speaker == "0"], SETTINGS)
+        split_speakers([each for each in recordings if each.clip.speaker == "0"], SETTINGS)
 
 
 def test_auc_by_hand() -> None:
@@ -106,13 +112,13 @@ def test_auc_by_hand() -> None:
     assert auc(np.array([1.0]), np.array([1.0, 1.0])) == 0.5
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", CRITIC_PARTS)
 def test_corr_is_a_cosine_blind_to_posture_and_the_same_alone_or_among_samples(part: str) -> None:
     random = np.random.default_rng(0)
     network = SETTINGS.network
     count = 3 if part == "head" else 2
     critic = Critic(network, torch.arange(6), torch.zeros(6), torch.ones(6), torch.ones(2), count)
-    corr = Correlation(part, critic, frames=200, hop=20)
+    corr = CriticCorrelation(part, critic, frames=200, hop=20)
     speech = random.normal(size=(240, 6)).astype(np.float32)
     head, gaze = random.normal(0, 0.1, (4, 240, 3)), random.normal(0, 0.1, (4, 240, 2, 3))
     values = corr(speech, head, gaze)
@@ -140,20 +146,20 @@ def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
 
 def test_a_channel_that_the_embedding_lacks_is_named() -> None:
     embedding = {"channels": ["a", "b", "c"], "mean": [0.0, 1.0, 2.0], "std": [1.0, 1.0, 0.0]}
-    assert Hearing.of(embedding, ["c", "a"]).mean.tolist() == [2.0, 0.0]
+    assert ChannelSelection.of(embedding, ["c", "a"]).mean.tolist() == [2.0, 0.0]
     with pytest.raises(InputError, match="got loudness"):
-        Hearing.of(embedding, ["a", "loudness"])
+        ChannelSelection.of(embedding, ["a", "loudness"])
 
 
 def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> None:
     lonely = toy(coupled=True, speakers=12, sounds=1)
     task, history = learnt(lonely)
-    assert task.times_alone
-    assert not learnt(toy(coupled=True, speakers=4, sounds=4))[0].times_alone
+    assert task.time_shifts_only
+    assert not learnt(toy(coupled=True, speakers=4, sounds=4))[0].time_shifts_only
     assert max(row["score"] for row in history) > 0.7  # the planted coupling, by time alone
-    with pytest.raises(InputError, match=r"critic.shifts"):
-        silent = SETTINGS.model_copy(update={"shifts": 0})
-        Contrast("head", task.critic, lonely, divide(lonely, silent), FPS, silent)
+    with pytest.raises(InputError, match=r"critic.time_shifted_negatives"):
+        silent = SETTINGS.model_copy(update={"time_shifted_negatives": 0})
+        ContrastiveTask("head", task.critic, lonely, split_speakers(lonely, silent), FPS, silent)
 
 
 def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None:
@@ -162,7 +168,9 @@ def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None
         Recording(each.clip, each.speech[:25], each.head[:25], each.gaze[:25], each.valid[:25])
         for each in toy(coupled=True, speakers=3, sounds=2)
     ]
-    task = Contrast("head", new_critic("head", short, HEARING, SETTINGS), short, divide(short, SETTINGS), FPS, SETTINGS)
+    task = ContrastiveTask(
+        "head", new_critic("head", short, HEARING, SETTINGS), short, split_speakers(short, SETTINGS), FPS, SETTINGS
+    )
     assert np.isfinite(task.losses(0)["total"].item())
     with torch.no_grad():
         assert 0 <= task.validate()["score"] <= 1

@@ -27,15 +27,15 @@ from pipelines import train as train_stage
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.layers import share
 from talkingeyes.training.loop import train
-from talkingeyes.training.place import Place
-from talkingeyes.training.translation import TranslationTask
+from talkingeyes.training.place import ExecutionContext
+from talkingeyes.training.translation import MotionTask
 
 STEPS = {"steps": 8, "validate_every": 4, "batch": 4}
 TOLERANCE = 1e-4
 
 
-def torchrun(root: Path, processes: int, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(processes)]
+def torchrun(root: Path, world_size: int, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(world_size)]
     return subprocess.run([*command, *arguments], cwd=root, capture_output=True, text=True, check=False, timeout=240)
 
 
@@ -88,10 +88,10 @@ def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> No
         return [*made, torch.randn_like(x), torch.rand(len(x)), torch.rand(x.shape[:2]), torch.rand_like(x)]
 
     whole = drawn(rows)
-    monkeypatch.setattr(share, "processes", lambda: 2)
+    monkeypatch.setattr(share, "world_size", lambda: 2)
     for rank in (0, 1):
         monkeypatch.setattr(share, "rank", lambda rank=rank: rank)
-        with share.NoiseOfTheBatch():
+        with share.BatchNoiseMode():
             parts = drawn(rows[:3])
             torch.manual_seed(0)
             with torch.no_grad():
@@ -105,13 +105,13 @@ def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_batch_that_cannot_be_shared_and_a_stage_that_cannot_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(share, "processes", lambda: 3)
-    place = Place(torch.device("cpu"), "float32")
+    monkeypatch.setattr(share, "world_size", lambda: 3)
+    context = ExecutionContext(torch.device("cpu"), "float32")
     with pytest.raises(InputError, match=r"^loop.batch: should be a multiple of the 3 processes, got 8$"):
-        place.shared(torch.nn.Linear(1, 1), lambda step: {}, 8)
+        context.distribute(torch.nn.Linear(1, 1), lambda step: {}, 8)
     monkeypatch.setitem(os.environ, "WORLD_SIZE", "3")
     with pytest.raises(InputError, match=r"^torchrun: .*one process.*got 3$"):
-        Place.alone({"device": "cpu", "precision": "float32"})
+        ExecutionContext.single_process({"device": "cpu", "precision": "float32"})
 
 
 @pytest.mark.parametrize("kind", ["categorical", "regressed", "vae"])
@@ -119,11 +119,13 @@ def test_bfloat16_learns_and_keeps_float32_weights(kind: str) -> None:
     book = codebook(kind)
     histories = {}
     for precision in ("float32", "bfloat16"):
-        task = TranslationTask(
+        task = MotionTask(
             translation(kind), 0, recordings(4, seed=1, frames=90), recordings(1, seed=2, frames=60), NORMALISER, book
         )
         settings = loop(steps=8, batch=4, validate_every=8)
-        histories[precision] = train(task, settings, precision, place=Place(torch.device("cpu"), precision))
+        histories[precision] = train(
+            task, settings, precision, context=ExecutionContext(torch.device("cpu"), precision)
+        )
         assert {weight.dtype for weight in task.module.parameters()} == {torch.float32}
     whole, half = (histories[precision][-1]["loss/total"] for precision in ("float32", "bfloat16"))
     assert half == pytest.approx(whole, rel=0.05)

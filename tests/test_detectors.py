@@ -7,14 +7,21 @@ from hypothesis import strategies as st
 
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.kinematics import angle_deg
-from talkingeyes.core.motion import Blink, HeadMove
+from talkingeyes.core.kinematics import angle_between_deg
+from talkingeyes.core.motion import Blink, HeadMovement
 from talkingeyes.evaluation.detectors.blinks import detect_blinks
-from talkingeyes.evaluation.detectors.fixations import detect_fixations, dispersion_threshold
-from talkingeyes.evaluation.detectors.gaze_states import densest, gaze_states
-from talkingeyes.evaluation.detectors.head_moves import detect_head_moves
+from talkingeyes.evaluation.detectors.fixations import detect_fixations, detect_fixations_idt
+from talkingeyes.evaluation.detectors.gaze_states import densest_direction, detect_gaze_states
+from talkingeyes.evaluation.detectors.head_moves import detect_head_movements
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
-from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, pair, score, tally
+from talkingeyes.evaluation.detectors.scoring import (
+    DetectionCounts,
+    cohen_kappa,
+    count_matches,
+    event_mask,
+    match_events,
+    score,
+)
 from talkingeyes.evaluation.detectors.signal import runs
 from talkingeyes.physiology import blinks, eye_head, saccades
 
@@ -22,13 +29,13 @@ RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0, 1000.0)
 SECONDS = 30.0
 
 
-def chain(seed=0, least_deg=2.0, seconds=SECONDS):
+def chain(seed=0, min_deg=2.0, seconds=SECONDS):
     """Saccades of two degrees or more through a clip, half a second or so apart."""
     random = np.random.default_rng(seed)
     made, place, time_s = [], np.zeros(2), 0.3
     while time_s < seconds - 0.5:
-        size = saccades.draw_amplitudes_rad(1, random, least_deg=least_deg)[0]
-        direction = saccades.draw_directions(1, random)[0]
+        size = saccades.sample_amplitudes_rad(1, random, min_deg=min_deg)[0]
+        direction = saccades.sample_directions(1, random)[0]
         step = size * direction / np.hypot(*direction)
         target = place + (step if np.hypot(*(place + step)) < 0.4 else -step)
         made.append(saccades.saccade(time_s, place, target, random))
@@ -43,7 +50,7 @@ def gaze_at(fps, made, noise_deg=0.0, seconds=SECONDS):
 
 def amplitudes_deg(made):
     start, end = (np.array([getattr(each, name) for each in made]) for name in ("start_rad", "end_rad"))
-    return angle_deg(rotation.direction_of_angles(start), rotation.direction_of_angles(end))
+    return angle_between_deg(rotation.angles_to_direction(start), rotation.angles_to_direction(end))
 
 
 @pytest.mark.parametrize("fps", RATES)
@@ -61,7 +68,7 @@ def test_saccades_are_found_at_every_rate(fps):
 
 @pytest.mark.parametrize("fps", [60.0, 120.0, 500.0])
 def test_durations_are_measured_from_60_fps(fps):
-    made = [each for each in chain(least_deg=4.0)]
+    made = [each for each in chain(min_deg=4.0)]
     found = detect_saccades(gaze_at(fps, made), fps)
     error = found.duration_s - [each.duration_s for each in made]
     assert abs(np.median(error)) < 0.005 and np.percentile(np.abs(error), 90) < 0.01
@@ -95,7 +102,7 @@ def test_noise_makes_few_saccades(fps, noise_deg):
     random = np.random.default_rng(0)
     noise = np.radians(noise_deg) * random.standard_normal((int(60 * fps), 2))
     assert len(detect_saccades(noise, fps)) <= 3
-    made = chain(least_deg=9 * noise_deg + 2.0)
+    made = chain(min_deg=9 * noise_deg + 2.0)
     found = detect_saccades(gaze_at(fps, made, noise_deg), fps)
     agreed = score(found.onset_s, np.array([each.onset_s for each in made]), 0.05)
     assert agreed.recall > 0.9 and agreed.precision > 0.95
@@ -121,9 +128,9 @@ def test_whatever_moves_the_events_are_in_order_and_finite(fps):
         fixations = detect_fixations(gaze, fps, saccades=found)
         assert (np.diff(fixations.onset_s) > 0).all() and (fixations.duration_s >= 0.1 - 1e-9).all()
         assert np.isfinite(fixations.centre_rad).all()
-        detect_head_moves(np.concatenate([gaze, gaze[:, :1]], axis=1), fps)
+        detect_head_movements(np.concatenate([gaze, gaze[:, :1]], axis=1), fps)
         detect_blinks(gaze, fps)
-        assert len(gaze_states(gaze, fps).averted) == len(gaze)
+        assert len(detect_gaze_states(gaze, fps).averted) == len(gaze)
 
 
 def test_an_oscillation_after_a_saccade_is_no_saccade():
@@ -173,7 +180,7 @@ def test_fixations_lie_between_saccades(fps):
     assert np.allclose(found.centre_rad[1:], [each.end_rad for each in made], atol=np.radians(0.3))
     assert found.dispersion_deg.max() < 0.5
     assert np.array_equal(detect_fixations(gaze, fps, saccades=detect_saccades(gaze, fps)).onset_s, found.onset_s)
-    other = dispersion_threshold(gaze, fps)
+    other = detect_fixations_idt(gaze, fps)
     assert score(other.onset_s, start, 0.06).f1 > 0.95
     assert (other.duration_s >= 0.1 - 1e-9).all()
 
@@ -181,11 +188,11 @@ def test_fixations_lie_between_saccades(fps):
 def test_the_dispersion_of_a_fixation_is_that_of_its_noise():
     found = detect_fixations(gaze_at(120.0, [], 0.3), 120.0)
     assert len(found) == 1 and found.dispersion_deg[0] == pytest.approx(0.3 * np.sqrt(2), rel=0.05)
-    assert not len(dispersion_threshold(gaze_at(25.0, [], 2.0), 25.0))
+    assert not len(detect_fixations_idt(gaze_at(25.0, [], 2.0), 25.0))
 
 
 def drawn_blinks():
-    return blinks.draw_blinks(blinks.PHYSIO, 120.0, np.random.default_rng(0), rate_per_min=25.0)
+    return blinks.sample_blinks(blinks.PHYSIOLOGICAL, 120.0, np.random.default_rng(0), rate_per_min=25.0)
 
 
 @pytest.mark.parametrize("fps", [25.0, 30.0, 60.0, 120.0, 500.0])
@@ -228,8 +235,8 @@ def test_head_movements_are_found(fps):
     for onset in np.arange(0.5, 28.0, 1.5):
         delta = np.radians(random.uniform(2.0, 12.0)) * random.choice([-1, 1]) * np.eye(3)[random.integers(3)]
         duration = float(eye_head.head_duration_s(np.linalg.norm(delta)))
-        made.append(HeadMove(float(onset), duration, tuple(delta)))
-    found = detect_head_moves(eye_head.head_path(made, np.arange(int(30 * fps)) / fps), fps)
+        made.append(HeadMovement(float(onset), duration, tuple(delta)))
+    found = detect_head_movements(eye_head.head_path(made, np.arange(int(30 * fps)) / fps), fps)
     assert len(found) == len(made)
     middle = [each.onset_s + each.duration_s / 2 for each in made]
     assert np.allclose((found.onset_s + found.offset_s) / 2, middle, atol=0.03)
@@ -241,11 +248,11 @@ def test_head_movements_are_found(fps):
 
 
 def test_a_nod_is_down_and_up():
-    made = [HeadMove(1.0, 0.35, (0.06, 0.0, 0.0)), HeadMove(1.35, 0.4, (-0.06, 0.0, 0.0))]
-    found = detect_head_moves(eye_head.head_path(made, np.arange(75) / 25), 25.0)
+    made = [HeadMovement(1.0, 0.35, (0.06, 0.0, 0.0)), HeadMovement(1.35, 0.4, (-0.06, 0.0, 0.0))]
+    found = detect_head_movements(eye_head.head_path(made, np.arange(75) / 25), 25.0)
     assert len(found) == 2 and found.displacement_rad[0, 0] > 0.05 and found.displacement_rad[1, 0] < -0.05
     slow = np.radians(3.0) * np.sin(np.arange(250) / 25)[:, None] * [1.0, 1.0, 0.0]
-    assert not len(detect_head_moves(slow, 25.0))
+    assert not len(detect_head_movements(slow, 25.0))
 
 
 def test_gaze_states():
@@ -254,31 +261,31 @@ def test_gaze_states():
     states = np.repeat([False, True, False, True, False], [100, 50, 80, 60, 90])
     gaze = np.where(states[:, None], away, partner) + np.radians(0.8) * random.standard_normal((380, 2))
     gaze[40:41] = away  # a glance of a frame
-    found = gaze_states(gaze, 25.0)
+    found = detect_gaze_states(gaze, 25.0)
     assert np.array_equal(found.averted, states)
     assert np.degrees(np.hypot(*(found.partner_rad - partner))) < 0.3
     assert np.allclose(found.duration_s, [4.0, 2.0, 3.2, 2.4, 3.6])
     assert found.dwell_averted.tolist() == [False, True, False, True, False]
-    told = gaze_states(gaze, 25.0, partner_rad=away)
+    told = detect_gaze_states(gaze, 25.0, partner_rad=away)
     assert np.array_equal(told.averted[45:], ~states[45:])
-    assert not gaze_states(gaze, 25.0, radius_deg=40.0).averted.any()
+    assert not detect_gaze_states(gaze, 25.0, radius_deg=40.0).averted.any()
 
 
 def test_gaze_states_without_frames():
-    assert np.array_equal(densest(np.zeros((0, 2)), 0.1), np.zeros(2))
+    assert np.array_equal(densest_direction(np.zeros((0, 2)), 0.1), np.zeros(2))
     gaze = np.full((50, 2), np.nan)
     gaze[25:] = 0.0
     valid = np.isfinite(gaze[:, 0])
-    assert gaze_states(gaze, 25.0, valid=valid).averted.tolist() == [False] * 50
+    assert detect_gaze_states(gaze, 25.0, valid=valid).averted.tolist() == [False] * 50
 
 
 ALL = (
     lambda values, fps, valid: detect_saccades(values[:, :2], fps, valid),
     lambda values, fps, valid: detect_fixations(values[:, :2], fps, valid),
-    lambda values, fps, valid: dispersion_threshold(values[:, :2], fps, valid),
+    lambda values, fps, valid: detect_fixations_idt(values[:, :2], fps, valid),
     lambda values, fps, valid: detect_blinks(values[:, :2], fps, valid),
-    detect_head_moves,
-    lambda values, fps, valid: gaze_states(values[:, :2], fps, valid=valid),
+    detect_head_movements,
+    lambda values, fps, valid: detect_gaze_states(values[:, :2], fps, valid=valid),
 )
 
 
@@ -306,7 +313,15 @@ def test_runs_and_frames_during_events():
     assert found.first.tolist() == [0, 3] and found.last.tolist() == [1, 5]
     apart = np.array([0, 0, 0, 0, 1, 0, 0], bool)
     assert runs(flags, apart).first.tolist() == [0, 3, 4] and runs(flags, apart).last.tolist() == [1, 3, 5]
-    assert during(np.array([0.2, 0.8]), np.array([0.4, 5.0]), 10.0, 12).nonzero()[0].tolist() == [2, 3, 4, 8, 9, 10, 11]
+    assert event_mask(np.array([0.2, 0.8]), np.array([0.4, 5.0]), 10.0, 12).nonzero()[0].tolist() == [
+        2,
+        3,
+        4,
+        8,
+        9,
+        10,
+        11,
+    ]
 
 
 @given(st.lists(st.floats(0, 10), max_size=12), st.lists(st.floats(0, 10), max_size=12), st.floats(0.01, 1.0))
@@ -314,7 +329,7 @@ def test_pairs_are_one_to_one_and_as_many_as_can_be(found, known, tolerance_s):
     from scipy.optimize import linear_sum_assignment
 
     left, right = np.sort(np.array(found, float)), np.sort(np.array(known, float))
-    pairs = pair(left, right, tolerance_s)
+    pairs = match_events(left, right, tolerance_s)
     assert len(set(pairs.found)) == len(set(pairs.known)) == len(pairs.found)
     assert (np.abs(left[pairs.found] - right[pairs.known]) <= tolerance_s + 1e-9).all()
     near = np.abs(left[:, None] - right) <= tolerance_s
@@ -326,10 +341,14 @@ def test_scores():
     agreed = score(np.array([1.0, 2.01, 3.0, 9.0]), np.array([1.02, 2.0, 5.0]), 0.05)
     assert agreed.precision == 0.5 and agreed.recall == pytest.approx(2 / 3) and agreed.f1 == pytest.approx(4 / 7)
     assert agreed.onset_error_s == pytest.approx(-0.005) and agreed.found == 4 and agreed.known == 3
-    both = tally(np.array([1.0]), np.array([1.1]), 0.2) + tally(np.array([2.0, 3.0]), np.array([2.1]), 0.2)
+    both = count_matches(np.array([1.0]), np.array([1.1]), 0.2) + count_matches(
+        np.array([2.0, 3.0]), np.array([2.1]), 0.2
+    )
     assert both.score.precision == pytest.approx(2 / 3) and both.score.onset_error_s == pytest.approx(-0.1)
-    assert np.isnan([Tally().score.precision, Tally().score.recall, Tally().score.f1]).all()
+    assert np.isnan(
+        [DetectionCounts().score.precision, DetectionCounts().score.recall, DetectionCounts().score.f1]
+    ).all()
     one = np.array([True, True, False, False])
-    assert kappa(one, one) == 1.0 and kappa(one, ~one) == -1.0
-    assert kappa(one, np.array([True, False, True, False])) == 0.0
-    assert np.isnan(kappa(np.ones(3, bool), np.ones(3, bool)))
+    assert cohen_kappa(one, one) == 1.0 and cohen_kappa(one, ~one) == -1.0
+    assert cohen_kappa(one, np.array([True, False, True, False])) == 0.0
+    assert np.isnan(cohen_kappa(np.ones(3, bool), np.ones(3, bool)))

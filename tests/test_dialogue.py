@@ -9,11 +9,11 @@ import pytest
 import soundfile
 from directed import PERFORMER
 
-from talkingeyes.animation.contact import share_of_contact
-from talkingeyes.animation.dialogue import converse
-from talkingeyes.animation.direction import Direction, Liveliness
-from talkingeyes.animation.listening import SURELY_AVERTED, listening, taken, turns
-from talkingeyes.animation.perform import Performance
+from talkingeyes.animation.contact import eye_contact_fraction
+from talkingeyes.animation.dialogue import animate_dialogue
+from talkingeyes.animation.direction import Controls, Liveliness
+from talkingeyes.animation.listening import AVERSION_PROBABILITY, detect_turns, listening, turn_starts
+from talkingeyes.animation.perform import Animation
 from talkingeyes.audio.waveform import read_dialogue
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -34,27 +34,27 @@ def talk() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_turns_are_heard() -> None:
-    heard = turns(*talk())
+    heard = detect_turns(*talk())
     assert len(heard.partner) == 7
     for (start, end, _), span in zip([each for each in TALK if each[2] == 1], heard.listening, strict=True):
         assert abs(span.start_s - start) < 0.5
         assert abs(span.end_s - end) < 0.9
-    assert turns(*(sound * 0 for sound in talk())).partner == ()
-    assert turns(talk()[0], np.zeros(0, np.float32)).listening == ()
+    assert detect_turns(*(sound * 0 for sound in talk())).partner == ()
+    assert detect_turns(talk()[0], np.zeros(0, np.float32)).listening == ()
 
 
-def looks(made: Performance, who: int) -> float:
+def looks(made: Animation, who: int) -> float:
     """Contact while the other has the turn."""
     times = np.arange(len(made.motion)) / 25
     listens = np.any([(times >= start + 0.3) & (times < end) for start, end, each in TALK if each != who], axis=0)
     head, space = made.motion.head, rotation.gaze_in_space(made.motion.head, made.motion.gaze)
     ahead = np.tile([0.0, 0.0, 1.0], (len(times), 1))
-    return share_of_contact(head[listens], space[listens], ahead[listens])
+    return eye_contact_fraction(head[listens], space[listens], ahead[listens])
 
 
 def test_listeners_look_at_the_speaker_and_nod() -> None:
     sounds = talk()
-    pairs = converse(PERFORMER, sounds, 8, 0, 25.0)
+    pairs = animate_dialogue(PERFORMER, sounds, 8, 0, 25.0)
     alone = PERFORMER.perform(sounds[0], 8, 0, 25.0)
     listening_ = [looks(pair.first, 0) for pair in pairs]
     assert np.mean(listening_) > 0.7
@@ -66,42 +66,42 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
 
 def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
     sounds = talk()
-    starts_s = taken(turns(*sounds))
+    starts_s = turn_starts(detect_turns(*sounds))
     np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
     heard = [listening(*sounds, [0, index, 3]) for index in range(200)]
-    assert np.mean([len(each.averted) for each in heard]) == pytest.approx(2 * SURELY_AVERTED, abs=0.15)
-    made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Direction(partner=sounds[1]))
+    assert np.mean([len(each.aversions) for each in heard]) == pytest.approx(2 * AVERSION_PROBABILITY, abs=0.15)
+    made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Controls(partner=sounds[1]))
     times = np.arange(750) / 25
-    contact: dict[bool, list[float]] = {True: [], False: []}
+    eye_contact: dict[bool, list[float]] = {True: [], False: []}
     for one, each in zip(made, heard, strict=False):
         head, space = one.motion.head, rotation.gaze_in_space(one.motion.head, one.motion.gaze)
         for start_s in starts_s:
             begins = (times >= start_s - 0.5) & (times < start_s)
-            asked = any(span.start_s < start_s - 0.6 and start_s < span.end_s for span in each.averted)
+            asked = any(span.start_s < start_s - 0.6 and start_s < span.end_s for span in each.aversions)
             ahead = np.tile([0.0, 0.0, 1.0], (begins.sum(), 1))
-            contact[asked].append(share_of_contact(head[begins], space[begins], ahead))
-    assert np.mean(contact[True]) < 0.4 * np.mean(contact[False])
+            eye_contact[asked].append(eye_contact_fraction(head[begins], space[begins], ahead))
+    assert np.mean(eye_contact[True]) < 0.4 * np.mean(eye_contact[False])
 
 
 def test_whoever_answers_in_a_word_does_not_take_the_turn() -> None:
     one, other = talk()
     word = np.zeros_like(one)
     word[int(8 * RATE) : int(8.8 * RATE)] = one[: int(0.8 * RATE)]
-    assert taken(turns(word, other)) == []
-    assert taken(turns(one, np.zeros(0, np.float32))) == []
+    assert turn_starts(detect_turns(word, other)) == []
+    assert turn_starts(detect_turns(one, np.zeros(0, np.float32))) == []
 
 
 def test_listeners_blink_at_the_ends_of_phrases() -> None:
     """Gaze is calm here: shifts of it beyond 5 degrees would bring most blinks."""
-    sounds, calm = talk(), Direction(liveliness=Liveliness(gaze=0.1))
-    pairs = converse(PERFORMER, sounds, 24, 0, 25.0, (calm, calm))
+    sounds, calm = talk(), Controls(liveliness=Liveliness(gaze=0.1))
+    pairs = animate_dialogue(PERFORMER, sounds, 24, 0, 25.0, (calm, calm))
     alone = PERFORMER.perform(sounds[0], 24, 0, 25.0, calm)
-    ends = [span.end_s for span in turns(*sounds).partner]
+    ends = [span.end_s for span in detect_turns(*sounds).partner]
     near = [_near_ends(pair.first, ends) for pair in pairs]
     assert np.mean(near) > 1.3 * np.mean([_near_ends(each, ends) for each in alone])
 
 
-def _near_ends(made: Performance, ends: list[float]) -> int:
+def _near_ends(made: Animation, ends: list[float]) -> int:
     return sum(any(0.2 <= blink.onset_s - end <= 0.6 for end in ends) for blink in made.events.blinks)
 
 
@@ -109,14 +109,14 @@ def test_nods_answer_the_partners_phrases() -> None:
     sounds = talk()
     heard = [listening(*sounds, [0, index]) for index in range(20)]
     nods = [nod for each in heard for nod in each.nods]
-    ends = np.array([span.end_s for span in turns(*sounds).partner])
+    ends = np.array([span.end_s for span in detect_turns(*sounds).partner])
     assert len(nods) > 40
     assert all((np.abs(nod.onset_s - ends[:, None] - 1.2) < 1.3).any() for nod in nods)
-    assert 0.7 < np.mean([each.look for each in heard]) < 0.92
+    assert 0.7 < np.mean([each.gaze_fraction for each in heard]) < 0.92
 
 
 def test_the_same_dialogue_again_and_in_a_batch() -> None:
-    one, many = converse(PERFORMER, talk(), 1, 3, 25.0)[0], converse(PERFORMER, talk(), 2, 3, 25.0)
+    one, many = animate_dialogue(PERFORMER, talk(), 1, 3, 25.0)[0], animate_dialogue(PERFORMER, talk(), 2, 3, 25.0)
     np.testing.assert_array_equal(one.second.motion.gaze, many[0].second.motion.gaze)
     assert one.first.events == many[0].first.events
     assert one.first.events.blinks != one.second.events.blinks
@@ -134,5 +134,5 @@ def test_two_channels_are_two_people(tmp_path: Path) -> None:
 
 def test_the_shorter_sound_is_silent_in_the_end() -> None:
     one, other = talk()
-    pair = converse(PERFORMER, (one, other[: 10 * RATE]), 1, 0, 25.0)[0]
+    pair = animate_dialogue(PERFORMER, (one, other[: 10 * RATE]), 1, 0, 25.0)[0]
     assert len(pair.first.motion) == len(pair.second.motion) == 750

@@ -31,7 +31,7 @@ def test_wasserstein_of_drawn_clips_is_that_of_their_pool() -> None:
     groups, reference = [normal(index, 3 + index) for index in range(5)], normal(9, 60)
     drawn = np.array([0, 0, 3, 4, 4])
     pool = np.concatenate([groups[index] for index in drawn])
-    assert wasserstein.wasserstein_of(groups, reference)(drawn) == pytest.approx(
+    assert wasserstein.wasserstein_statistic(groups, reference)(drawn) == pytest.approx(
         wasserstein.wasserstein(pool, reference)
     )
     assert np.isnan(wasserstein.wasserstein(np.zeros(0), reference))
@@ -82,7 +82,7 @@ def test_moments_of_drawn_clips_are_those_of_their_windows() -> None:
     found = Moments.of(groups).gaussian(drawn)
     assert found.mean == pytest.approx(pool.mean(axis=0))
     assert found.covariance == pytest.approx(np.cov(pool.T, bias=True))
-    assert Moments.of(groups).enough == (sum(map(len, groups)) >= 30)
+    assert Moments.of(groups).is_sufficient == (sum(map(len, groups)) >= 30)
 
 
 def test_halves_of_one_set_are_nearer_than_another_set() -> None:
@@ -100,7 +100,7 @@ def clustered(seed: int, clips: int, shift: float = 0.0, own: float = 1.0) -> li
 
 def test_mmd_of_one_distribution_is_zero_on_average_and_grows_with_a_shift() -> None:
     def value(seed: int, shift: float) -> float:
-        one, other = (mmd.draw(clustered(s, 30, d), 120, 0) for s, d in ((seed, shift), (seed + 2000, 0.0)))
+        one, other = (mmd.sample_windows(clustered(s, 30, d), 120, 0) for s, d in ((seed, shift), (seed + 2000, 0.0)))
         return mmd.mmd(one, other)
 
     same = [value(seed, 0.0) for seed in range(0, 60_000, 3000)]
@@ -110,7 +110,7 @@ def test_mmd_of_one_distribution_is_zero_on_average_and_grows_with_a_shift() -> 
 
 
 def test_truth_against_itself_is_no_better_than_against_other_truth() -> None:
-    one = mmd.draw(clustered(0, 40), 200, 0)
+    one = mmd.sample_windows(clustered(0, 40), 200, 0)
     assert abs(mmd.mmd(one, one, paired=True)) < 1e-12
 
 
@@ -118,19 +118,19 @@ def test_permutation_test_deals_whole_clips() -> None:
     """Windows of a clip are alike: a test that shuffled windows would reject nearly always."""
     below = []
     for seed in range(0, 60_000, 1500):
-        one, other = (mmd.draw(clustered(s, 12), 72, 0) for s in (seed, seed + 700))
-        below.append(mmd.permutation_p(one, other, 60, seed) < 0.1)
+        one, other = (mmd.sample_windows(clustered(s, 12), 72, 0) for s in (seed, seed + 700))
+        below.append(mmd.permutation_p_value(one, other, 60, seed) < 0.1)
     assert np.mean(below) < 0.3
-    one, other = mmd.draw(clustered(0, 30, 1.0), 120, 0), mmd.draw(clustered(900, 30), 120, 0)
-    assert mmd.permutation_p(one, other, 99, 0) == pytest.approx(0.01)
+    one, other = mmd.sample_windows(clustered(0, 30, 1.0), 120, 0), mmd.sample_windows(clustered(900, 30), 120, 0)
+    assert mmd.permutation_p_value(one, other, 99, 0) == pytest.approx(0.01)
 
 
 def test_windows_are_drawn_evenly_and_no_more_than_asked_for() -> None:
     groups = [normal(index, 4 if index else 0, 2) for index in range(50)]
-    drawn = mmd.draw(groups, 98, 3)
+    drawn = mmd.sample_windows(groups, 98, 3)
     assert len(drawn.features) == 98
     assert (np.bincount(drawn.clip) == [0] + [2] * 49).all()
-    assert len(mmd.draw(groups, 20, 3).features) == 20
+    assert len(mmd.sample_windows(groups, 20, 3).features) == 20
     for features, clip in zip(drawn.features, drawn.clip, strict=True):
         assert (features == groups[clip]).all(axis=1).any()
 
@@ -172,18 +172,18 @@ def test_reach_by_hand() -> None:
     takes = np.zeros((2, 3, 1))
     takes[1] = 4.0
     samples = np.array([0.5, 1.0, 9.0])[:, None, None] * np.ones((3, 3, 1))
-    found = coverage.reach(samples, takes)
+    found = coverage.coverage_errors(samples, takes)
     assert found.coverage_error == pytest.approx((0.5 + 3) / 2)
     assert found.precision_error == pytest.approx((0.5 + 1 + 5) / 3)
-    assert coverage.own_reach(takes).coverage_error == 4
-    assert np.isnan(coverage.own_reach(takes[:1]).coverage_error)
+    assert coverage.reference_coverage_errors(takes).coverage_error == 4
+    assert np.isnan(coverage.reference_coverage_errors(takes[:1]).coverage_error)
 
 
 def test_manifold_of_a_mean_is_precise_but_covers_little_and_noise_the_other_way_round() -> None:
-    truth = mmd.draw(clustered(0, 60), 300, 0)
-    other = coverage.manifold(mmd.draw(clustered(5000, 60), 300, 0), truth, 5)
-    mean = coverage.manifold(mmd.draw([np.zeros((5, 3))] * 60, 300, 0), truth, 5)
-    noise = coverage.manifold(mmd.draw(clustered(5000, 60, own=6.0), 300, 0), truth, 5)
+    truth = mmd.sample_windows(clustered(0, 60), 300, 0)
+    other = coverage.precision_coverage(mmd.sample_windows(clustered(5000, 60), 300, 0), truth, 5)
+    mean = coverage.precision_coverage(mmd.sample_windows([np.zeros((5, 3))] * 60, 300, 0), truth, 5)
+    noise = coverage.precision_coverage(mmd.sample_windows(clustered(5000, 60, own=6.0), 300, 0), truth, 5)
     assert other.precise.mean() > 0.9
     assert other.covered.mean() > 0.9
     assert mean.precise.mean() == 1
@@ -192,13 +192,13 @@ def test_manifold_of_a_mean_is_precise_but_covers_little_and_noise_the_other_way
 
 
 def test_balls_reach_beyond_their_own_clip() -> None:
-    truth = mmd.draw([np.full((3, 2), 100.0 * index) for index in range(12)], 36, 0)
-    near = mmd.draw([np.full((1, 2), 240.0)], 1, 0)
-    assert coverage.manifold(near, truth, 2).precise.mean() == 1
-    assert coverage.manifold(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
-    copy = mmd.draw([np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0)  # only of the first clip
-    assert coverage.manifold(copy, truth, 2).covered.mean() == pytest.approx(2 / 12)
-    assert coverage.manifold(copy, truth, 2, paired=True).covered.mean() == pytest.approx(1 / 12)
+    truth = mmd.sample_windows([np.full((3, 2), 100.0 * index) for index in range(12)], 36, 0)
+    near = mmd.sample_windows([np.full((1, 2), 240.0)], 1, 0)
+    assert coverage.precision_coverage(near, truth, 2).precise.mean() == 1
+    assert coverage.precision_coverage(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
+    copy = mmd.sample_windows([np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0)  # only of the first clip
+    assert coverage.precision_coverage(copy, truth, 2).covered.mean() == pytest.approx(2 / 12)
+    assert coverage.precision_coverage(copy, truth, 2, paired=True).covered.mean() == pytest.approx(1 / 12)
 
 
 def test_spectrum_agrees_with_scipy() -> None:
@@ -215,7 +215,7 @@ def test_spectra_of_clips_add_up_and_leave_gaps_out() -> None:
     valid[100] = False
     whole, gap = spectrum.spectrum(angles, FPS), spectrum.spectrum(angles, FPS, valid)
     assert gap.segments == whole.segments - 2
-    both = spectrum.pooled([whole, gap])
+    both = spectrum.pool_spectra([whole, gap])
     assert both.density == pytest.approx((whole.power + gap.power) / (whole.segments + gap.segments))
     assert spectrum.spectrum(angles[:30], FPS).segments == 0
 
@@ -223,12 +223,12 @@ def test_spectra_of_clips_add_up_and_leave_gaps_out() -> None:
 def test_trembling_shows_above_5_hz_and_steps_have_a_slope_of_two() -> None:
     steps = np.cumsum(normal(1, 20_000, 1) * (np.random.default_rng(0).random((20_000, 1)) < 0.05), axis=0) * 0.05
     still, shaken = (spectrum.spectrum(steps + amount * normal(2, 20_000, 1), FPS) for amount in (0.0, 0.01))
-    assert spectrum.slope(still) == pytest.approx(-2, abs=0.2)
+    assert spectrum.spectral_slope(still) == pytest.approx(-2, abs=0.2)
     power = np.degrees(0.01) ** 2 * (12.5 - 5) / 12.5
     assert spectrum.high_power_deg2(shaken) - spectrum.high_power_deg2(still) == pytest.approx(power, rel=0.1)
-    assert spectrum.high_velocity_share(shaken) > spectrum.high_velocity_share(still)
+    assert spectrum.high_frequency_fraction(shaken) > spectrum.high_frequency_fraction(still)
     assert spectrum.log_spectral_distance_db(still, still) == 0
     assert spectrum.log_spectral_distance_db(shaken, still) > 3
     frozen = spectrum.spectrum(steps * 0, FPS)
-    assert np.isnan(spectrum.slope(frozen))
+    assert np.isnan(spectrum.spectral_slope(frozen))
     assert np.isfinite(spectrum.log_spectral_distance_db(frozen, still))

@@ -10,19 +10,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from as_in_docs import SMALL, changed
+from as_in_docs import SUBSTITUTIONS, shortened
 from docs_pages import PAGES, REPOSITORY, lines, name_of
-from docs_project import copy_of, typed
+from docs_project import copy_project, run_bash
 
 # Lines that cannot run on any machine that tests this: they need other people's programs, other machines or a card.
 ELSEWHERE = {
     "ray start --head --port=6379 --include-dashboard=false": "a cluster (Ray on one machine: test_launchers.py)",
     "ray start --address=HEAD:6379": "a cluster",
-    "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 until=embed "
+    "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
     "python -m pipelines.experiment -m sweep=codebook hydra/launcher=ray_cluster hydra.sweeper.n_jobs=64 "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
-    "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 until=embed "
+    "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=data/track fit=video": "a cluster",
     "python -m pipelines.experiment machine=gpu": "a card (without one: test_ddp.py)",
     "blender --background --python docs/recipes/blender_import.py -- head.glb head.blend --sound SPEECH.wav": "Blender",
@@ -37,13 +37,13 @@ RUN = [page for page in PAGES if lines(page) and name_of(page) not in OF_ITS_OWN
 @pytest.fixture(scope="module")
 def project(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One copy for all pages: what one page made, the next finds."""
-    return copy_of(tmp_path_factory.mktemp("docs"), tiny)
+    return copy_project(tmp_path_factory.mktemp("docs"), tiny)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", RUN, ids=name_of)
 def test_the_commands_of_a_page_run(page: Path, project: Path) -> None:
-    said = typed("\n".join(line for line in lines(page) if line not in ELSEWHERE), project)
+    said = run_bash("\n".join(line for line in lines(page) if line not in ELSEWHERE), project)
     assert said.returncode == 0, said.stdout[-3000:] + said.stderr[-5000:]
 
 
@@ -67,22 +67,22 @@ def test_what_does_not_run_is_in_the_docs_and_in_one_list() -> None:
 def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
     """A wrong command anywhere in a page, in a pipe or a substitution, makes it fail; the lines after it do not run."""
     for wrong in ("false", "no_such_program x", "false | cat", "A=$(false)", "cp NO_FILE there"):
-        said = typed(f"echo before\n{wrong}\necho after", tmp_path)
+        said = run_bash(f"echo before\n{wrong}\necho after", tmp_path)
         assert said.returncode != 0, wrong
         assert "failed: " in said.stderr
         assert said.stdout == "before\n"
 
 
 def test_what_is_made_small_is_what_the_docs_say_otherwise() -> None:
-    assert changed("python -m pipelines.experiment train.seed=1").endswith(
+    assert shortened("python -m pipelines.experiment train.seed=1").endswith(
         "train.seed=1 experiment=tiny workspace=build/experiment"
     )
-    assert changed("python -m pipelines.experiment -m sweep=alive").endswith(
+    assert shortened("python -m pipelines.experiment -m sweep=alive").endswith(
         "experiment=least hydra.sweeper.n_trials=2"
     )
     for line in (
         "talkingeyes animate SPEECH.wav -o out --samples 2",
         "python -m pipelines.experiment experiment=tiny train.seed=1",
     ):
-        assert changed(line) == line
-    assert len(SMALL) == 14
+        assert shortened(line) == line
+    assert len(SUBSTITUTIONS) == 14

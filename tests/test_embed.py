@@ -13,17 +13,17 @@ from pipelines import embed
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import validated
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
 
 SECTION = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
     "prosody": {
-        "f0_lowest_hz": 60.0,
-        "f0_highest_hz": 450.0,
+        "f0_min_hz": 60.0,
+        "f0_max_hz": 450.0,
         "aperiodicity": 0.25,
         "energy_window_s": 0.05,
         "energy_floor_dbfs": -80.0,
@@ -59,13 +59,13 @@ def test_every_sound_is_embedded_once_and_statistics_come_from_train_alone(tmp_p
     report = embed.run(place)
     assert report.metrics["sounds"] == 3
     assert len(list(place.data("embed", "speech").rglob("*.npy"))) == 3
-    features = {name: np.load(sharded(place.data("embed", "speech"), name, ".npy")) for name in "abc"}
+    features = {name: np.load(shard_path(place.data("embed", "speech"), name, ".npy")) for name in "abc"}
     speech = Corpus(place.corpus).speech(CLIPS[0])
     np.testing.assert_array_equal(features["a"], make_encoder(EmbedSettings.model_validate(SECTION))(speech, 25.0))
     content = json.loads(place.data("embed", "embedding.json").read_text())
     train = np.concatenate([features["a"], features["b"]])
     np.testing.assert_allclose(content["mean"], train.mean(axis=0), rtol=1e-4, atol=1e-4)
-    np.testing.assert_allclose(content["std"], np.maximum(train.std(axis=0), embed.SMALLEST_STD), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(content["std"], np.maximum(train.std(axis=0), embed.MIN_STD), rtol=1e-3, atol=1e-4)
     assert content["fps"] == 25
     assert len(content["channels"]) == features["a"].shape[1] == 23
     assert EmbedSettings.model_validate(content["settings"]) == EmbedSettings.model_validate(SECTION)
@@ -98,5 +98,5 @@ def test_a_corpus_that_cannot_be_embedded_leaves_nothing_behind(tmp_path: Path, 
 @pytest.mark.parametrize("name", ["default", "logmel", "wav2vec2", "hubert"])
 def test_each_variant_of_the_section_is_whole(name: str) -> None:
     section = compose([f"embed={name}"])["embed"]
-    kind = validated("embed", EmbedSettings, section).encoder.kind
+    kind = validate_section("embed", EmbedSettings, section).encoder.kind
     assert kind == ("moonshine" if name == "default" else name)

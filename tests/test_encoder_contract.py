@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from talkingeyes.audio.encoder import PROSODY_CHANNELS, EmbedSettings, SpeechEncoder, make_encoder
-from talkingeyes.audio.encoder_moonshine import SPEECH, packaged
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.prosody import energy_dbfs
-from talkingeyes.audio.waveform import frames_of, read_speech
+from talkingeyes.audio.waveform import frame_count, read_speech
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import validated
+from talkingeyes.core.settings import validate_section
 
 PROSODY = {
-    "f0_lowest_hz": 60.0,
-    "f0_highest_hz": 450.0,
+    "f0_min_hz": 60.0,
+    "f0_max_hz": 450.0,
     "aperiodicity": 0.25,
     "energy_window_s": 0.05,
     "energy_floor_dbfs": -80.0,
@@ -28,7 +28,7 @@ SIZES = {"moonshine": 288, "wav2vec2": 16, "hubert": 16, "logmel": 80}
 
 def section(encoder: dict[str, Any]) -> EmbedSettings:
     node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0, "partner": False}
-    return validated("embed", EmbedSettings, node)
+    return validate_section("embed", EmbedSettings, node)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def encoder(name: str, checkpoints: dict[str, str]) -> SpeechEncoder:
 
 @pytest.fixture(scope="module")
 def speech() -> np.ndarray:
-    return read_speech(packaged(SPEECH))
+    return read_speech(package_file(EXAMPLE_SPEECH))
 
 
 @pytest.mark.parametrize("seconds", [0.3, 1.0, 2.345])
@@ -86,7 +86,7 @@ def test_one_finite_row_a_frame(
 ) -> None:
     sound = speech[16_000 : 16_000 + round(seconds * 16_000)]
     features = encoder(sound, fps)
-    assert features.shape == (frames_of(len(sound), fps), SIZES[name] + 3)
+    assert features.shape == (frame_count(len(sound), fps), SIZES[name] + 3)
     assert features.dtype == np.float32
     assert np.isfinite(features).all()
 

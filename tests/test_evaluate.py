@@ -12,14 +12,14 @@ from toy_workspace import FRAMES, toy_workspace
 from pipelines import critic, evaluate
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.sound import Heard
+from talkingeyes.evaluation.benchmark.sound import CorrScores
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.evaluation import Case, measure, summarise
-from talkingeyes.models.critic import PARTS
+from talkingeyes.evaluation.evaluation import EvaluationCase, clip_metrics, summarise
+from talkingeyes.models.critic import CRITIC_PARTS
 from talkingeyes.workflows.evaluate import evaluate as compare
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
-BOOTSTRAP = BootstrapSettings(draws=50, level=0.95, seed=0)
+BOOTSTRAP = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +38,14 @@ def tables(workspace):
 
 def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
     report = json.loads(workspace.data("critic", "report.json").read_text())
-    assert set(report) == set(PARTS)
-    for part in PARTS:
+    assert set(report) == set(CRITIC_PARTS)
+    for part in CRITIC_PARTS:
         names = {path.name for path in workspace.data("critic", part).iterdir()}
         assert names == {"model.safetensors", "config.json", "history.json"}
-        assert set(report[part]) == {"kept_out", "test", "unseen", "test_and_unseen"}
+        assert set(report[part]) == {"held_out", "test", "unseen", "test_and_unseen"}
         for verdict in report[part].values():
             assert set(verdict) == {
-                "auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant", "advantage",
+                "auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant", "corr_minus_shuffled",
             }  # fmt: skip
             assert all(each["low"] <= each["high"] for each in verdict.values())
 
@@ -90,7 +90,7 @@ def test_the_mean_has_no_diversity_and_rests(tables):
 
 
 def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_path, monkeypatch):
-    monkeypatch.setattr(evaluate, "SOUNDS_WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(evaluate, "SOUNDS_PER_PROCESS", 1)
     parallel = toy_workspace(tmp_path, jobs=2)
     shutil.copytree(workspace.data("critic"), parallel.data("critic"))
     evaluate.run(parallel, "mismatched")
@@ -121,8 +121,10 @@ def test_a_corpus_without_truth_has_an_empty_row_truth(workspace, tmp_path):
 def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
     truth = workspace.corpus / "truth"
     found = {
-        name: {row.measure.name: row for row in compare(truth, workspace.corpus, judges=judges, draws=50).rows}
-        for name, judges in (("alone", None), ("judged", workspace.data("")))
+        name: {
+            row.metric.name: row for row in compare(truth, workspace.corpus, evaluators=evaluators, n_resamples=50).rows
+        }
+        for name, evaluators in (("alone", None), ("judged", workspace.data("")))
     }
     assert found["alone"]["corr/space"].reason == "needs corr: the motions without"
     rows = found["judged"]
@@ -132,7 +134,7 @@ def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
     assert rows["corr/head_advantage"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
     assert rows["corr/head_advantage"].value.value != rows["corr/head"].value.value
     with pytest.raises(InputError, match="should be the data folder of a finished chain"):
-        compare(truth, workspace.corpus, judges=workspace.corpus)
+        compare(truth, workspace.corpus, evaluators=workspace.corpus)
 
 
 def test_a_model_without_samples_is_named(workspace):
@@ -147,12 +149,12 @@ def test_takes_of_the_sound_itself_count_from_the_second_in_l2():
     head[2] += 0.3
     takes = Samples(25.0, head, np.zeros((3, FRAMES, 2, 3)))
     seen = np.ones(FRAMES, bool)
-    heard = {critic: Heard(np.ones(3), np.full(3, np.nan)) for critic in PARTS}
-    figures = measure(Case(takes, True, takes, None, seen), heard, heard)["head"]
+    heard = {critic: CorrScores(np.ones(3), np.full(3, np.nan)) for critic in CRITIC_PARTS}
+    figures = clip_metrics(EvaluationCase(takes, True, takes, None, seen), heard, heard)["head"]
     assert figures.l2 == pytest.approx(0.2 * np.sqrt(3))
     assert figures.diversity == pytest.approx((0.1 + 0.3 + 0.2) / 3 * np.sqrt(3))
     alone = Samples(25.0, head[:1], takes.gaze[:1])
-    single = measure(Case(alone, True, alone, None, seen), heard, heard)["head"]
+    single = clip_metrics(EvaluationCase(alone, True, alone, None, seen), heard, heard)["head"]
     assert np.isnan(single.l2)
     table = summarise("head", [figures, single], BOOTSTRAP)
     assert table["l2"].value == pytest.approx(0.2 * np.sqrt(3))

@@ -6,21 +6,21 @@ import json
 
 import numpy as np
 import pytest
-from people import ANNOTATION, Person
+from people import ANNOTATION, ToyPerson
 
 from talkingeyes.audio.speaking import speaking
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.motion_files import clip_of, read_motions
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
+from talkingeyes.corpus.motion_files import clip_id_of, read_motions
+from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.workflows.evaluate import describe, evaluate
 
 CLIPS = 4
 
 
 def motion(seed: int, fps: float = 25.0) -> Motion:
-    made = Person(seed).at(fps)
+    made = ToyPerson(seed).at(fps)
     return Motion.of(fps, made.head, made.gaze, lid=made.lid)
 
 
@@ -35,18 +35,18 @@ def corpus(tmp_path_factory):
         clips.append(
             Clip(f"{name}-t0", name, 0, "a", "test", made.seconds, 25.0, "", 0, "en", "", "toy", "CC0-1.0", "")
         )
-        ANNOTATION.save(sharded_for_writing(root / "annotations", name, ".json"))
-        made.save(sharded_for_writing(root / "truth", f"{name}-t0", ".npz"))
+        ANNOTATION.save(make_shard_path(root / "annotations", name, ".json"))
+        made.save(make_shard_path(root / "truth", f"{name}-t0", ".npz"))
     Corpus(root).write_index(clips)
     return root
 
 
 def values(found):
-    return {row.measure.name: row for row in found.rows}
+    return {row.metric.name: row for row in found.rows}
 
 
 def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
-    found = evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
+    found = evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
     assert found.paired and found.sounds == CLIPS
     assert values(found)["saccades/rate"].reason == ""
     assert values(found)["saccades/rate"].difference.value == 0
@@ -56,7 +56,7 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert found.notes == ["intervals are over sounds: those of 4 are too narrow, 10 or more are better"]
     assert "4 sounds at 25 frames a second, beside the truth under the same sounds" in describe(found)
     with pytest.raises(InputError, match="--force"):
-        evaluate(corpus / "truth", corpus, tmp_path / "out", draws=20)
+        evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
 
 
 def test_samples_strangers_and_broken_files(corpus, tmp_path):
@@ -71,7 +71,7 @@ def test_samples_strangers_and_broken_files(corpus, tmp_path):
     gaze = made.gaze.copy()
     gaze[10:20] = np.nan
     np.savez(motions / "c3-t0.npz", fps=25.0, gaze=np.stack([gaze, made.gaze]))
-    found = evaluate(motions, corpus, draws=20)
+    found = evaluate(motions, corpus, n_resamples=20)
     assert found.sounds == 3
     assert any("c2-t0.npz" in note for note in found.notes)
     assert any("1 of 5 names are no clip" in note for note in found.notes)
@@ -79,7 +79,7 @@ def test_samples_strangers_and_broken_files(corpus, tmp_path):
 
 def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
     motion(20).save(tmp_path / "mine.npz")
-    found = evaluate(tmp_path, corpus, draws=20)
+    found = evaluate(tmp_path, corpus, n_resamples=20)
     assert not found.paired
     assert values(found)["onset/rise"].reason == "needs annotation: the motions without"
     assert values(found)["eye/still"].reason.startswith("needs 1500 frames: the motions with 299")
@@ -88,10 +88,10 @@ def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
 def test_other_rates_are_compared_as_far_as_they_can(corpus, tmp_path):
     motion(0, 60.0).save(tmp_path / "c0-t0.npz")
     motion(1, 60.0).save(tmp_path / "c1-t0.npz")
-    assert evaluate(tmp_path, corpus, draws=20).fps == 60
+    assert evaluate(tmp_path, corpus, n_resamples=20).fps == 60
     motion(2, 50.0).save(tmp_path / "c2-t0.npz")
     with pytest.raises(InputError, match="the motions should have one frame rate, got 60 and 50"):
-        evaluate(tmp_path, corpus, draws=20)
+        evaluate(tmp_path, corpus, n_resamples=20)
 
 
 def test_mistakes_are_one_line(corpus, tmp_path):
@@ -111,7 +111,7 @@ def test_mistakes_are_one_line(corpus, tmp_path):
     [("a/x-t0.npz", "x-t0"), ("a/x-t0-s3.npz", "x-t0"), ("a/x_sample_03.npz", "x"), ("a/sample_03.npz", "a")],
 )
 def test_names_say_which_clip(tmp_path, path, name):
-    assert clip_of(tmp_path / path) == name
+    assert clip_id_of(tmp_path / path) == name
 
 
 def test_samples_must_be_as_many(tmp_path):

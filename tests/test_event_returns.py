@@ -3,18 +3,18 @@
 import numpy as np
 import torch
 
-from talkingeyes.models.layers.event_drawing import Run
-from talkingeyes.models.layers.event_process import EventProcess, EventProcessSettings, EventSequence
-from talkingeyes.models.layers.event_returns import NEVER, Left, Returns
-from talkingeyes.models.layers.event_steps import heading, headings_before
+from talkingeyes.models.layers.event_drawing import SamplerState
+from talkingeyes.models.layers.event_process import EventSequence, PointProcess, PointProcessSettings
+from talkingeyes.models.layers.event_returns import MASKED_LOGIT, PreviousLocations, RevisitMixture
+from talkingeyes.models.layers.event_steps import encode_step, previous_step_encodings
 
-SETTINGS = EventProcessSettings(
+SETTINGS = PointProcessSettings(
     width=24,
     bin_frames=2,
-    fixed=4,
-    relative=2,
+    absolute_components=4,
+    relative_components=2,
     codebook="learnt",
-    adaptive=False,
+    adaptive_components=False,
     steps=0,
     returns=3,
     layers=1,
@@ -33,62 +33,75 @@ def sequence(seed: int, count: int) -> EventSequence:
 
 def test_a_free_run_leaves_places_as_training_tells_them():
     events, rows = sequence(0, 7), np.arange(2)
-    told = Left.before(events.bins, events.places, 3)
-    place, home, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
-    still = heading(torch.zeros(2, 2, 3)).numpy()
-    run = Run(np.zeros((2, 1)), place, home, still, age, np.zeros((2, 3, 3), np.float32), np.zeros((2, 3), np.float32))
-    headings = headings_before(events.places, 2).numpy()
+    told = PreviousLocations.before(events.bins, events.locations, 3)
+    location, longest_dwell_location, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
+    still = encode_step(torch.zeros(2, 2, 3)).numpy()
+    run = SamplerState(
+        np.zeros((2, 1)),
+        location,
+        longest_dwell_location,
+        still,
+        age,
+        np.zeros((2, 3, 3), np.float32),
+        np.zeros((2, 3), np.float32),
+    )
+    step_encodings = previous_step_encodings(events.locations, 2).numpy()
     for number in range(7):
-        np.testing.assert_allclose(run.headings.reshape(2, -1), headings[:, number], rtol=1e-6)
-        assert np.array_equal(run.held, told.held[:, number])
-        known = run.held > 0
-        assert np.array_equal(run.left[known], told.places[:, number].numpy()[known])
-        here = torch.from_numpy(run.place)
-        assert np.array_equal(run.home, Left(told.places[:, number], told.held[:, number]).home(here))
-        run.go(rows, events.places[:, number].numpy())
+        np.testing.assert_allclose(run.step_encodings.reshape(2, -1), step_encodings[:, number], rtol=1e-6)
+        assert np.array_equal(run.dwell_bins, told.dwell_bins[:, number])
+        known = run.dwell_bins > 0
+        assert np.array_equal(run.previous_locations[known], told.locations[:, number].numpy()[known])
+        here = torch.from_numpy(run.location)
+        assert np.array_equal(
+            run.longest_dwell_location,
+            PreviousLocations(told.locations[:, number], told.dwell_bins[:, number]).longest_dwell_location(here),
+        )
+        run.move_to(rows, events.locations[:, number].numpy())
         run.age = (events.bins[:, number + 1] - events.bins[:, number]).numpy() if number < 6 else run.age
-    assert told.held[:, 0].sum() == told.held[:, 1].sum() == 0, "the first two events have left nothing"
+    assert told.dwell_bins[:, 0].sum() == told.dwell_bins[:, 1].sum() == 0, "the first two events have left nothing"
 
 
 def test_home_is_where_gaze_was_longest():
-    places = torch.arange(6.0).reshape(1, 3, 2)
+    locations = torch.arange(6.0).reshape(1, 3, 2)
     present = torch.full((1, 2), 9.0)
-    assert torch.equal(Left(places, torch.tensor([[2.0, 7.0, 1.0]])).home(present), places[:, 1])
-    assert torch.equal(Left(places, torch.zeros(1, 3)).home(present), present)
+    assert torch.equal(
+        PreviousLocations(locations, torch.tensor([[2.0, 7.0, 1.0]])).longest_dwell_location(present), locations[:, 1]
+    )
+    assert torch.equal(PreviousLocations(locations, torch.zeros(1, 3)).longest_dwell_location(present), present)
 
 
 def test_a_place_that_there_is_not_is_never_gone_to():
     torch.manual_seed(0)
-    left = Left(torch.randn(1, 3, 3), torch.tensor([[4.0, 0.0, 2.0]]))
-    logits = Returns(3, 8, (1.0, 1.0, 1.0)).logits(torch.randn(1, 8), left, torch.randn(1, 3))
-    assert (logits == NEVER).tolist() == [[False, True, False]]
+    previous_locations = PreviousLocations(torch.randn(1, 3, 3), torch.tensor([[4.0, 0.0, 2.0]]))
+    logits = RevisitMixture(3, 8, (1.0, 1.0, 1.0)).logits(torch.randn(1, 8), previous_locations, torch.randn(1, 3))
+    assert (logits == MASKED_LOGIT).tolist() == [[False, True, False]]
 
 
 def alternating(count: int, seed: int) -> EventSequence:
     """Between two places of the sequence's own, again and again."""
     random = torch.Generator().manual_seed(seed)
     own = 2 * torch.randn(count, 2, 3, generator=random)
-    places = own[:, [0, 1] * 4] + 0.02 * torch.randn(count, 8, 3, generator=random)
+    locations = own[:, [0, 1] * 4] + 0.02 * torch.randn(count, 8, 3, generator=random)
     bins = (torch.arange(8) * 5).expand(count, -1).contiguous()
-    return EventSequence(bins, places, torch.ones(count, 8, dtype=torch.bool))
+    return EventSequence(bins, locations, torch.ones(count, 8, dtype=torch.bool))
 
 
 def test_it_learns_to_go_back():
     """Places are new in every sequence, so only what was left can tell where the third event leads."""
     torch.manual_seed(0)
-    process = EventProcess(SETTINGS, 2, (1.0, 1.0, 1.0))
+    process = PointProcess(SETTINGS, 2, (1.0, 1.0, 1.0))
     adam = torch.optim.Adam(process.parameters(), lr=1e-2)
     for step in range(150):
-        terms = process.terms(alternating(32, step), torch.zeros(32, 40, 2))
+        loss_terms = process.loss_terms(alternating(32, step), torch.zeros(32, 40, 2))
         adam.zero_grad()
-        (terms["when"] + terms["where"]).backward()
+        (loss_terms["when"] + loss_terms["where"]).backward()
         adam.step()
     process.eval()
     uniform = torch.rand(64, 40, 6, generator=torch.Generator().manual_seed(1))
-    drawn = process.sample(torch.zeros(64, 40, 2), uniform, 1.0)
+    sampled = process.sample(torch.zeros(64, 40, 2), uniform, 1.0)
     near = []
-    for event, place in zip(drawn.event, drawn.place, strict=True):
-        gone = place[event]
+    for event, location in zip(sampled.event, sampled.location, strict=True):
+        gone = location[event]
         if len(gone) > 3:
             near += (np.linalg.norm(gone[2:4] - gone[:2], axis=1) < 0.5).tolist()
     assert len(near) > 60

@@ -7,10 +7,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from test_gaze_events import row_shown
+from test_gaze_events import render_row
 
-from talkingeyes.models.gaze.events import both_eyes, fixations
-from talkingeyes.models.head.events import dips, joined
+from talkingeyes.models.gaze.events import cyclopean_and_vergence, saccade_landings
+from talkingeyes.models.head.events import interpolate_poses, speed_minima
 from talkingeyes.physiology import saccades
 
 FPS = 25.0
@@ -20,16 +20,16 @@ FPS = 25.0
 def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
     random = np.random.default_rng(seed)
     onsets = np.concatenate([[0.0], np.cumsum(random.integers(8, 20, size=8))])
-    places = np.concatenate([random.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
-    signal = row_shown(onsets / FPS, places, np.arange(200) / FPS)
-    found = fixations(both_eyes(torch.from_numpy(signal[None])))
+    locations = np.concatenate([random.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
+    signal = render_row(onsets / FPS, locations, np.arange(200) / FPS)
+    found = saccade_landings(cyclopean_and_vergence(torch.from_numpy(signal[None])))
     at = np.flatnonzero(found.onset[0].numpy())
-    amplitudes = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
-    for onset, place, amplitude in zip(onsets[1:], places[1:], amplitudes, strict=True):
+    amplitudes = np.linalg.norm(np.diff(locations[:, :2], axis=0), axis=1)
+    for onset, location, amplitude in zip(onsets[1:], locations[1:], amplitudes, strict=True):
         near = at[np.abs(at - onset) <= 1]
         if amplitude > np.radians(1.5):
             assert len(near) == 1
-            np.testing.assert_allclose(found.landing[0, near[0]].numpy(), place, atol=np.radians(0.2))
+            np.testing.assert_allclose(found.landing[0, near[0]].numpy(), location, atol=np.radians(0.2))
 
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
@@ -37,9 +37,9 @@ def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
     """At 120 frames a second the peak is the law's; at 25 it is what is left of it between two frames."""
     for degrees in (2.0, 5.0, 10.0, 20.0):
         amplitude = np.radians(degrees)
-        places = np.array([[0.0, 0.0, 0.0], [amplitude, 0.0, 0.0]])
+        locations = np.array([[0.0, 0.0, 0.0], [amplitude, 0.0, 0.0]])
         times = np.arange(0, 1, 1 / fps)
-        eye = row_shown(np.array([0.0, 0.5]), places, times)[:, 0]
+        eye = render_row(np.array([0.0, 0.5]), locations, times)[:, 0]
         peak = np.abs(np.diff(eye)).max() * fps
         law = float(saccades.peak_speed(amplitude))
         assert eye[-1] == pytest.approx(amplitude)
@@ -49,8 +49,8 @@ def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
 
 
 def test_a_saccade_waits_for_the_one_before() -> None:
-    places = np.array([[0.0, 0.0, 0.02], [0.3, 0.0, 0.02], [-0.3, 0.0, 0.03]])
-    signal = row_shown(np.array([0.0, 0.5, 0.51]), places, np.arange(0, 1, 0.002))
+    locations = np.array([[0.0, 0.0, 0.02], [0.3, 0.0, 0.02], [-0.3, 0.0, 0.03]])
+    signal = render_row(np.array([0.0, 0.5, 0.51]), locations, np.arange(0, 1, 0.002))
     assert signal[:, 0].max() > 0.3  # it arrives before it leaves again
     np.testing.assert_allclose(signal[-1], [-0.27, 0.0, -0.33, 0.0], atol=1e-9)
     assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and never jumps
@@ -62,10 +62,10 @@ def test_strokes_give_a_smooth_head_back() -> None:
     random = np.random.default_rng(0)
     waves = [(random.uniform(0.02, 0.06, 3), random.uniform(0.2, 0.9, 3), random.uniform(0, 6, 3)) for _ in range(3)]
     head = sum(size * np.sin(2 * np.pi * rate * times[:, None] + phase) for size, rate, phase in waves)
-    knots = dips(torch.from_numpy(head[None]))[0].numpy()
+    knots = speed_minima(torch.from_numpy(head[None]))[0].numpy()
     knots[[0, -1]] = True
     assert 1 < knots.sum() * FPS / len(head) < 8
-    made = joined(knots[None], head[None], 1)[0]
+    made = interpolate_poses(knots[None], head[None], 1)[0]
     np.testing.assert_allclose(made[knots], head[knots], atol=1e-9)
     assert np.abs(made - head).mean() < 0.3 * head.std()
 
@@ -73,13 +73,15 @@ def test_strokes_give_a_smooth_head_back() -> None:
 def test_each_head_of_several_is_as_it_is_alone() -> None:
     """And begins and ends at rest, at the first pose and the last, however long it has held."""
     random = np.random.default_rng(1)
-    event, place = random.random((3, 40)) < 0.3, random.normal(size=(3, 40, 3))
+    event, location = random.random((3, 40)) < 0.3, random.normal(size=(3, 40, 3))
     event[:, 0], event[2, 1:] = True, False
     since = np.maximum.accumulate(np.where(event, np.arange(40), 0), axis=1)
-    place = np.take_along_axis(place, since[..., None], axis=1)
-    made = joined(event, place, 2)
+    location = np.take_along_axis(location, since[..., None], axis=1)
+    made = interpolate_poses(event, location, 2)
     assert made.shape == (3, 80, 3)
     for row, one in enumerate(made):
-        np.testing.assert_allclose(one, joined(event[row : row + 1], place[row : row + 1], 2)[0], atol=1e-9)
-        np.testing.assert_allclose(one[[0, -1]], place[row, [0, -1]], atol=1e-9)
-    np.testing.assert_allclose(made[2], np.tile(place[2, 0], (80, 1)))
+        np.testing.assert_allclose(
+            one, interpolate_poses(event[row : row + 1], location[row : row + 1], 2)[0], atol=1e-9
+        )
+        np.testing.assert_allclose(one[[0, -1]], location[row, [0, -1]], atol=1e-9)
+    np.testing.assert_allclose(made[2], np.tile(location[2, 0], (80, 1)))

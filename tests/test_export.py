@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from talkingeyes.audio.waveform import frames_of, read_speech
+from talkingeyes.audio.waveform import frame_count, read_speech
 from talkingeyes.core.motion import Motion
 from talkingeyes.rendering.traces import plot_traces
 from talkingeyes.rendering.video import write_video
@@ -30,7 +30,7 @@ def beeps(seconds: float, every_s: float) -> np.ndarray:
 @pytest.mark.parametrize("fps", [24.0, 25.0, 29.97, 60.0, 240.0])
 @pytest.mark.parametrize("seconds", [0.3, 2.213])
 def test_picture_and_sound_are_in_step_and_end_together(tmp_path: Path, fps: float, seconds: float) -> None:
-    frames = frames_of(round(seconds * 16_000), fps)
+    frames = frame_count(round(seconds * 16_000), fps)
     path = tmp_path / "a video.mp4"
     write_video(path, flashes(frames, round(fps)), fps, beeps(seconds, round(fps) / fps))
     with av.open(str(path)) as container:

@@ -64,7 +64,7 @@ def test_a_model_of_the_page_trains_and_animates(copy: Path, tmp_path: Path) -> 
     workspace = toy_training(tmp_path, steps=4, validate_every=2, batch=4)
     joint = workspace.params["model"]["joint"]
     joint["prior"] = None
-    joint["head"] = {"kind": "talkingeyes.models.head.sway:SwayHead", "slow_frames": 12}
+    joint["head"] = {"kind": "talkingeyes.models.head.sway:SwayHead", "correlation_frames": 12}
     joint["gaze"] = {"kind": "talkingeyes.models.gaze.hopping:HoppingGaze", "hold_frames": 12}
     joint["weights"] = {"head_likelihood": 1.0, "gaze_likelihood": 1.0}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(dict(workspace.params)))

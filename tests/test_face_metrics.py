@@ -11,25 +11,25 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.face import surface as surfaces
-from talkingeyes.evaluation.face.emotion import EmotionClassifier, features, recognised
-from talkingeyes.evaluation.face.row import FaceCase, cropped_faces, measure_face, summarise_face
-from talkingeyes.evaluation.face.surface import Surface
-from talkingeyes.evaluation.face.talking import best_correlation, talking
-from talkingeyes.evaluation.face.vertices import Dynamics, halves_diversity, vertex_errors
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import motion_names, pose_of
+from talkingeyes.evaluation.face.emotion import EmotionClassifier, balanced_accuracy, emotion_features
+from talkingeyes.evaluation.face.row import FaceCase, crop_faces, face_metrics, summarise_face
+from talkingeyes.evaluation.face.surface import FaceSurface
+from talkingeyes.evaluation.face.talking import articulation, best_correlation
+from talkingeyes.evaluation.face.vertices import DynamicsAccumulator, split_half_diversity, vertex_errors
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import expression_shape_names, motion_to_pose
 from talkingeyes.head.model import Landmarks
-from talkingeyes.head.skinning import posed
+from talkingeyes.head.skinning import posed_vertices
 
 FPS, FRAMES = 25.0, 30
-NAMES = motion_names(open_head())
+NAMES = expression_shape_names(anny_head())
 EVERY = np.ones(FRAMES, bool)
-SETTINGS = BootstrapSettings(draws=50, level=0.95, seed=0)
+SETTINGS = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
 
 
 @pytest.fixture(scope="module")
 def surface():
-    return Surface(open_head())
+    return FaceSurface(anny_head())
 
 
 def faces(*samples, jaw_rad=0.0, frames=FRAMES):
@@ -65,7 +65,9 @@ def test_displacements_are_those_of_the_posed_head(surface):
     )
     neutral = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))
     head = surface.model
-    expected = 1000 * (posed(head, pose_of(head, motion)) - posed(head, pose_of(head, neutral)))
+    expected = 1000 * (
+        posed_vertices(head, motion_to_pose(head, motion)) - posed_vertices(head, motion_to_pose(head, neutral))
+    )
     for region, vertices in surface.regions.items():
         found = surface.displacement_mm(shown, 0, slice(None), region)
         assert np.abs(found - expected[:, vertices]).max() < 2e-3
@@ -119,7 +121,7 @@ def test_dynamics_of_the_upper_face_have_a_sign(surface):
     assert duller.fdd_absolute == livelier.fdd_absolute == duller.fdd_signed
     moved = surface.displacement_mm(lively, 0, slice(None), "upper")
     expected = np.square(moved).sum(-1).std(axis=0).mean()
-    dynamics = Dynamics()
+    dynamics = DynamicsAccumulator()
     dynamics.add(moved[:11])
     dynamics.add(moved[11:])
     assert dynamics.deviation() == pytest.approx(expected, rel=1e-3)
@@ -131,22 +133,24 @@ def test_blocks_change_nothing(surface, monkeypatch):
     random = np.random.default_rng(0)
     shown = replace(faces({}, {}), expression=random.uniform(0, 1, (2, FRAMES, len(NAMES))))
     whole = vertex_errors(surface, faces({}), shown, [0, 1], EVERY)
-    variety = halves_diversity(surface, shown, np.random.default_rng(0))
-    monkeypatch.setattr(surfaces, "BLOCK", 7)
+    variety = split_half_diversity(surface, shown, np.random.default_rng(0))
+    monkeypatch.setattr(surfaces, "BLOCK_FRAMES", 7)
     for name, value in vars(vertex_errors(surface, faces({}), shown, [0, 1], EVERY)).items():
         assert value == pytest.approx(getattr(whole, name), rel=1e-4), name
-    assert halves_diversity(surface, shown, np.random.default_rng(0)) == pytest.approx(variety, rel=1e-4)
+    assert split_half_diversity(surface, shown, np.random.default_rng(0)) == pytest.approx(variety, rel=1e-4)
 
 
 def test_diversity_pairs_two_halves(surface):
     reach = moved_mm(surface, "mouthPucker", "face").mean()
     random = np.random.default_rng(0)
-    assert halves_diversity(surface, faces({}, {"mouthPucker": 0.3}), random) == pytest.approx(0.3 * reach, rel=1e-3)
-    assert halves_diversity(surface, faces(*[{"mouthPucker": 0.3}] * 10), random) == 0.0
-    assert np.isnan(halves_diversity(surface, faces({}), random))
+    assert split_half_diversity(surface, faces({}, {"mouthPucker": 0.3}), random) == pytest.approx(
+        0.3 * reach, rel=1e-3
+    )
+    assert split_half_diversity(surface, faces(*[{"mouthPucker": 0.3}] * 10), random) == 0.0
+    assert np.isnan(split_half_diversity(surface, faces({}), random))
     # Of three equal samples and one other, one of two pairs differs, however they are dealt.
     odd = faces({}, {}, {}, {"mouthPucker": 1.0})
-    assert halves_diversity(surface, odd, random) == pytest.approx(reach / 2, rel=1e-3)
+    assert split_half_diversity(surface, odd, random) == pytest.approx(reach / 2, rel=1e-3)
 
 
 ANNOTATION = Annotation(phonemes=(Phoneme(0.2, 0.3, "b"), Phoneme(0.6, 0.8, "aa"), Phoneme(1.0, 1.1, "p")))
@@ -156,18 +160,18 @@ def opened(*closed_s):
     """A jaw that is open, with lips closed around some moments."""
     times_s = np.arange(FRAMES) / FPS
     closes = np.max([np.abs(times_s - moment) < 0.05 for moment in closed_s], axis=0) if closed_s else np.zeros(FRAMES)
-    return faces({"mouthClose": 0.2 / open_head().jaw_open_rad * closes}, jaw_rad=0.2)
+    return faces({"mouthClose": 0.2 / anny_head().jaw_open_rad * closes}, jaw_rad=0.2)
 
 
 def test_lips_close_on_bilabials(surface):
     silence = np.zeros(round(16000 * FRAMES / FPS))
-    both, one, none = (talking(surface, opened(*at), ANNOTATION, silence) for at in ((0.25, 1.05), (0.25,), ()))
+    both, one, none = (articulation(surface, opened(*at), ANNOTATION, silence) for at in ((0.25, 1.05), (0.25,), ()))
     assert (both.bilabials_closed, one.bilabials_closed, none.bilabials_closed) == (1.0, 0.5, 0.0)
     assert both.bilabial_gap < one.bilabial_gap < none.bilabial_gap
     assert both.vowel_gap == pytest.approx(none.vowel_gap), "an open vowel elsewhere"
-    shut = talking(surface, faces({}), ANNOTATION, silence)
+    shut = articulation(surface, faces({}), ANNOTATION, silence)
     assert (shut.bilabials_closed, shut.vowel_gap) == (1.0, 0.0), "a shut mouth is told by its vowels"
-    assert np.isnan(talking(surface, opened(), Annotation(), silence).bilabials_closed)
+    assert np.isnan(articulation(surface, opened(), Annotation(), silence).bilabials_closed)
 
 
 def test_the_jaw_follows_the_envelope_with_a_lag():
@@ -190,39 +194,41 @@ def felt(emotion, count, seed):
 
 def test_emotions_are_told_by_what_was_learnt(surface):
     kinds = ("happy", "surprised")
-    seen = np.concatenate([features(surface, felt(kind, 12, seed)) for seed, kind in enumerate(kinds)])
+    seen = np.concatenate([emotion_features(surface, felt(kind, 12, seed)) for seed, kind in enumerate(kinds)])
     classifier = EmotionClassifier.learn(seen, ["happy"] * 12 + ["surprised"] * 12)
     for seed, kind in enumerate(kinds, start=10):
-        assert classifier.tell(features(surface, felt(kind, 5, seed))) == [kind] * 5
+        assert classifier.predict(emotion_features(surface, felt(kind, 5, seed))) == [kind] * 5
     hits = np.array([1.0, 1.0, 1.0, 0.0])
-    assert recognised(hits, ["happy"] * 3 + ["surprised"]) == 0.5, "each emotion counts alike, however often it comes"
+    assert balanced_accuracy(hits, ["happy"] * 3 + ["surprised"]) == 0.5, (
+        "each emotion counts alike, however often it comes"
+    )
 
 
 def test_a_row_compares_real_motion_with_itself_and_a_model_with_truth(surface):
-    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(open_head().landmarks.names)), ["happy", "neutral"])
+    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
     truth, sound = faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.6}), np.zeros(16000 * FRAMES // 25)
     own = FaceCase(truth, True, truth, EVERY, ANNOTATION, sound, (0,))
     model = replace(own, samples=faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.4}), own=False)
-    of_truth, of_model = (measure_face(surface, classifier, case) for case in (own, model))
+    of_truth, of_model = (face_metrics(surface, classifier, case) for case in (own, model))
     assert of_truth.errors.lve > 0, "its second take against its first"
     assert of_model.errors.lve == 0.0
     table = summarise_face([of_model, of_model], SETTINGS)
     assert (table["lve"].value, table["diversity"].value, table["diversity_ratio"].value) == (0.0, 0.0, 0.0)
     assert summarise_face([of_truth], SETTINGS)["diversity_ratio"].value == 1.0
-    alone = cropped_faces(faces({}), 20)
-    lonely = measure_face(surface, classifier, FaceCase(alone, True, alone, EVERY[:20], ANNOTATION, sound, (0,)))
+    alone = crop_faces(faces({}), 20)
+    lonely = face_metrics(surface, classifier, FaceCase(alone, True, alone, EVERY[:20], ANNOTATION, sound, (0,)))
     assert lonely.errors is None
     assert "lve" not in summarise_face([lonely], SETTINGS)
     assert "diversity" not in summarise_face([lonely], SETTINGS)
 
 
 def test_frames_weigh_in_mve_and_lve_and_clips_in_the_others(surface):
-    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(open_head().landmarks.names)), ["happy", "neutral"])
+    classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
     sound, figures = np.zeros(16000), []
     for weight, frames in ((0.0, 10), (1.0, 30)):
         pair = faces({}, frames=frames), faces({"mouthFunnel": weight}, frames=frames)
         case = FaceCase(pair[1], False, pair[0], np.ones(frames, bool), Annotation(), sound, (0,))
-        figures.append(measure_face(surface, classifier, case))
+        figures.append(face_metrics(surface, classifier, case))
     table, reach = summarise_face(figures, SETTINGS), moved_mm(surface, "mouthFunnel", "lips").max()
     assert table["lve"].value == pytest.approx(0.75 * reach, rel=1e-3)
     assert table["ce"].value == pytest.approx(0.5 * reach, rel=1e-3)
@@ -232,4 +238,4 @@ def test_another_head_is_refused_in_one_line(surface):
     with pytest.raises(InputError, match=r"^face: should be of the head anny, got flame$"):
         vertex_errors(surface, faces({}), replace(faces({}), head_model="flame"), [0], EVERY)
     with pytest.raises(InputError, match="got no nose_middle"):
-        _ = Surface(replace(open_head(), landmarks=Landmarks((), np.zeros((0, 3), int), np.zeros((0, 3))))).regions
+        _ = FaceSurface(replace(anny_head(), landmarks=Landmarks((), np.zeros((0, 3), int), np.zeros((0, 3))))).regions

@@ -12,52 +12,58 @@ import torch
 from toy_faces import BASIS, NAMES, data, faces
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.models.baselines import BaselineSettings, bank_of_motions
+from talkingeyes.models.baselines import BaselineSettings, build_motion_bank
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
-from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, cut, joined
+from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
+from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, merge_codes, split_codes
 from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
-from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
+from talkingeyes.models.layers.slow_noise import correlated_normal, normal_to_gumbel
 from talkingeyes.training import checkpoint
-from talkingeyes.training.face_priors import FacePrior, FacePriorSettings, FacePriorTask, load_prior, prior_config
+from talkingeyes.training.face_priors import (
+    FaceTokenizer,
+    FaceTokenizerSettings,
+    FaceTokenizerTask,
+    face_tokenizer_config,
+    load_face_tokenizer,
+)
 from talkingeyes.training.face_score import energy_score, speed_ratio
 from talkingeyes.training.face_trained import (
-    FaceGenerator,
+    TrainedFaceGenerator,
     face_config,
-    gives_face,
+    is_face_model,
     load_face_generator,
     save_face_baseline,
 )
-from talkingeyes.training.face_translation import FaceTask, FaceTranslationSettings
+from talkingeyes.training.face_translation import FaceTask, FaceTaskSettings
 from talkingeyes.training.loop import train
-from talkingeyes.training.progress import Progress
+from talkingeyes.training.progress import ResumeFile
 
 LOOP = {
     "steps": 40, "batch": 6, "learning_rate": 5e-3, "schedule": "one-cycle", "weight_decay": 0.0, "clip_norm": 1.0,
     "validate_every": 20,
 }  # fmt: skip
-BOTH_WAYS = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8, "ahead": 8, "kernel": 3}
-CAUSAL = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8}
+BOTH_WAYS = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "lookback": 8, "lookahead": 8, "kernel": 3}
+CAUSAL = {"width": 16, "layers": 1, "heads": 2, "dropout": 0.0, "lookback": 8}
 QUANTISER = {"kind": "codebook", "codes": 16, "width": 8, "commitment": 0.25, "decay": 0.9, "restart_below": 0.1}
-AUTOREGRESSION = {"transformer": CAUSAL, "speech_back": 3, "speech_ahead": 3, "own_history": 0.5}
-DIFFUSION = {"kind": "diffusion", "width": 16, "layers": 1, "dropout": 0.0, "noise_steps": 20}
+AUTOREGRESSION = {"transformer": CAUSAL, "speech_lookback": 3, "speech_lookahead": 3, "own_history_fraction": 0.5}
+DIFFUSION = {"kind": "diffusion", "width": 16, "layers": 1, "dropout": 0.0, "diffusion_steps": 20}
 GENERATORS: dict[str, dict[str, Any]] = {
-    "latent": {"kind": "latent", "transformer": BOTH_WAYS, "slow_frames": 5},
-    "latent_vae": {"kind": "latent", "transformer": BOTH_WAYS, "slow_frames": 1},
-    "ddpm": {**DIFFUSION, "sampled_steps": 20, "eta": 1.0},
-    "ddim": {**DIFFUSION, "sampled_steps": 5, "eta": 0.0},
+    "latent": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 5},
+    "latent_vae": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 1},
+    "ddpm": {**DIFFUSION, "sampling_steps": 20, "eta": 1.0},
+    "ddim": {**DIFFUSION, "sampling_steps": 5, "eta": 0.0},
     "regression": {"kind": "regression", **AUTOREGRESSION},
     "codes": {"kind": "codes", **AUTOREGRESSION},
 }
 OF_CODES = ("latent", "codes")
-HAPPY, ANGRY = Style("a", "happy", 2), Style("a", "angry", 2)
+HAPPY, ANGRY = FaceStyle("a", "happy", 2), FaceStyle("a", "angry", 2)
 
 
-def prior_settings(kind: str = "vq", layout: str = "frames", **changes: Any) -> FacePriorSettings:
+def prior_settings(kind: str = "vq", layout: str = "frames", **changes: Any) -> FaceTokenizerSettings:
     vq = {"layout": layout, "quantiser": QUANTISER} if kind == "vq" else {}
     first = {"quantisation": 1.5} if kind == "vq" else {"divergence": 1e-4}
-    return FacePriorSettings.model_validate(
+    return FaceTokenizerSettings.model_validate(
         {
             "kind": "face",
             "seed": 0,
@@ -69,30 +75,30 @@ def prior_settings(kind: str = "vq", layout: str = "frames", **changes: Any) -> 
     )
 
 
-def prior_of(settings: FacePriorSettings) -> FacePriorTask:
-    task = FacePriorTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
+def prior_of(settings: FaceTokenizerSettings) -> FaceTokenizerTask:
+    task = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
     train(task, settings.loop, "prior")
-    task.measure()
+    task.fit_latent_statistics()
     return task
 
 
 @pytest.fixture(scope="module")
-def priors() -> dict[str, FacePrior]:
+def priors() -> dict[str, FaceTokenizer]:
     made = {kind: prior_of(prior_settings(kind)) for kind in ("vq", "vae")}
     for task in made.values():
         task.module.freeze()
-    return {kind: FacePrior(task.settings.network, task.module, BASIS) for kind, task in made.items()}
+    return {kind: FaceTokenizer(task.settings.network, task.module, BASIS) for kind, task in made.items()}
 
 
-def prior_for(name: str, priors: dict[str, FacePrior]) -> FacePrior | None:
+def prior_for(name: str, priors: dict[str, FaceTokenizer]) -> FaceTokenizer | None:
     if name in OF_CODES:
         return priors["vq"]
     return priors["vae"] if name == "latent_vae" else None
 
 
-def model_settings(name: str, **changes: Any) -> FaceTranslationSettings:
+def model_settings(name: str, **changes: Any) -> FaceTaskSettings:
     weights = {"expression": 0.15, "jaw": 0.1} | ({"latent": 1.0} if "latent" in name or name == "codes" else {})
-    return FaceTranslationSettings.model_validate(
+    return FaceTaskSettings.model_validate(
         {
             "kind": "speech_to_face",
             "parts": ["face"],
@@ -105,7 +111,7 @@ def model_settings(name: str, **changes: Any) -> FaceTranslationSettings:
             "temperatures": [1.0, 0.25],
             "windows": {"frames": 40, "mirror": False},
             "loop": LOOP | {"steps": 12, "validate_every": 6},
-            "watched_clips": 1,
+            "validation_clips": 1,
         }
         | changes
     )
@@ -116,10 +122,10 @@ def model_settings(name: str, **changes: Any) -> FaceTranslationSettings:
 
 def test_a_style_vector_is_one_hot_and_a_stranger_is_the_mean() -> None:
     known = StyleVocabulary(("a", "b", "c"))
-    vector = known.vector(Style("b", "happy", 3))
-    assert vector.tolist() == [0, 1, 0, *(1.0 if i == 1 else 0.0 for i in range(8)), 0, 0, 1]
-    assert known.vector(Style(None, "neutral", 0))[:3].tolist() == pytest.approx([1 / 3] * 3)
-    assert known.vector(Style("a", "neutral", 0))[-3:].tolist() == [0, 0, 0]
+    style_vector = known.style_vector(FaceStyle("b", "happy", 3))
+    assert style_vector.tolist() == [0, 1, 0, *(1.0 if i == 1 else 0.0 for i in range(8)), 0, 0, 1]
+    assert known.style_vector(FaceStyle(None, "neutral", 0))[:3].tolist() == pytest.approx([1 / 3] * 3)
+    assert known.style_vector(FaceStyle("a", "neutral", 0))[-3:].tolist() == [0, 0, 0]
     assert known.columns(["intensity"]) == [11, 12, 13]
     assert known.columns([]) == []
 
@@ -135,22 +141,22 @@ def test_a_style_vector_is_one_hot_and_a_stranger_is_the_mean() -> None:
 )
 def test_a_style_that_is_not_is_refused_with_the_choices(style: Any, line: str) -> None:
     with pytest.raises(InputError, match=line):
-        Style(*style)
+        FaceStyle(*style)
 
 
 def test_style_changes_along_a_clip() -> None:
     known = StyleVocabulary(("a",))
-    course = known.along([StyleKey(2.0, ANGRY), StyleKey(0.0, HAPPY)], 100, 25.0, fade_s=0.4)
-    np.testing.assert_allclose(course[:51], np.repeat(known.vector(HAPPY)[None], 51, axis=0))
-    np.testing.assert_allclose(course[60:], np.repeat(known.vector(ANGRY)[None], 40, axis=0))
-    np.testing.assert_allclose(course[55], (known.vector(HAPPY) + known.vector(ANGRY)) / 2, atol=1e-6)
+    course = known.per_frame([StyleKey(2.0, ANGRY), StyleKey(0.0, HAPPY)], 100, 25.0, fade_s=0.4)
+    np.testing.assert_allclose(course[:51], np.repeat(known.style_vector(HAPPY)[None], 51, axis=0))
+    np.testing.assert_allclose(course[60:], np.repeat(known.style_vector(ANGRY)[None], 40, axis=0))
+    np.testing.assert_allclose(course[55], (known.style_vector(HAPPY) + known.style_vector(ANGRY)) / 2, atol=1e-6)
 
 
 # The numbers of a face
 
 
 def test_a_face_in_a_mirror_changes_sides_and_comes_back() -> None:
-    face = BASIS.joined(np.array([[0.1, 0.2, 0.3, 0.4]]), np.array([[0.5, 0.6, 0.7]]))
+    face = BASIS.to_vector(np.array([[0.1, 0.2, 0.3, 0.4]]), np.array([[0.5, 0.6, 0.7]]))
     np.testing.assert_allclose(BASIS.mirrored(face), [[0.2, 0.1, 0.4, 0.3, 0.5, -0.6, -0.7]], rtol=1e-6)
     np.testing.assert_allclose(BASIS.mirrored(BASIS.mirrored(face)), face)
     flame = FaceBasis("flame", tuple(f"expression_{index}" for index in range(50)))
@@ -165,7 +171,7 @@ def test_a_face_in_a_mirror_changes_sides_and_comes_back() -> None:
 @pytest.mark.parametrize("layout", ["frames", "channels"])
 def test_pieces_are_put_together_again(layout: Any) -> None:
     latents = torch.randn(2, 12, 16)
-    torch.testing.assert_close(joined(cut(latents, layout, 8), layout, 16), latents)
+    torch.testing.assert_close(merge_codes(split_codes(latents, layout, 8), layout, 16), latents)
 
 
 @pytest.mark.parametrize(("layout", "changed"), [("frames", 2), ("channels", 2 * 8)])
@@ -176,7 +182,7 @@ def test_what_one_frame_changes(layout: Any, changed: int) -> None:
     latents = torch.randn(1, 8, 16, generator=torch.Generator().manual_seed(0))
     other = latents.clone()
     other[:, 3] *= -5.0  # far enough for another code, whatever the weights
-    before, after = (cut(each, layout, settings.quantiser.width) for each in (latents, other))
+    before, after = (split_codes(each, layout, settings.quantiser.width) for each in (latents, other))
     assert int((before != after).any(-1).sum()) == changed
     network = FaceVQVAE(settings, BASIS.numbers).eval()
     noise = torch.zeros(1, 8, 1)
@@ -187,13 +193,13 @@ def test_what_one_frame_changes(layout: Any, changed: int) -> None:
 
 
 def test_noise_is_standard_slow_and_the_same_for_a_seed() -> None:
-    slow = slow_normal([1, 2], 4000, 3, 5)
+    slow = correlated_normal([1, 2], 4000, 3, 5)
     assert slow.shape == (2, 4000, 3)
     assert float(slow.var()) == pytest.approx(1.0, abs=0.06)
     assert float((slow[:, 1:] * slow[:, :-1]).mean()) > 0.9
     assert abs(float((slow[:, 20:] * slow[:, :-20]).mean())) < 0.1
-    torch.testing.assert_close(slow_normal([2], 50, 3, 5), slow[1:, :50])
-    white = slow_normal([1], 4000, 3, 1)
+    torch.testing.assert_close(correlated_normal([2], 50, 3, 5), slow[1:, :50])
+    white = correlated_normal([1], 4000, 3, 1)
     assert abs(float((white[:, 1:] * white[:, :-1]).mean())) < 0.05
 
 
@@ -203,20 +209,20 @@ def test_codes_are_drawn_by_a_softmax_over_distances() -> None:
     torch.manual_seed(0)
     network = FaceVQVAE(settings, BASIS.numbers).eval()
     latents = torch.randn(1, 1, 16)
-    network.spread.fill_(4.0)
-    wanted = (-network.quantiser.distances(cut(latents, "frames", 8)) / (4.0 * 0.5)).softmax(-1)[0]
+    network.temperature_scale.fill_(4.0)
+    wanted = (-network.quantiser.distances(split_codes(latents, "frames", 8)) / (4.0 * 0.5)).softmax(-1)[0]
     noise = network.noise(list(range(4000)), 1, 1)
     drawn = network.codes(latents, noise, 0.5)
     for place in (0, 1):
         shares = torch.bincount(drawn[:, place], minlength=16) / 4000
         assert float((shares - wanted[place]).abs().max()) < 0.03
-    nearest = network.quantiser.distances(cut(latents, "frames", 8)).argmin(-1)
+    nearest = network.quantiser.distances(split_codes(latents, "frames", 8)).argmin(-1)
     assert (network.codes(latents, noise[:3], 0.0) == nearest).all()
     assert float((network.codes(latents, noise, 1e-4) == nearest).float().mean()) > 0.99
 
 
 def test_gumbel_noise_has_its_mean_and_variance() -> None:
-    drawn = gumbel_of(torch.randn(200_000, generator=torch.Generator().manual_seed(0)))
+    drawn = normal_to_gumbel(torch.randn(200_000, generator=torch.Generator().manual_seed(0)))
     assert float(drawn.mean()) == pytest.approx(0.5772, abs=0.02)
     assert float(drawn.var()) == pytest.approx(np.pi**2 / 6, rel=0.03)
 
@@ -231,7 +237,7 @@ def test_long_speech_is_attended_to_in_blocks(monkeypatch: pytest.MonkeyPatch) -
     torch.manual_seed(0)
     layer, x = WindowAttention(16, 2, 5, 3, 0.0).eval(), torch.randn(2, 40, 16)
     whole = layer(x, x)
-    monkeypatch.setattr(attention, "BLOCK", 7)
+    monkeypatch.setattr(attention, "BLOCK_FRAMES", 7)
     torch.testing.assert_close(layer(x, x), whole, atol=1e-6, rtol=1e-5)
 
 
@@ -241,9 +247,9 @@ def test_long_speech_is_attended_to_in_blocks(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(("kind", "layout"), [("vq", "frames"), ("vq", "channels"), ("vae", "frames")])
 def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout: str, tmp_path: Path) -> None:
     settings = prior_settings(kind, layout)
-    untrained = FacePriorTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
-    untrained.module.eval()
-    before = untrained.error(untrained.val_faces).normal
+    build_face_tokenizer = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
+    build_face_tokenizer.module.eval()
+    before = build_face_tokenizer.error(build_face_tokenizer.val_faces).normal
     first, second = prior_of(settings), prior_of(settings)
     error = first.error(first.val_faces)
     assert error.normal < 0.5 * before
@@ -251,10 +257,10 @@ def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout:
     assert all(torch.equal(a, b) for a, b in same)
     if kind == "vq":
         assert error.figures()["codes_used"] > 3
-        assert float(first.module.spread) > 0
-    checkpoint.save(tmp_path, first.module.state_dict(), prior_config(settings.network, BASIS), [])
-    again = load_prior(tmp_path)
-    face = torch.from_numpy(BASIS.joined(faces(1, 9)[0].expression, faces(1, 9)[0].jaw))[None]
+        assert float(first.module.temperature_scale) > 0
+    checkpoint.save(tmp_path, first.module.state_dict(), face_tokenizer_config(settings.network, BASIS), [])
+    again = load_face_tokenizer(tmp_path)
+    face = torch.from_numpy(BASIS.to_vector(faces(1, 9)[0].expression, faces(1, 9)[0].jaw))[None]
     torch.testing.assert_close(again.network.latents(face), first.module.latents(face))
     assert again.basis == BASIS
 
@@ -262,14 +268,16 @@ def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout:
 def test_a_prior_that_is_none_is_one_clear_line(tmp_path: Path) -> None:
     checkpoint.save(tmp_path, {}, {"network": {"kind": "vq"}})
     with pytest.raises(InputError, match=r"not a motion autoencoder of the face(.|\n)*`make repro` trains one$"):
-        load_prior(tmp_path)
+        load_face_tokenizer(tmp_path)
 
 
 # Stage 2
 
 
 @pytest.mark.parametrize("name", GENERATORS)
-def test_a_model_learns_is_saved_and_samples_the_same(name: str, priors: dict[str, FacePrior], tmp_path: Path) -> None:
+def test_a_model_learns_is_saved_and_samples_the_same(
+    name: str, priors: dict[str, FaceTokenizer], tmp_path: Path
+) -> None:
     settings, prior, known = model_settings(name), prior_for(name, priors), data()
     task = FaceTask(settings, 0, known, prior)
     history = train(task, settings.loop, name)
@@ -279,12 +287,12 @@ def test_a_model_learns_is_saved_and_samples_the_same(name: str, priors: dict[st
         settings.temperatures, key=lambda each: chosen[f"energy_score_at/{each:g}"]
     )
     checkpoint.save(tmp_path, task.module.state_dict(), face_config(settings, known, prior), history)
-    assert gives_face(tmp_path)
+    assert is_face_model(tmp_path)
     generator = load_face_generator(tmp_path, BASIS)
-    assert isinstance(generator, FaceGenerator)
+    assert isinstance(generator, TrainedFaceGenerator)
     speech = known.val[0].speech
     drawn = generator.generate(speech, [StyleKey(0.0, HAPPY)], [5, 6], 25.0)
-    course = torch.from_numpy(known.vocabulary.vector(HAPPY)[None])
+    course = torch.from_numpy(known.vocabulary.style_vector(HAPPY)[None])
     direct = task.module.generate(torch.from_numpy(speech), course, [6])[0].numpy()
     np.testing.assert_allclose(drawn.expression[1], direct[:, :4], atol=1e-5)
     np.testing.assert_allclose(drawn.jaw[1], direct[:, 4:], atol=1e-5)
@@ -294,7 +302,7 @@ def test_a_model_learns_is_saved_and_samples_the_same(name: str, priors: dict[st
 
 
 @pytest.fixture(scope="module")
-def talker(priors: dict[str, FacePrior]) -> Any:
+def talker(priors: dict[str, FaceTokenizer]) -> Any:
     weights = {"latent": 1.0, "expression": 1.0, "jaw": 1.0}
     settings = model_settings("latent_vae", weights=weights, loop=LOOP | {"steps": 80, "validate_every": 80})
     task = FaceTask(settings, 0, data(), priors["vae"])
@@ -310,7 +318,7 @@ def test_the_emotion_is_seen_and_may_change_along_a_clip(talker: Any) -> None:
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
     keys = [StyleKey(0.0, HAPPY), StyleKey(2.4, ANGRY)]
     happy, changing = (
-        talker.module.generate(speech, torch.from_numpy(known.along(course, 120, 25.0, 0.2)), [3], 0.0)[0].numpy()
+        talker.module.generate(speech, torch.from_numpy(known.per_frame(course, 120, 25.0, 0.2)), [3], 0.0)[0].numpy()
         for course in (keys[:1], keys)
     )
     np.testing.assert_allclose(changing[:30], happy[:30], atol=1e-5)
@@ -320,11 +328,11 @@ def test_the_emotion_is_seen_and_may_change_along_a_clip(talker: Any) -> None:
     assert after[0] > before[0] + 0.03, "the brows come down"
 
 
-def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, priors: dict[str, FacePrior]) -> None:
+def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, priors: dict[str, FaceTokenizer]) -> None:
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
 
     def smile(task: Any, speaker: str) -> float:
-        style = torch.from_numpy(task.data.vocabulary.vector(replace(HAPPY, speaker=speaker))[None])
+        style = torch.from_numpy(task.data.vocabulary.style_vector(replace(HAPPY, speaker=speaker))[None])
         return float(task.module.generate(speech, style, [1], 0.0)[0, :, 3].mean())
 
     assert abs(smile(talker, "a") - smile(talker, "b")) > 1e-4
@@ -334,13 +342,13 @@ def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, priors: 
 
 def test_the_jaw_follows_the_speech(talker: Any) -> None:
     recording = faces(1, seed=11)[0]
-    style = torch.from_numpy(talker.data.vocabulary.vector(Style("a", "neutral", 0))[None])
+    style = torch.from_numpy(talker.data.vocabulary.style_vector(FaceStyle("a", "neutral", 0))[None])
     jaw = talker.module.generate(torch.from_numpy(recording.speech), style, [1], 0.0)[0, :, 4].numpy()
     assert np.corrcoef(jaw, recording.jaw[:, 0])[0, 1] > 0.2
 
 
 def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
-    priors: dict[str, FacePrior], tmp_path: Path
+    priors: dict[str, FaceTokenizer], tmp_path: Path
 ) -> None:
     settings = model_settings("latent", loop=LOOP | {"steps": 4, "validate_every": 2})
 
@@ -353,11 +361,11 @@ def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
 
     whole = FaceTask(settings, 0, data(), priors["vq"])
     train(whole, settings.loop, "whole")
-    progress = Progress.of(tmp_path / "face.progress", [], [])
+    resume = ResumeFile.of(tmp_path / "face.progress", [], [])
     with pytest.raises(Killed):
-        train(FaceTask(settings, 0, data(), priors["vq"]), settings.loop, "cut", report=kill, progress=progress)
+        train(FaceTask(settings, 0, data(), priors["vq"]), settings.loop, "cut", on_validation=kill, resume=resume)
     resumed = FaceTask(settings, 0, data(), priors["vq"])
-    train(resumed, settings.loop, "resumed", progress=progress)
+    train(resumed, settings.loop, "resumed", resume=resume)
     same = zip(whole.module.state_dict().values(), resumed.module.state_dict().values(), strict=True)
     assert all(torch.equal(a, b) for a, b in same)
 
@@ -371,11 +379,11 @@ def test_a_generator_without_its_prior_is_refused(name: str) -> None:
 # Wrong speakers and heads; baselines
 
 
-def baseline(kind: str, folder: Path) -> FaceGenerator:
+def baseline(kind: str, folder: Path) -> TrainedFaceGenerator:
     known = data()
     settings = BaselineSettings.model_validate({"kind": kind, "parts": ["face"], "prior": None, "neighbours": 2})
-    joined_faces = [BASIS.joined(each.expression, each.jaw) for each in known.train]
-    bank = bank_of_motions([each.speech for each in known.train], joined_faces)
+    joined_faces = [BASIS.to_vector(each.expression, each.jaw) for each in known.train]
+    bank = build_motion_bank([each.speech for each in known.train], joined_faces)
     save_face_baseline(folder, settings, bank, known)
     return load_face_generator(folder)
 
@@ -384,7 +392,7 @@ def test_an_unknown_speaker_and_another_head_are_one_clear_line(tmp_path: Path) 
     generator = baseline("mean", tmp_path)
     line = r"^speaker: should be one of a, b or none for their mean, got bob$"
     with pytest.raises(InputError, match=line):
-        generator.generate(faces(1, 3)[0].speech, [StyleKey(0.0, Style("bob", "happy", 1))], [1], 25.0)
+        generator.generate(faces(1, 3)[0].speech, [StyleKey(0.0, FaceStyle("bob", "happy", 1))], [1], 25.0)
     flame = FaceBasis("flame", tuple(f"expression_{index}" for index in range(50)))
     with pytest.raises(InputError, match=r"should be of the head flame \(50 shapes\), got toy \(4\); train one on"):
         load_face_generator(tmp_path, flame)
@@ -394,9 +402,9 @@ def test_a_folder_that_is_no_model_of_the_face_is_one_clear_line(tmp_path: Path)
     with pytest.raises(InputError, match="`make repro` trains"):
         load_face_generator(tmp_path / "none")
     with pytest.raises(InputError, match="not a trained model"):
-        gives_face(tmp_path / "none")
+        is_face_model(tmp_path / "none")
     checkpoint.save(tmp_path, {}, {"model": {"kind": "speech_to_motion", "parts": ["head", "gaze"]}})
-    assert not gives_face(tmp_path)
+    assert not is_face_model(tmp_path)
     with pytest.raises(InputError, match="not a model of the face"):
         load_face_generator(tmp_path)
 

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from talkingeyes.animation import face as faces_of
-from talkingeyes.animation.direction import Direction
-from talkingeyes.animation.face import FacePerformer, beside, between, felt_lid, with_face
-from talkingeyes.animation.parts import Parts
-from talkingeyes.animation.perform import Performer
+from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, find_face_model, interpolate_pchip, with_face
+from talkingeyes.animation.parts import PartOverrides
+from talkingeyes.animation.perform import Animator
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import motion_names
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import Style, StyleKey, StyleVocabulary
+from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.orchestration.config import compose
 
 FPS, FRAMES = 25.0, 100
-NAMES = motion_names(open_head())
+NAMES = expression_shape_names(anny_head())
 SOUND = np.zeros(16000 * FRAMES // 25, np.float32)
 
 
@@ -38,7 +38,7 @@ class Encoder:
 class Heads:
     """Heads and eyes that wander, by their seeds."""
 
-    def generate(self, embedding, seeds, fps, given=None):
+    def generate(self, embedding, seeds, fps, conditioning=None):
         frames = len(embedding)
         wander = [np.cumsum(np.random.default_rng(seed).normal(0, 0.004, (frames, 3)), axis=0) for seed in seeds]
         head = np.stack(wander)
@@ -61,16 +61,16 @@ class Faces:
 
 
 ENCODER = Encoder()
-WITH_FACE = Performer(ENCODER, Heads(), FPS, face=FacePerformer(Faces(), ENCODER))
+WITH_FACE = Animator(ENCODER, Heads(), FPS, face=FaceAnimator(Faces(), ENCODER))
 WITHOUT_FACE = replace(WITH_FACE, face=None)
 
 
-def perform(direction=None, performer=WITH_FACE, samples=1, seed=3, fps=FPS):
-    return performer.perform(SOUND, samples, seed, fps, direction or Direction())
+def perform(controls=None, animator=WITH_FACE, samples=1, seed=3, fps=FPS):
+    return animator.perform(SOUND, samples, seed, fps, controls or Controls())
 
 
 def felt(emotion, intensity=3, speaker=None):
-    return (StyleKey(0.0, Style(speaker, emotion, intensity)),)
+    return (StyleKey(0.0, FaceStyle(speaker, emotion, intensity)),)
 
 
 def test_one_speech_and_one_seed_give_a_whole_motion():
@@ -87,7 +87,7 @@ def test_one_speech_and_one_seed_give_a_whole_motion():
 
 
 def test_the_face_leaves_head_gaze_and_blinks_alone():
-    whole, bare = perform()[0], perform(performer=WITHOUT_FACE)[0]
+    whole, bare = perform()[0], perform(animator=WITHOUT_FACE)[0]
     for name in ("head", "gaze", "lid"):
         assert np.array_equal(getattr(whole.motion, name), getattr(bare.motion, name)), name
     assert whole.events == bare.events
@@ -95,7 +95,7 @@ def test_the_face_leaves_head_gaze_and_blinks_alone():
 
 
 def test_a_blink_closes_lids_that_squint_or_are_raised():
-    motion = perform(Direction(face=felt("surprised")))[0].motion
+    motion = perform(Controls(face=felt("surprised")))[0].motion
     shut = motion.lid.mean(axis=1) > 0.99
     assert shut.any(), "raised lids still close"
     squint = motion.expression[:, NAMES.index("eyeSquintLeft")]
@@ -108,10 +108,12 @@ def test_a_blink_closes_lids_that_squint_or_are_raised():
 
 
 def test_an_emotion_may_change_along_a_clip():
-    keys = (*felt("neutral", 0), StyleKey(2.0, Style(None, "surprised", 3)))
-    lid = felt_lid(keys, np.array([0.0, 1.9, 2.25, 3.0]))
+    keys = (*felt("neutral", 0), StyleKey(2.0, FaceStyle(None, "surprised", 3)))
+    lid = emotion_lid_closure(keys, np.array([0.0, 1.9, 2.25, 3.0]))
     assert np.allclose(lid, [0.0, 0.0, -0.09, -0.18])
-    assert np.allclose(felt_lid(keys[::-1], np.array([0.0, 3.0])), [0.0, -0.18]), "in whatever order they are given"
+    assert np.allclose(emotion_lid_closure(keys[::-1], np.array([0.0, 3.0])), [0.0, -0.18]), (
+        "in whatever order they are given"
+    )
 
 
 def test_other_frame_rates_pass_through_the_models_frames_and_never_beyond():
@@ -119,24 +121,24 @@ def test_other_frame_rates_pass_through_the_models_frames_and_never_beyond():
     assert len(fast) == 3 * len(slow)
     assert np.allclose(fast.jaw[::3], slow.jaw)
     values = np.array([[0.0], [0.0], [1.0], [1.0]])
-    course = between(values, FPS, np.arange(12) / 75.0)[:, 0]
+    course = interpolate_pchip(values, FPS, np.arange(12) / 75.0)[:, 0]
     assert (np.diff(course) >= 0).all()
     assert course.min() == 0.0
     assert course.max() == 1.0, "lips that meet stay together: no overshoot"
-    assert np.allclose(between(np.ones((1, 2)), FPS, np.arange(3) / 75.0), 1.0)
+    assert np.allclose(interpolate_pchip(np.ones((1, 2)), FPS, np.arange(3) / 75.0), 1.0)
 
 
 def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
     embedding, style = np.zeros((FRAMES, 1), np.float32), felt("neutral", 0)
     whole = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
-    monkeypatch.setattr(faces_of, "PIECE_S", 1.6)
+    monkeypatch.setattr(faces_of, "CHUNK_S", 1.6)
     monkeypatch.setattr(faces_of, "OVERLAP_S", 0.8)
-    monkeypatch.setattr(faces_of, "SEAM_S", 0.4)
+    monkeypatch.setattr(faces_of, "CROSSFADE_S", 0.4)
     pieces = WITH_FACE.face.perform(embedding, style, 3, 2, FPS)
     assert pieces.jaw.shape == whole.jaw.shape
     assert pieces.expression.shape == whole.expression.shape
     for start in (20, 40, 60):
-        following = WITH_FACE.face._piece(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
+        following = WITH_FACE.face._chunk(embedding[start : start + 40], style, (3, 2, start // 20), FPS)
         assert np.array_equal(pieces.jaw[:, start + 15 : start + 25], following.jaw[:, 15:25]), "after its seam its own"
     still = replace(whole, jaw=np.zeros((2, 40, 3)), expression=np.zeros((2, 40, len(NAMES))))
     one, other = still, replace(still, jaw=np.ones((2, 40, 3)))
@@ -148,20 +150,20 @@ def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
 
 def faced_over(one, other):
     """The jaw where one piece becomes another, from frame 20 on, over an overlap of 20 frames."""
-    return faces_of.faded(one, other, 20, 20).jaw[0, :, 0]
+    return faces_of.crossfade(one, other, 20, 20).jaw[0, :, 0]
 
 
 @pytest.mark.parametrize("fps", [FPS, 60.0])
 def test_parts_are_switched_off(fps):
     own = perform(fps=fps)[0]
-    still = perform(Direction(parts=Parts(("head", "gaze", "blinks", "face"))), fps=fps)[0]
+    still = perform(Controls(parts=PartOverrides(("head", "gaze", "blinks", "face"))), fps=fps)[0]
     assert not still.motion.head.any()
     assert not still.motion.gaze.any()
     assert not still.motion.lid.any()
     assert not still.motion.jaw.any()
     assert still.motion.expression_names == ()
     assert still.events.saccades == still.events.blinks == ()
-    headless = perform(Direction(parts=Parts(("head",))), fps=fps)[0].motion
+    headless = perform(Controls(parts=PartOverrides(("head",))), fps=fps)[0].motion
     space, own_space = (rotation.gaze_in_space(each.head, each.gaze) for each in (headless, own.motion))
     assert np.allclose(space, own_space, atol=1e-6), "gaze in space stays"
     assert np.array_equal(headless.jaw, own.motion.jaw)
@@ -169,8 +171,8 @@ def test_parts_are_switched_off(fps):
 
 def test_parts_are_taken_from_other_motions():
     donor = perform(seed=9)[0].motion
-    parts = Parts(replaced={"head": donor, "face": donor, "blinks": donor})
-    own, recast = perform()[0], perform(Direction(parts=parts))[0]
+    parts = PartOverrides(replacements={"head": donor, "face": donor, "blinks": donor})
+    own, recast = perform()[0], perform(Controls(parts=parts))[0]
     assert np.allclose(recast.motion.head, donor.head)
     for name in ("jaw", "expression", "lid"):
         assert np.array_equal(getattr(recast.motion, name), getattr(donor, name)), name
@@ -178,13 +180,13 @@ def test_parts_are_taken_from_other_motions():
     # Blinks hold gaze, and the model's are not drawn here: elsewhere it is the same gaze.
     open_eyes = own.motion.lid.max(axis=1) == 0
     assert np.allclose(space[open_eyes], own_space[open_eyes], atol=1e-6)
-    eyes = perform(Direction(parts=Parts(replaced={"gaze": donor})))[0]
+    eyes = perform(Controls(parts=PartOverrides(replacements={"gaze": donor})))[0]
     assert np.array_equal(eyes.motion.gaze, donor.gaze)
     assert len(eyes.events.saccades) >= 1, "found in the eyes that are shown"
-    at_60 = perform(Direction(parts=Parts(replaced={"face": donor})), fps=60.0)[0].motion
+    at_60 = perform(Controls(parts=PartOverrides(replacements={"face": donor})), fps=60.0)[0].motion
     assert len(at_60) == FRAMES * 60 // 25
     with pytest.raises(InputError, match=r"^replace face: should last as long as the speech, 4\.00 s, got 2\.00 s$"):
-        perform(Direction(parts=Parts(replaced={"face": donor.cut(0, 50)})))
+        perform(Controls(parts=PartOverrides(replacements={"face": donor.cut(0, 50)})))
 
 
 def test_what_is_not_there_is_refused_in_one_line():
@@ -193,39 +195,41 @@ def test_what_is_not_there_is_refused_in_one_line():
     with pytest.raises(InputError, match=r"^intensity: should be 1, 2 or 3 with happy, got 4$"):
         felt("happy", 4)
     with pytest.raises(InputError, match=r"^speaker: should be one of ann, ben or none for their mean, got carl$"):
-        perform(Direction(face=felt("happy", 2, "carl")))
+        perform(Controls(face=felt("happy", 2, "carl")))
     with pytest.raises(InputError, match=r"model of the face \(probtalk3d\), got none$"):
-        perform(Direction(face=felt("happy")), WITHOUT_FACE)
+        perform(Controls(face=felt("happy")), WITHOUT_FACE)
     with pytest.raises(InputError, match=r"^parts: should be among head, gaze, blinks, face, got ears$"):
-        Parts(("ears",))
+        PartOverrides(("ears",))
     with pytest.raises(InputError, match=r"^parts: head should be replaced or switched off, got both$"):
-        Parts(("head",), {"head": Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))})
+        PartOverrides(("head",), {"head": Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))})
     with pytest.raises(InputError, match="at least one style"):
-        Direction(face=())
+        Controls(face=())
 
 
 def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
     for name in ("talkingeyes", "probtalk3d"):
         (tmp_path / name).mkdir()
-    assert beside(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
-    assert beside(tmp_path / "probtalk3d") is None
+    assert find_face_model(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
+    assert find_face_model(tmp_path / "probtalk3d") is None
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "linked").mkdir()
     (tmp_path / "linked" / "talkingeyes").symlink_to(tmp_path / "talkingeyes")
     (tmp_path / "linked" / "probtalk3d").symlink_to(tmp_path / "elsewhere")
-    assert beside(tmp_path / "linked" / "talkingeyes") == tmp_path / "linked" / "probtalk3d", "links stay links"
+    assert find_face_model(tmp_path / "linked" / "talkingeyes") == tmp_path / "linked" / "probtalk3d", (
+        "links stay links"
+    )
     (tmp_path / "probtalk3d").rmdir()
-    assert beside(tmp_path / "talkingeyes") is None
+    assert find_face_model(tmp_path / "talkingeyes") is None
     (tmp_path / "talkingeyes" / "config.json").write_text('{"model": {"parts": ["head", "gaze"]}}')
     with pytest.raises(InputError, match="should be a model of the face, such as probtalk3d"):
-        FacePerformer.load(tmp_path / "talkingeyes", EmbedSettings.model_validate(compose()["embed"]), ENCODER)
+        FaceAnimator.load(tmp_path / "talkingeyes", EmbedSettings.model_validate(compose()["embed"]), ENCODER)
 
 
 def test_another_encoder_hears_the_sound_itself():
     other = Encoder()
-    performer = replace(WITH_FACE, face=FacePerformer(Faces(), other))
-    assert np.array_equal(perform(performer=performer)[0].motion.jaw, perform()[0].motion.jaw)
-    embedded = performer.perform_embedded(ENCODER(SOUND, FPS), 1, 3, FPS)
+    animator = replace(WITH_FACE, face=FaceAnimator(Faces(), other))
+    assert np.array_equal(perform(animator=animator)[0].motion.jaw, perform()[0].motion.jaw)
+    embedded = animator.generate_from_embedding(ENCODER(SOUND, FPS), 1, 3, FPS)
     assert embedded[0].motion.expression_names == (), "there is no sound to hear"
 
 

@@ -10,19 +10,19 @@ import pytest
 from toy_workspace import FPS, FRAMES, toy_workspace
 
 from pipelines import evaluate
-from pipelines.evaluate_face import FaceSources, measure_faces, stacked_faces
+from pipelines.evaluate_face import FaceInputPaths, measure_faces, stack_faces
 from pipelines.face_table import options
 from pipelines.rows import SEEDS
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
+from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.face.pictures import coloured, heat
+from talkingeyes.evaluation.face.pictures import heat_colours, heat_map
 from talkingeyes.evaluation.face.row import summarise_face, summarise_seeds
-from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import face_markdown
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 
 SHAPES = ("browInnerUp", "mouthFunnel")
 
@@ -44,13 +44,13 @@ def workspace(tmp_path_factory):
     corpus = Corpus(made.corpus)
     for clip in corpus.clips:
         truth = faced(corpus.truth(clip), random)
-        truth.save(sharded(corpus.root / "truth", clip.id, ".npz"))
-        fitted = sharded(made.data("fit", "motion"), clip.id, ".npz")
+        truth.save(shard_path(corpus.root / "truth", clip.id, ".npz"))
+        fitted = shard_path(made.data("fit", "motion"), clip.id, ".npz")
         replace(Motion.load(fitted), jaw=truth.jaw, expression=truth.expression, expression_names=SHAPES).save(fitted)
         if clip.split in ("test", "unseen") and clip.take == 0:
             again = [faced(truth, random) for _ in range(4)]
             for name, drawn in (("copy", [truth] * 4), ("noise", again)):
-                stacked_faces(drawn).save(sharded_for_writing(made.data("sample", name), clip.id, ".npz"))
+                stack_faces(drawn).save(make_shard_path(made.data("sample", name), clip.id, ".npz"))
     return made
 
 
@@ -77,7 +77,7 @@ def test_a_model_of_the_face_has_that_part_alone(workspace, tables):
 
 def test_true_takes_are_compared_with_each_other(workspace):
     corpus = Corpus(workspace.corpus)
-    sources = FaceSources("truth", workspace.corpus, workspace.data("fit"), workspace.data("sample", "truth"), 0)
+    sources = FaceInputPaths("truth", workspace.corpus, workspace.data("fit"), workspace.data("sample", "truth"), 0)
     takes = [clip for clip in corpus.clips if clip.sound == "e0"]
     assert len(takes) == 3
     several, alone = measure_faces(sources, [takes, takes[:1]], jobs=1)
@@ -94,18 +94,18 @@ def test_seeds_are_averaged_and_their_range_told(workspace):
     sounds = [[clip] for clip in corpus.select("test", "unseen", take=0)]
     places = workspace.corpus, workspace.data("fit")
     by_seed = [
-        measure_faces(FaceSources(row, *places, workspace.data("sample", row), 0), sounds, jobs=1)
+        measure_faces(FaceInputPaths(row, *places, workspace.data("sample", row), 0), sounds, jobs=1)
         for row in ("copy", "noise")
     ]
-    settings = BootstrapSettings(draws=50, level=0.95, seed=0)
+    settings = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
     both, noise = summarise_seeds(by_seed, settings), summarise_face(by_seed[1], settings)
     assert both["lve"].value == pytest.approx(noise["lve"].value / 2)
-    assert (both["lve"].least, both["lve"].most) == (0.0, noise["lve"].value)
+    assert (both["lve"].seed_min, both["lve"].seed_max) == (0.0, noise["lve"].value)
     assert both["lve"].low == pytest.approx(noise["lve"].low / 2)
 
 
 def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):
-    figure = {"value": 1.0, "low": 0.5, "high": 2.0, "least": 0.75, "most": 1.25}
+    figure = {"value": 1.0, "low": 0.5, "high": 2.0, "seed_min": 0.75, "seed_max": 1.25}
     rows = {"probtalk3d": {"test": {"face": {"mve": figure}}}, "truth": {"test": {"face": {}}}, "mean": {"test": {}}}
     page = face_markdown(rows)
     assert page.index("| Truth: its other takes |") < page.index(
@@ -117,14 +117,14 @@ def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):
 
 
 def test_heat_is_the_way_from_frame_to_frame():
-    surface, frames = Surface(open_head()), 200
+    surface, frames = FaceSurface(anny_head()), 200
     expression = np.zeros((1, frames, 1))
     expression[0, ::2] = 0.5  # to and fro, as far each time
-    steady = heat(surface, FaceSamples(FPS, np.zeros((1, frames, 3)), expression, ("mouthFunnel",), "anny"))
+    steady = heat_map(surface, FaceSamples(FPS, np.zeros((1, frames, 3)), expression, ("mouthFunnel",), "anny"))
     shape = surface.model.expression[surface.model.shape("mouthFunnel")][surface.regions["face"]]
     assert np.allclose(steady.mean_mm, 500 * np.linalg.norm(shape, axis=1), atol=1e-3)
     assert steady.sd_mm.max() < 0.01
-    colours = coloured(surface.model, np.ones(len(surface.model.template)))
+    colours = heat_colours(surface.model, np.ones(len(surface.model.template)))
     eyes = surface.model.vertices_of("pupil")
     assert np.array_equal(colours[eyes], surface.model.colours[eyes])
     assert not np.allclose(colours[surface.regions["lips"]], surface.model.colours[surface.regions["lips"]])

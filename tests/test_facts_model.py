@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipelines import facts_model
-from talkingeyes.evaluation.facts.acceptance import FACTS
-from talkingeyes.evaluation.facts.clip import measured, missing
+from talkingeyes.evaluation.facts.acceptance import REFERENCE_RANGES
+from talkingeyes.evaluation.facts.clip import measurement, no_measurement
 
 
 def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, capsys):
@@ -27,15 +27,15 @@ def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, c
 def test_half_minutes_of_a_style_are_of_several_sounds():
     samples = facts_model.SAMPLES
     sound = np.repeat(np.arange(3), samples)
-    taken = facts_model.by_take({"style.looking": sound, "blinks": sound})
+    taken = facts_model.order_by_take({"style.looking": sound, "blinks": sound})
     np.testing.assert_array_equal(taken["style.looking"], np.tile(np.arange(3), samples))
     np.testing.assert_array_equal(taken["blinks"], sound)
 
 
 def test_a_figure_out_of_its_band_is_marked():
-    fact = next(each for each in FACTS if each.name == "rate")
-    assert facts_model.cell(fact, measured(1.5, 40, "saccades")) == "1.5"
-    assert facts_model.cell(fact, measured(3.5, 40, "saccades")) == "3.5 **out**"
-    assert facts_model.cell(fact, missing("too few")) == "- (too few)"
-    found = {"rate": measured(3.5, 40, "saccades"), "below_5": measured(0.5, 40, "saccades")}
+    fact = next(each for each in REFERENCE_RANGES if each.name == "rate")
+    assert facts_model.cell(fact, measurement(1.5, 40, "saccades")) == "1.5"
+    assert facts_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **out**"
+    assert facts_model.cell(fact, no_measurement("too few")) == "- (too few)"
+    found = {"rate": measurement(3.5, 40, "saccades"), "below_5": measurement(0.5, 40, "saccades")}
     assert facts_model.counts(found) == "1 are in, 1 out"

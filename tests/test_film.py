@@ -13,8 +13,8 @@ import soundfile
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
-from talkingeyes.workflows.render import framing_of, on_head, render
+from talkingeyes.head.anny import anny_head
+from talkingeyes.workflows.render import parse_camera, render, retarget_to_head
 from tests.flame_file import arrays, write
 
 
@@ -91,15 +91,15 @@ def test_a_mistake_is_one_line_and_changes_nothing(
 
 
 def test_cameras_are_names_numbers_or_both() -> None:
-    assert framing_of("face").height_m == framing_of("face,yaw=20").height_m
-    assert framing_of("face,yaw=20").yaw_deg == 20
-    assert framing_of("distance=0.5, height=0.2").distance_m == 0.5
+    assert parse_camera("face").height_m == parse_camera("face,yaw=20").height_m
+    assert parse_camera("face,yaw=20").yaw_deg == 20
+    assert parse_camera("distance=0.5, height=0.2").distance_m == 0.5
     with pytest.raises(InputError, match="height should be"):
-        framing_of("height=0")
+        parse_camera("height=0")
 
 
 def test_expression_of_the_same_head_is_left_alone() -> None:
-    head = open_head()
+    head = anny_head()
     smile = Motion.of(
         25.0,
         np.zeros((2, 3)),
@@ -107,4 +107,4 @@ def test_expression_of_the_same_head_is_left_alone() -> None:
         expression=np.ones((2, 1)),
         expression_names=("mouthSmileLeft",),
     )
-    assert on_head(smile, head, None) is smile
+    assert retarget_to_head(smile, head, None) is smile

@@ -13,7 +13,7 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.fitting.manner import load_speakers
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
@@ -43,7 +43,7 @@ def make_corpus(root: Path, truth: bool = True, bad: int = BAD, good: int = GOOD
 def workspace(root: Path, repository: Path, adam_clips: int = 1) -> Workspace:
     """A workspace whose fit section is the default with few Adam clips that stop early."""
     section = compose()["fit"]
-    section["table8"]["adam_clips"] = adam_clips
+    section["method_comparison"]["adam_clips"] = adam_clips
     section["lightgazefit"]["adam"]["steps"] = 30
     return Workspace(root, {"corpus": "data/synthesize", "machine": {"jobs": 1}, "fit": section})
 
@@ -53,10 +53,10 @@ def test_fit_writes_motion_and_reports(tmp_path: Path, repository: Path):
     report = stage.run(workspace(tmp_path, repository))
     folder = tmp_path / "data/fit"
     for index in range(GOOD):
-        motion = Motion.load(sharded(folder / "motion", f"s{index}", ".npz"))
+        motion = Motion.load(shard_path(folder / "motion", f"s{index}", ".npz"))
         assert len(motion) == 220
         assert motion.fps == FPS
-    assert not sharded(folder / "motion", "s3", ".npz").exists()
+    assert not shard_path(folder / "motion", "s3", ".npz").exists()
     rows = list(csv.reader((folder / "rejected.csv").read_text().splitlines()))
     assert rows[0] == ["clip", "reason"]
     assert [row[0] for row in rows[1:]] == ["s3"]

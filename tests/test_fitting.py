@@ -9,22 +9,28 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.core.rotation import angles_of_gaze, directions, eye_in_head, gaze_in_space, gaze_of_angles
-from talkingeyes.fitting.accuracy import Yardstick
-from talkingeyes.fitting.blink import dips, eye_aspect_ratio, lids, rates
+from talkingeyes.core.rotation import angles_to_gaze, eye_in_head, gaze_in_space, gaze_to_angles, rotvec_to_direction
+from talkingeyes.fitting.accuracy import FitReference
+from talkingeyes.fitting.blink import blink_rate_distribution, eye_aspect_ratio, find_blinks, lids
 from talkingeyes.fitting.clip import FitSettings, fit_clip
-from talkingeyes.fitting.comparison import Truth, head_error, judge, match, with_adam
-from talkingeyes.fitting.eyes import eyes, within_range
-from talkingeyes.fitting.face import bounded, face
-from talkingeyes.fitting.gaps import bridged, held, runs
+from talkingeyes.fitting.comparison import GroundTruth, evaluate_fit, head_error, match, with_adam
+from talkingeyes.fitting.eyes import eye_calibration, limit_to_range
+from talkingeyes.fitting.face import face, solve_bounded
+from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import head_pose
-from talkingeyes.fitting.lightgazefit import Sight, direction_and_jacobian, sighted_gaze, solve, solve_newton
-from talkingeyes.fitting.person import person
-from talkingeyes.fitting.smoothing import StepSettings, bursts, quadratic, smooth_gaze, smooth_version
-from talkingeyes.head.landmarks import RIGID, in_camera, motion_landmarks, rest_points
+from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, ray_gaze, solve, solve_newton
+from talkingeyes.fitting.person import face_identity
+from talkingeyes.fitting.smoothing import (
+    PiecewiseConstantSettings,
+    bursts,
+    smooth_gaze,
+    smooth_version,
+    whittaker_smooth,
+)
+from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
-from tests.scene import CAMERA, FPS, Scene, blinking, observe, scene
+from tests.scene import CAMERA, FPS, Scene, blink_frames, observe, scene
 
 SMALL = st.floats(-0.6, 0.6)
 
@@ -40,65 +46,68 @@ def variant(*overrides: str) -> FitSettings:
     return FitSettings.model_validate(compose([*overrides])["fit"])
 
 
-def sight_of(known: Scene) -> Sight:
+def sight_of(known: Scene) -> PupilObservations:
     """Observed pupils under the true head pose."""
     motion = known.motion
-    return Sight(known.observation.pupils, motion.head, motion.translation, CAMERA)
+    return PupilObservations(known.observation.pupils, motion.head, motion.translation, CAMERA)
 
 
 @given(st.tuples(SMALL, SMALL, SMALL))
 def test_jacobian_of_the_direction_is_its_derivative(vector: tuple[float, float, float]):
     gaze, step = np.array(vector), 1e-6
     looking, jacobian = direction_and_jacobian(gaze)
-    np.testing.assert_allclose(looking, directions(gaze), atol=1e-9)
+    np.testing.assert_allclose(looking, rotvec_to_direction(gaze), atol=1e-9)
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
-        slope = (directions(gaze + nudge) - directions(gaze - nudge)) / (2 * step)
+        slope = (rotvec_to_direction(gaze + nudge) - rotvec_to_direction(gaze - nudge)) / (2 * step)
         np.testing.assert_allclose(jacobian[:, axis], slope, atol=1e-4)
 
 
 def test_exact_pupils_give_the_true_gaze(settings: FitSettings):
     known = scene(1, noise=0.0, blinks=False)
     found = solve_newton(sight_of(known), settings.lightgazefit).gaze
-    np.testing.assert_allclose(angles_of_gaze(found), angles_of_gaze(known.motion.gaze), atol=1e-4)
-    np.testing.assert_allclose(sighted_gaze(sight_of(known)), known.motion.gaze, atol=1e-9)
+    np.testing.assert_allclose(gaze_to_angles(found), gaze_to_angles(known.motion.gaze), atol=1e-4)
+    np.testing.assert_allclose(ray_gaze(sight_of(known)), known.motion.gaze, atol=1e-9)
 
 
 def test_left_eye_alone_moves_only_left(settings: FitSettings):
     gaze = np.zeros((1, 2, 3))
     gaze[0, 0] = [0.0, 0.2, 0.0]
     turned = observe(Motion.of(FPS, np.zeros((1, 3)), gaze), np.random.default_rng(0), 0.0)
-    found = solve_newton(Sight(turned.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA), settings.lightgazefit).gaze
-    yaw = angles_of_gaze(found)[0, :, 0]
+    found = solve_newton(
+        PupilObservations(turned.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA), settings.lightgazefit
+    ).gaze
+    yaw = gaze_to_angles(found)[0, :, 0]
     assert yaw == pytest.approx([0.2, 0.0], abs=1e-3)
 
 
 def test_listings_law_leaves_no_torsion_and_meets_the_pupils(settings: FitSettings):
-    sight = sight_of(scene(2, frames=40))
+    observations = sight_of(scene(2, frames=40))
     newton, listing = (
-        solve(sight, settings.lightgazefit.model_copy(update={"solver": solver})) for solver in ("newton", "listing")
+        solve(observations, settings.lightgazefit.model_copy(update={"solver": solver}))
+        for solver in ("newton", "listing")
     )
     np.testing.assert_array_equal(listing.gaze[..., 2], 0.0)
-    seen = sight.seen.all(axis=1)
-    np.testing.assert_allclose(angles_of_gaze(listing.gaze)[seen], angles_of_gaze(newton.gaze)[seen], atol=1e-3)
+    seen = observations.seen.all(axis=1)
+    np.testing.assert_allclose(gaze_to_angles(listing.gaze)[seen], gaze_to_angles(newton.gaze)[seen], atol=1e-3)
     assert listing.objective[seen].sum() <= 1.02 * newton.objective[seen].sum()
 
 
 def test_long_clips_are_solved_in_blocks(settings: FitSettings, monkeypatch: pytest.MonkeyPatch):
-    sight = sight_of(scene(3, frames=50))
+    observations = sight_of(scene(3, frames=50))
     for solver in ("newton", "listing"):
         chosen = settings.lightgazefit.model_copy(update={"solver": solver})
-        whole = solve(sight, chosen)
+        whole = solve(observations, chosen)
         with monkeypatch.context() as context:
-            context.setattr("talkingeyes.fitting.lightgazefit.BLOCK", 16)
-            parts = solve(sight, chosen)
+            context.setattr("talkingeyes.fitting.lightgazefit.BLOCK_FRAMES", 16)
+            parts = solve(observations, chosen)
         np.testing.assert_allclose(parts.gaze, whole.gaze, atol=1e-3)
 
 
 def test_eyes_stay_in_their_range(settings: FitSettings):
-    gaze = gaze_of_angles(np.radians([[[60.0, 5.0], [-60.0, 50.0]], [[10.0, -60.0], [5.0, 5.0]]]))
-    angles = np.degrees(angles_of_gaze(within_range(gaze, settings.range)))
-    limits = settings.range
+    gaze = angles_to_gaze(np.radians([[[60.0, 5.0], [-60.0, 50.0]], [[10.0, -60.0], [5.0, 5.0]]]))
+    angles = np.degrees(gaze_to_angles(limit_to_range(gaze, settings.oculomotor_range)))
+    limits = settings.oculomotor_range
     side, up, down = np.degrees([limits.side_rad, limits.up_rad, limits.down_rad])
     np.testing.assert_allclose(angles, [[[side, 5.0], [-side, up]], [[10.0, -down], [5.0, 5.0]]], atol=1e-6)
 
@@ -109,39 +118,39 @@ def test_gain_of_the_pupils_is_found_where_a_head_turns(settings: FitSettings):
     head = np.zeros((400, 3))
     head[:, :2] = np.radians(8.0) * np.sin(2 * np.pi * np.array([0.4, 0.5]) * np.arange(400)[:, None] / FPS)
     true = eye_in_head(head, np.zeros((400, 2, 2)))
-    seen = gaze_of_angles(0.7 * angles_of_gaze(true) + np.radians(0.5) * random.normal(size=(400, 2, 2)))
+    seen = angles_to_gaze(0.7 * gaze_to_angles(true) + np.radians(0.5) * random.normal(size=(400, 2, 2)))
     known = np.ones((400, 2), bool)
-    believing = settings.eyes.model_copy(update={"gain_sd": 0.3, "gain_yaw": 1.0, "gain_pitch": 1.0})
-    found = eyes(seen, head, known, FPS, believing)
+    believing = settings.eye_calibration.model_copy(update={"gain_sd": 0.3, "gain_yaw": 1.0, "gain_pitch": 1.0})
+    found = eye_calibration(seen, head, known, FPS, believing)
     assert found.gain == pytest.approx([0.7, 0.7], abs=0.05)
-    stubborn = eyes(seen, head, known, FPS, believing.model_copy(update={"gain_sd": 0.0}))
+    stubborn = eye_calibration(seen, head, known, FPS, believing.model_copy(update={"gain_sd": 0.0}))
     assert stubborn.gain == pytest.approx([1.0, 1.0])
-    still = eyes(seen[:100], 0 * head[:100], known[:100], FPS, believing)
+    still = eye_calibration(seen[:100], 0 * head[:100], known[:100], FPS, believing)
     assert still.gain == pytest.approx([1.0, 1.0], abs=0.1)  # a head that rests says nothing
 
 
 def test_axes_of_the_eyes_lie_between_what_is_seen_and_their_prior(settings: FitSettings):
-    gaze = gaze_of_angles(np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1)))  # 6 degrees apart, 2 of level
+    gaze = angles_to_gaze(np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1)))  # 6 degrees apart, 2 of level
     known = np.ones((50, 2), bool)
-    plain = settings.eyes.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "gain_pitch": 1.0})
-    found = angles_of_gaze(eyes(gaze, np.zeros((50, 3)), known, FPS, plain).corrected(gaze, known[:, 0]))[0]
+    plain = settings.eye_calibration.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "gain_pitch": 1.0})
+    found = gaze_to_angles(eye_calibration(gaze, np.zeros((50, 3)), known, FPS, plain).apply(gaze, known[:, 0]))[0]
     half = np.degrees(found[0] - found[1]) / 2
-    assert np.degrees(plain.apart_rad) < half[0] < 6.0
+    assert np.degrees(plain.half_difference_rad) < half[0] < 6.0
     assert 0.0 < half[1] < 2.0
     np.testing.assert_allclose(np.degrees(found.mean(axis=0)), [3.0, 0.0], atol=1e-6)
     trusting = plain.model_copy(update={"noise_rad": 0.0})
-    kept = eyes(gaze, np.zeros((50, 3)), known, FPS, trusting).corrected(gaze, known[:, 0])
+    kept = eye_calibration(gaze, np.zeros((50, 3)), known, FPS, trusting).apply(gaze, known[:, 0])
     np.testing.assert_allclose(kept, gaze, atol=1e-9)
 
 
 def test_eyes_that_drift_apart_are_believed_by_the_prior_alone(settings: FitSettings):
     drift = np.radians(4.0) * np.sin(np.linspace(0, 12, 300))[:, None] * np.array([1.0, -1.0])
-    gaze = gaze_of_angles(np.stack([drift, np.zeros((300, 2))], axis=-1))
+    gaze = angles_to_gaze(np.stack([drift, np.zeros((300, 2))], axis=-1))
     known = np.ones((300, 2), bool)
     known[250:, 1] = False
-    doubting = settings.eyes.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "noise_rad": 0.04})
-    found = angles_of_gaze(
-        eyes(gaze, np.zeros((300, 3)), known, FPS, doubting).corrected(gaze, np.asarray(known.all(axis=1)))
+    doubting = settings.eye_calibration.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "noise_rad": 0.04})
+    found = gaze_to_angles(
+        eye_calibration(gaze, np.zeros((300, 3)), known, FPS, doubting).apply(gaze, np.asarray(known.all(axis=1)))
     )[..., 0]
     share = doubting.vergence_sd_rad**2 / (doubting.vergence_sd_rad**2 + 0.04**2)
     assert np.ptp(found[:250, 0] - found[:250, 1]) == pytest.approx(share * np.radians(16.0), rel=0.02)
@@ -159,19 +168,19 @@ def test_jaw_and_brows_are_found(settings: FitSettings):
     brow = np.clip(np.sin(np.arange(frames) / 9), 0, 1)[:, None]
     still = Motion.of(FPS, np.zeros((frames, 3)), np.zeros((frames, 2, 3)), jaw=jaw)
     moving = replace(still, expression=brow, expression_names=("browInnerUp",))
-    marks = CAMERA.project(in_camera(motion_landmarks(moving), moving.head, moving.translation))
+    marks = CAMERA.project(head_to_scene(motion_landmarks(moving), moving.head, moving.translation))
     marks += 0.15 * random.normal(size=marks.shape)
-    pose = head_pose(marks, CAMERA, settings.head_pose, rest_points())
-    found = face(marks, pose, rest_points(), CAMERA, settings.face)
+    pose = head_pose(marks, CAMERA, settings.head_pose, rest_landmarks())
+    found = face(marks, pose, rest_landmarks(), CAMERA, settings.face)
     assert np.corrcoef(found.jaw[:, 0], jaw[:, 0])[0, 1] > 0.98
     assert found.jaw[:, 0].mean() / jaw[:, 0].mean() == pytest.approx(1.0, abs=0.2)
     column = found.expression[:, found.names.index("browInnerUp")]
     assert np.corrcoef(column, brow[:, 0])[0, 1] > 0.95
     assert found.expression.min() >= 0.0
     assert found.expression.max() <= 1.0
-    hidden = face(marks * np.nan, pose, rest_points(), CAMERA, settings.face)
+    hidden = face(marks * np.nan, pose, rest_landmarks(), CAMERA, settings.face)
     assert not hidden.expression.any()
-    own = face(marks + (0.0, 3.0) * (np.arange(45) > 35)[:, None], pose, rest_points(), CAMERA, settings.face)
+    own = face(marks + (0.0, 3.0) * (np.arange(45) > 35)[:, None], pose, rest_landmarks(), CAMERA, settings.face)
     assert np.isfinite(own.expression).all()
 
 
@@ -180,7 +189,7 @@ def test_bounded_least_squares_has_the_optimality_of_its_bounds():
     root = random.normal(size=(5, 12, 4))
     hessian = root.swapaxes(1, 2) @ root
     slope = random.normal(size=(5, 4)) * 10
-    found = bounded(hessian, slope, 200)
+    found = solve_bounded(hessian, slope, 200)
     gradient = np.einsum("fij,fj->fi", hessian, found) - slope
     inside = (found > 0) & (found < 1)
     np.testing.assert_allclose(gradient[inside], 0.0, atol=1e-6)
@@ -191,51 +200,53 @@ def test_bounded_least_squares_has_the_optimality_of_its_bounds():
 
 
 def test_newton_reaches_at_least_adams_objective(settings: FitSettings):
-    sight = sight_of(scene(2, frames=40))
+    observations = sight_of(scene(2, frames=40))
     by_adam = with_adam(settings).lightgazefit
     by_adam = by_adam.model_copy(update={"adam": by_adam.adam.model_copy(update={"steps": 500})})
     by_newton = settings.lightgazefit.model_copy(update={"solver": "newton"})
-    newton, adam = (solve(sight, each) for each in (by_newton, by_adam))
+    newton, adam = (solve(observations, each) for each in (by_newton, by_adam))
     assert newton.objective.sum() <= adam.objective.sum()
     assert adam.steps > 100
-    seen = sight.seen.all(axis=1)
-    np.testing.assert_allclose(angles_of_gaze(newton.gaze)[seen], angles_of_gaze(adam.gaze)[seen], atol=2e-3)
+    seen = observations.seen.all(axis=1)
+    np.testing.assert_allclose(gaze_to_angles(newton.gaze)[seen], gaze_to_angles(adam.gaze)[seen], atol=2e-3)
 
 
 @pytest.mark.parametrize(("unit_px", "kept"), [(1.0, 1.0), (112.0, 0.5)])
 def test_the_unit_of_the_pupils_decides_what_the_symmetry_term_does(settings: FitSettings, unit_px: float, kept: float):
     yaw = np.array([[[0.0, 0.08, 0.0], [0.0, -0.08, 0.0]]])
     seen = observe(Motion.of(FPS, np.zeros((1, 3)), yaw), np.random.default_rng(0), 0.0)
-    sight = Sight(seen.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA)
-    found = solve_newton(sight, settings.lightgazefit.model_copy(update={"unit_px": unit_px})).gaze[0, :, 1]
+    observations = PupilObservations(seen.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA)
+    found = solve_newton(observations, settings.lightgazefit.model_copy(update={"unit_px": unit_px})).gaze[0, :, 1]
     assert (found[0] - found[1]) / 0.16 == pytest.approx(kept, abs=0.05)
 
 
 def test_landmarks_of_another_list_are_refused(settings: FitSettings):
     with pytest.raises(InputError, match="got 68"):
-        head_pose(np.zeros((5, 68, 2)), CAMERA, settings.head_pose, rest_points())
+        head_pose(np.zeros((5, 68, 2)), CAMERA, settings.head_pose, rest_landmarks())
 
 
 def test_frames_do_not_influence_each_other(settings: FitSettings):
-    sight = sight_of(scene(3, frames=30))
-    together = solve_newton(sight, settings.lightgazefit)
+    observations = sight_of(scene(3, frames=30))
+    together = solve_newton(observations, settings.lightgazefit)
     for t in range(0, 30, 7):
-        one = Sight(sight.pupils[t : t + 1], sight.head[t : t + 1], sight.translation[t : t + 1], CAMERA)
+        one = PupilObservations(
+            observations.pupils[t : t + 1], observations.head[t : t + 1], observations.translation[t : t + 1], CAMERA
+        )
         alone = solve_newton(one, settings.lightgazefit)
         np.testing.assert_allclose(alone.gaze[0], together.gaze[t], atol=1e-3)
         np.testing.assert_allclose(alone.objective[0], together.objective[t], rtol=1e-3, atol=1e-12)
 
 
 def test_hidden_eye_follows_the_other_and_hidden_frames_say_nothing(settings: FitSettings):
-    sight = sight_of(scene(4, frames=20, noise=0.0, blinks=False))
-    pupils = sight.pupils.copy()
+    observations = sight_of(scene(4, frames=20, noise=0.0, blinks=False))
+    pupils = observations.pupils.copy()
     pupils[5, 0] = np.nan
     pupils[8] = np.nan
-    found = solve_newton(replace(sight, pupils=pupils), settings.lightgazefit).gaze
+    found = solve_newton(replace(observations, pupils=pupils), settings.lightgazefit).gaze
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found[5, 0], found[5, 1], atol=0.01)
     np.testing.assert_allclose(found[8], 0.0, atol=1e-6)
-    whole = solve_newton(sight, settings.lightgazefit).gaze
+    whole = solve_newton(observations, settings.lightgazefit).gaze
     np.testing.assert_allclose(found[[4, 6]], whole[[4, 6]], atol=1e-3)
 
 
@@ -246,13 +257,13 @@ def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitS
     marks[10:14] = np.nan
     marks[20, :5] = np.nan
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
-    found = head_pose(marks, CAMERA, unsmoothed, rest_points())
+    found = head_pose(marks, CAMERA, unsmoothed, rest_landmarks())
     assert not found.seen[10:14].any()
     assert found.seen.sum() == len(marks) - 4
     np.testing.assert_allclose(found.head[found.seen], silent.head[found.seen], atol=1e-6)
     np.testing.assert_allclose(found.translation[found.seen], silent.translation[found.seen], atol=1e-6)
     marks[30, 0] += 40.0
-    slipped = head_pose(marks, CAMERA, unsmoothed, rest_points())
+    slipped = head_pose(marks, CAMERA, unsmoothed, rest_landmarks())
     assert np.abs(slipped.head[30] - silent.head[30]).max() < np.radians(1.0)
 
 
@@ -264,9 +275,9 @@ def test_another_persons_head_is_not_turned(settings: FitSettings):
         moving = scene(5 + seed, frames=60, noise=0.0).motion
         silent = replace(moving, jaw=np.zeros_like(moving.jaw))
         identity = tuple(0.15 * random.standard_normal(6))
-        marks = CAMERA.project(in_camera(motion_landmarks(silent, identity), silent.head, silent.translation))
-        who = person(marks, CAMERA, unsmoothed, settings.person)
-        found = [head_pose(marks, CAMERA, unsmoothed, points).head for points in (who.face, rest_points())]
+        marks = CAMERA.project(head_to_scene(motion_landmarks(silent, identity), silent.head, silent.translation))
+        who = face_identity(marks, CAMERA, unsmoothed, settings.face_identity)
+        found = [head_pose(marks, CAMERA, unsmoothed, points).head for points in (who.face, rest_landmarks())]
         errors.append([np.degrees(head_error(replace(silent, head=each), silent).mean()) for each in found])
     fitted, mean = np.mean(errors, axis=0)
     assert 2 * fitted < mean
@@ -274,12 +285,12 @@ def test_another_persons_head_is_not_turned(settings: FitSettings):
 
 def test_a_detector_with_its_own_idea_of_some_points_fits(settings: FitSettings):
     marks = scene(5, frames=60, noise=0.0).observation.landmarks.copy()
-    marks[:, RIGID[:3]] += (4.0, -5.0)
-    who = person(marks, CAMERA, settings.head_pose, settings.person)
-    found, mean = (head_pose(marks, CAMERA, settings.head_pose, points) for points in (who.face, rest_points()))
+    marks[:, RIGID_LANDMARKS[:3]] += (4.0, -5.0)
+    who = face_identity(marks, CAMERA, settings.head_pose, settings.face_identity)
+    found, mean = (head_pose(marks, CAMERA, settings.head_pose, points) for points in (who.face, rest_landmarks()))
     assert 4 * np.nanmedian(found.residual_px) < np.nanmedian(mean.residual_px)
-    hidden = person(np.full_like(marks, np.nan), CAMERA, settings.head_pose, settings.person)
-    np.testing.assert_array_equal(hidden.face, rest_points())
+    hidden = face_identity(np.full_like(marks, np.nan), CAMERA, settings.head_pose, settings.face_identity)
+    np.testing.assert_array_equal(hidden.face, rest_landmarks())
 
 
 def test_smoothed_head_keeps_nods(settings: FitSettings):
@@ -287,7 +298,7 @@ def test_smoothed_head_keeps_nods(settings: FitSettings):
     head = np.zeros((100, 3))
     head[:, 0] = np.radians(3.0) * np.sin(2 * np.pi * 1.7 * times_s)
     seen = observe(Motion.of(FPS, head, np.zeros((100, 2, 3))), np.random.default_rng(0), 0.0)
-    found = head_pose(seen.landmarks, CAMERA, settings.head_pose, rest_points()).head
+    found = head_pose(seen.landmarks, CAMERA, settings.head_pose, rest_landmarks()).head
     assert np.ptp(found[20:80, 0]) > 0.95 * np.ptp(head[20:80, 0])
 
 
@@ -295,7 +306,7 @@ def test_turned_head_is_found_from_the_neutral_start(settings: FitSettings):
     head = np.radians([[20.0, 45.0, 10.0], [-20.0, -45.0, -15.0], [0.0, 30.0, 0.0]])
     seen = observe(Motion.of(FPS, head, np.zeros((3, 2, 3))), np.random.default_rng(0), 0.0)
     found = head_pose(
-        seen.landmarks, CAMERA, settings.head_pose.model_copy(update={"window": 1, "order": 0}), rest_points()
+        seen.landmarks, CAMERA, settings.head_pose.model_copy(update={"window": 1, "order": 0}), rest_landmarks()
     )
     np.testing.assert_allclose(found.head, head, atol=1e-6)
 
@@ -333,7 +344,7 @@ def test_a_shift_under_a_blink_comes_with_its_beginning(settings: FitSettings):
     known = np.ones(100, bool)
     known[50:58] = False
     noisy = track + np.radians(0.3) * np.random.default_rng(0).normal(size=track.shape)
-    smooth = np.degrees(smooth_version(bridged(noisy, known), known, FPS, settings.smoothing)[:, 0])
+    smooth = np.degrees(smooth_version(interpolate_gaps(noisy, known), known, FPS, settings.smoothing)[:, 0])
     assert abs(smooth[49]) < 1
     assert smooth[53:58] == pytest.approx(np.full(5, 12.0), abs=1)
 
@@ -356,21 +367,21 @@ def opening_of(*blinks: tuple[int, float], frames: int = 150) -> np.ndarray:
 
 def test_two_blinks_in_a_row_are_two_and_a_blink_of_lowered_lids_is_one(settings: FitSettings):
     running = opening_of((30, 0.9), (34, 0.9))
-    assert dips(running, FPS, settings.blink) == ((28, 31), (31, 37))
+    assert find_blinks(running, FPS, settings.blink) == ((28, 31), (31, 37))
     lowered = opening_of((90, 0.6))
     lowered[60:] -= 0.35  # and stays: no blink of its own
-    assert dips(lowered, FPS, settings.blink) == ((88, 93),)
+    assert find_blinks(lowered, FPS, settings.blink) == ((88, 93),)
 
 
 def test_a_squint_a_wink_and_a_lasting_fall_are_no_blinks(settings: FitSettings):
     wink = opening_of((30, 0.9))
     wink[:, 0] = 1.0
-    assert dips(wink, FPS, settings.blink) == ()
+    assert find_blinks(wink, FPS, settings.blink) == ()
     squint = opening_of()
     squint[40:] -= 0.5
-    assert dips(squint, FPS, settings.blink) == ()
+    assert find_blinks(squint, FPS, settings.blink) == ()
     trembling = 1.0 + 0.05 * np.random.default_rng(0).normal(size=(500, 2))
-    assert dips(trembling, FPS, settings.blink) == ()
+    assert find_blinks(trembling, FPS, settings.blink) == ()
 
 
 def test_a_step_survives_smoothing_and_a_burst_does_not():
@@ -425,7 +436,7 @@ def test_quadratic_term_is_the_least(settings: FitSettings):
     def energy(path: np.ndarray) -> float:
         return float(np.sum((path - track)[known] ** 2) + 3.0 * np.sum(np.diff(path, axis=0) ** 2))
 
-    best = quadratic(track, known, 3.0)
+    best = whittaker_smooth(track, known, 3.0)
     assert all(energy(best + 0.01 * random.normal(size=best.shape)) > energy(best) for _ in range(20))
 
 
@@ -435,44 +446,46 @@ def test_gaps_are_bridged_and_held(flags: list[bool]):
     values = np.arange(len(flags), dtype=float)[:, None]
     assert sum(stop - start for start, stop in runs(known)) == known.sum()
     if known.any():
-        np.testing.assert_array_equal(bridged(values, known)[known], values[known])
-        kept = held(values, known)[:, 0]
+        np.testing.assert_array_equal(interpolate_gaps(values, known)[known], values[known])
+        kept = hold_last(values, known)[:, 0]
         first = float(np.argmax(known))
         expected = [max([first, *(i for i in range(t + 1) if flags[i])]) for t in range(len(flags))]
         np.testing.assert_array_equal(kept, expected)
 
 
 def test_noisy_scenes_stay_inside_the_bands_of_table_8(settings: FitSettings):
-    verdicts = []
+    evaluations = []
     for seed in range(12):
         known = scene(seed)
         fit = fit_clip(known.observation, settings)
-        verdicts.append(judge(known.observation, fit, Truth(known.motion, known.events), settings, by_adam=False))
+        evaluations.append(
+            evaluate_fit(known.observation, fit, GroundTruth(known.motion, known.events), settings, by_adam=False)
+        )
     whole, raw, true = (
-        sum((v.tallies[name] for v in verdicts[1:]), verdicts[0].tallies[name])
+        sum((v.error_sums_by_method[name] for v in evaluations[1:]), evaluations[0].error_sums_by_method[name])
         for name in ("lightgazefit", "per_frame", "ground_truth")
     )
-    assert whole.distance_px / whole.distances <= 0.95
+    assert whole.truth_distance_px / whole.truth_distances <= 0.95
     assert 1.0 <= whole.speed_px_s / true.speed_px_s <= 1.25
     assert whole.peak_px_s / true.peak_px_s >= 0.8
     assert raw.speed_px_s / true.speed_px_s > 3  # what the smoothing is for
-    assert true.distance_px == 0
-    assert true.noisy_px > 0
-    matches = [v.match for v in verdicts if v.match is not None]
+    assert true.truth_distance_px == 0
+    assert true.input_distance_px > 0
+    matches = [v.match for v in evaluations if v.match is not None]
     found = sum(matches[1:], matches[0])
     assert found.precision > 0.9
     assert found.recall > 0.9
-    assert np.degrees(np.mean([v.head_rad for v in verdicts])) < 0.3
+    assert np.degrees(np.mean([v.head_error_rad for v in evaluations])) < 0.3
 
 
 def test_without_truth_there_is_no_error_but_a_speed(settings: FitSettings):
     known = scene(8)
     fit = fit_clip(known.observation, settings)
-    verdict = judge(known.observation, fit, None, settings, by_adam=False)
-    assert set(verdict.tallies) == {"lightgazefit", "per_frame"}
-    assert verdict.tallies["lightgazefit"].distances == 0
-    assert verdict.tallies["lightgazefit"].speed_px_s > 0
-    assert verdict.match is None
+    evaluation = evaluate_fit(known.observation, fit, None, settings, by_adam=False)
+    assert set(evaluation.error_sums_by_method) == {"lightgazefit", "per_frame"}
+    assert evaluation.error_sums_by_method["lightgazefit"].truth_distances == 0
+    assert evaluation.error_sums_by_method["lightgazefit"].speed_px_s > 0
+    assert evaluation.match is None
 
 
 def test_speed_is_that_of_the_eye_alone():
@@ -481,9 +494,9 @@ def test_speed_is_that_of_the_eye_alone():
     motion = Motion.of(FPS, np.zeros((frames, 3)), np.zeros((frames, 2, 3)))
     sliding = replace(motion, translation=np.linspace(0, 0.02, frames)[:, None] * np.array([1.0, 0.0, 0.0]))
     pupils = np.full((frames, 2, 2), np.nan)
-    yardstick = Yardstick(pupils, CAMERA, np.ones(frames, bool), sliding, sliding)
-    tally = yardstick.tally(sliding)
-    assert tally.speed_px_s / tally.speeds < 0.2  # the face slides by 12 px/s; what is left is perspective
+    reference = FitReference(pupils, CAMERA, np.ones(frames, bool), sliding, sliding)
+    error_sums = reference.error_sums(sliding)
+    assert error_sums.speed_px_s / error_sums.speeds < 0.2  # the face slides by 12 px/s; what is left is perspective
 
 
 @pytest.mark.parametrize(
@@ -508,15 +521,15 @@ def test_speed_is_that_of_the_eye_alone():
 )
 def test_clips_that_show_too_little_are_rejected(settings: FitSettings, change, reason: str):
     fit = fit_clip(change(scene(9, blinks=False).observation), settings)
-    assert reason in fit.rejected
+    assert reason in fit.reject_reason
 
 
 def test_short_and_turned_clips_are_rejected(settings: FitSettings):
-    assert "shorter than" in fit_clip(scene(9, frames=15).observation, settings).rejected
+    assert "shorter than" in fit_clip(scene(9, frames=15).observation, settings).reject_reason
     head = np.tile([0.0, 0.9, 0.0], (50, 1))
     turned = observe(Motion.of(FPS, head, np.zeros((50, 2, 3))), np.random.default_rng(0), 0.0)
-    assert "turned" in fit_clip(turned, settings).rejected
-    assert fit_clip(scene(9).observation, settings).rejected == ""
+    assert "turned" in fit_clip(turned, settings).reject_reason
+    assert fit_clip(scene(9).observation, settings).reject_reason == ""
 
 
 def test_gaze_unseen_for_long_is_not_valid(settings: FitSettings):
@@ -538,7 +551,7 @@ def test_blinks_match_by_overlap():
 
 
 def test_rates_of_blinks():
-    law = rates([4, 2, 0], [10.0, 10.0, 10.0])
+    law = blink_rate_distribution([4, 2, 0], [10.0, 10.0, 10.0])
     assert law.normal.mean == pytest.approx(12.0)
     assert law.log_normal.mean == pytest.approx(np.log([24.0, 12.0]).mean())
     assert law.without_blinks == 1
@@ -556,9 +569,9 @@ def test_blinking_frames_of_the_scene_have_hidden_pupils():
     known = scene(12)
     hidden = ~np.isfinite(known.observation.pupils).all(axis=(1, 2))
     assert hidden.any()
-    assert not (hidden & ~blinking(known)).any()
+    assert not (hidden & ~blink_frames(known)).any()
 
 
 def test_smoothing_settings_refuse_nonsense():
     with pytest.raises(ValueError, match="step_cost"):
-        StepSettings.model_validate({**compose()["fit"]["smoothing"], "step_cost": -1})
+        PiecewiseConstantSettings.model_validate({**compose()["fit"]["smoothing"], "step_cost": -1})

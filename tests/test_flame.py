@@ -11,7 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.drive import motion_names
+from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.head.flame import PUPILS, load_flame, read_flame
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.skinning import pose_vertices
@@ -59,7 +59,9 @@ def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.nd
     shaped = content["v_template"] + directions[..., :300] @ shape
     joints = content["J_regressor"] @ shaped
     turns = Rotation.from_rotvec(pose.reshape(5, 3)).as_matrix()
-    posed = shaped + directions[..., 300:] @ expression + content["posedirs"] @ (turns[1:] - np.eye(3)).reshape(36)
+    posed_vertices = (
+        shaped + directions[..., 300:] @ expression + content["posedirs"] @ (turns[1:] - np.eye(3)).reshape(36)
+    )
     world = []
     for joint, parent in enumerate([-1, 0, 1, 1, 1]):
         local = np.eye(4)
@@ -68,7 +70,7 @@ def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.nd
     for joint in range(5):
         world[joint] = world[joint] @ np.block([[np.eye(3), -joints[joint][:, None]], [np.zeros((1, 3)), 1]])
     blend = np.einsum("vj,jab->vab", content["weights"], np.stack(world))
-    return (blend @ np.c_[posed, np.ones(len(posed))][..., None])[:, :3, 0]
+    return (blend @ np.c_[posed_vertices, np.ones(len(posed_vertices))][..., None])[:, :3, 0]
 
 
 def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], head: HeadModel):
@@ -99,7 +101,7 @@ def test_pupils_irises_and_sides_are_flames(content: dict[str, np.ndarray], head
     for ring, centre in zip(head.irises, flame_file.EYES, strict=True):
         out = content["v_template"][ring] - centre
         np.testing.assert_allclose(np.hypot(out[:, 0], out[:, 1]), 0.0126 * np.sin(np.radians(28.2)), atol=1e-6)
-    assert motion_names(head) == tuple(f"expression_{number:03d}" for number in range(100))
+    assert expression_shape_names(head) == tuple(f"expression_{number:03d}" for number in range(100))
     assert len(head.identity_names) == 300
 
 

@@ -21,10 +21,10 @@ from talkingeyes.corpus.motion_files import read_motions
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.key_map import load_key_map
 from talkingeyes.formats.readers.read import read_motion
-from talkingeyes.formats.rotations import composed
+from talkingeyes.formats.rotations import compose_rotations
 from talkingeyes.formats.writers.bvh import write_bvh
 from talkingeyes.formats.writers.vrm import write_vrm
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real" / "gaze"
 RANDOM = np.random.default_rng(0)
@@ -39,7 +39,7 @@ def test_vhap_joins_head_and_neck_and_has_the_left_eye_first(tmp_path: Path) -> 
     others = {"expr": small(9, 100), "shape": small(300), "translation": small(9, 3), "timestep_id": np.arange(9)}
     np.savez(tmp_path / "a.npz", **{name: array.astype(np.float32) for name, array in (parts | others).items()})
     motion = read_motion(tmp_path / "a.npz", 25.0).motion
-    np.testing.assert_allclose(motion.head, composed(parts["rotation"], parts["neck_pose"]), atol=1e-6)
+    np.testing.assert_allclose(motion.head, compose_rotations(parts["rotation"], parts["neck_pose"]), atol=1e-6)
     np.testing.assert_allclose(motion.gaze[:, 0], parts["eyes_pose"][:, :3], atol=1e-6)
     assert motion.expression.shape == (9, 100)
     with pytest.raises(InputError, match="frame rate; say --fps"):
@@ -114,11 +114,14 @@ def test_metrical_tracker_turns_its_camera(tmp_path: Path) -> None:
     head, eyes, jaw = small(5, 3), small(5, 2, 3), small(5, 3)
     for frame in range(5):
         six = {
-            name: rotation.matrices(vectors[frame]).reshape(-1, 3, 3)[:, :2].reshape(1, -1)
+            name: rotation.rotvec_to_matrix(vectors[frame]).reshape(-1, 3, 3)[:, :2].reshape(1, -1)
             for name, vectors in {"eyes": eyes, "jaw": jaw}.items()
         }
         flame = {**six, "exp": np.zeros((1, 100)), "shape": np.zeros((1, 300)), "eyelids": np.full((1, 2), 0.25)}
-        opencv = {"R": (np.diag([1, -1, -1]) @ rotation.matrices(head[frame]))[None], "t": np.array([[0.1, 0, 1.0]])}
+        opencv = {
+            "R": (np.diag([1, -1, -1]) @ rotation.rotvec_to_matrix(head[frame]))[None],
+            "t": np.array([[0.1, 0, 1.0]]),
+        }
         torch.save(
             {"flame": flame, "opencv": opencv, "img_size": np.array([512, 512]), "frame_id": frame},
             tmp_path / f"{frame:05d}.frame",
@@ -153,7 +156,7 @@ def test_openface_counts_eyes_in_the_picture(tmp_path: Path, vectors: bool) -> N
     motion = read_motion(tmp_path / "a.csv").motion
     space = rotation.gaze_in_space(motion.head, motion.gaze)[0, :, 0]
     np.testing.assert_allclose(space, yaw if vectors else yaw.mean(), atol=1e-6)
-    np.testing.assert_allclose(rotation.angles_of_gaze(motion.head)[0], [np.radians(20), 0], atol=1e-6)
+    np.testing.assert_allclose(rotation.gaze_to_angles(motion.head)[0], [np.radians(20), 0], atol=1e-6)
     assert motion.fps == pytest.approx(30.0)
     assert motion.lid[2].tolist() == [1.0, 1.0]
 
@@ -196,8 +199,8 @@ def test_live_link_angles_follow_the_looks(tmp_path: Path, factor: float, zero: 
             place = lines[0].index(name)
             row[place] = "0" if zero or "Roll" in name else f"{factor * float(row[place]):.9f}"
     (tmp_path / "a.csv").write_text("\n".join(map(",".join, lines)))
-    found = rotation.angles_of_gaze(read_motion(tmp_path / "a.csv").motion.gaze)
-    np.testing.assert_allclose(found, rotation.angles_of_gaze(made.gaze), atol=1e-5)
+    found = rotation.gaze_to_angles(read_motion(tmp_path / "a.csv").motion.gaze)
+    np.testing.assert_allclose(found, rotation.gaze_to_angles(made.gaze), atol=1e-5)
 
 
 def conversion_rows(made: Motion, path: Path) -> None:
@@ -214,8 +217,8 @@ gaze: {columns: [3, 9]}
 """
 DEGREES = """
 fps: {key: rate}
-head: {key: pose, form: euler_YXZ, unit: degrees, signs: [1, 1, 1]}
-gaze: {key: eyes, form: yaw_pitch, unit: degrees, eyes: right_left, frame: space}
+head: {key: pose, rotation_format: euler_YXZ, unit: degrees, axis_signs: [1, 1, 1]}
+gaze: {key: eyes, rotation_format: yaw_pitch, unit: degrees, eyes: right_left, frame: space}
 translation: {key: place, scale: 0.001}
 lid: {key: shut, eyes: right_left}
 """
@@ -233,11 +236,11 @@ def test_a_map_places_the_columns_of_one_array(tmp_path: Path) -> None:
 def test_a_map_turns_units_eyes_and_gaze_in_space(tmp_path: Path) -> None:
     made = moving.motion()
     space = np.degrees(rotation.gaze_in_space(made.head, made.gaze))
-    turns = np.degrees(rotation_turns(made.head))
+    euler_yxz = np.degrees(rotation_turns(made.head))
     np.savez(
         tmp_path / "a.npz",
         rate=25.0,
-        pose=turns,
+        pose=euler_yxz,
         eyes=space[:, ::-1].reshape(-1, 4),
         place=1000 * made.translation,
         shut=made.lid[:, ::-1],
@@ -249,14 +252,14 @@ def test_a_map_turns_units_eyes_and_gaze_in_space(tmp_path: Path) -> None:
 
 
 def rotation_turns(vectors: np.ndarray) -> np.ndarray:
-    from talkingeyes.formats.rotations import turns
+    from talkingeyes.formats.rotations import euler_yxz
 
-    return turns(vectors)
+    return euler_yxz(vectors)
 
 
 def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
     """x to the right: a turn to the left is the other way round there, one down is not."""
-    (tmp_path / "map.yaml").write_text("fps: 25\nhead: {key: h, signs: [-1, 1, 1]}\n")
+    (tmp_path / "map.yaml").write_text("fps: 25\nhead: {key: h, axis_signs: [-1, 1, 1]}\n")
     np.savez(tmp_path / "a.npz", h=np.tile([[0.1, -0.2, -0.3]], (4, 1)))
     motion = read_motion(tmp_path / "a.npz", None, load_key_map(tmp_path / "map.yaml")).motion
     np.testing.assert_allclose(motion.head[0], [0.1, 0.2, 0.3])
@@ -267,7 +270,7 @@ def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
     [
         ("fps: 25\nhaed: {}", "map.yaml: haed: Extra inputs are not permitted"),
         ("fps: 25\nhead: {unit: turns}", "map.yaml: head.unit: Input should be 'radians' or 'degrees', got 'turns'"),
-        ("fps: 25\nhead: {form: spin}", "form: should be one of rotation_vector"),
+        ("fps: 25\nhead: {rotation_format: spin}", "form: should be one of rotation_vector"),
         ("fps: 25\nhead: {columns: [0, 4]}", "head should have 3 columns"),
         ("fps: 25\nhead: {columns: [8, 12]}", "columns of head should lie in 0 to 9"),
         ("head: {columns: [0, 3]}", "say --fps, or fps in the map"),
@@ -287,13 +290,13 @@ def test_a_map_that_does_not_fit_is_one_line(tmp_path: Path, text: str, message:
 def test_files_that_are_broken_inside_are_one_line(tmp_path: Path) -> None:
     made = moving.motion()
     np.save(tmp_path / "zero.npy", np.zeros((9, 4)))
-    (tmp_path / "map.yaml").write_text("fps: 25\nhead: {form: quaternion_xyzw}\n")
+    (tmp_path / "map.yaml").write_text("fps: 25\nhead: {rotation_format: quaternion_xyzw}\n")
     with pytest.raises(InputError, match=r"zero\.npy: not readable as map"):
         read_motion(tmp_path / "zero.npy", None, load_key_map(tmp_path / "map.yaml"))
     np.savez(tmp_path / "nan.npz", rotation=np.full((9, 3), np.nan), expr=np.zeros((9, 100)))
     with pytest.raises(InputError, match=r"nan\.npz: .*NaN"):
         read_motion(tmp_path / "nan.npz", 25.0)
-    write_bvh(made, open_head(), tmp_path / "cut.bvh")
+    write_bvh(made, anny_head(), tmp_path / "cut.bvh")
     (tmp_path / "cut.bvh").write_text((tmp_path / "cut.bvh").read_text()[:-30])
     with pytest.raises(InputError, match=r"cut\.bvh: not a readable BVH"):
         read_motion(tmp_path / "cut.bvh")
@@ -377,12 +380,12 @@ def test_a_folder_becomes_a_folder_that_evaluate_reads(
 def test_real_tables_of_trackers_become_motions(tmp_path: Path) -> None:
     for path in sorted(REAL.glob("openface_*.csv.gz")):
         motion = read_motion(path).motion
-        space = rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze))
+        space = rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze))
         assert 20 < motion.fps < 61
         assert 3 < np.degrees(space[motion.valid].std(axis=0)).max() < 30
     read = read_motion(REAL / "openface_head_test.csv.gz").motion
-    yaw = rotation.angles_of_gaze(read.head)[:, 0]
-    look = rotation.angles_of_gaze(read.gaze).mean(axis=1)
+    yaw = rotation.gaze_to_angles(read.head)[:, 0]
+    look = rotation.gaze_to_angles(read.gaze).mean(axis=1)
     assert np.corrcoef(yaw, look[:, 0])[0, 1] < -0.3  # the eyes stay on the camera while the head turns
     for path in sorted(REAL.glob("pyfeat_*.csv.gz")):
         motion = read_motion(path, 29.97).motion

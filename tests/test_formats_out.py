@@ -20,9 +20,9 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.read import read_motion
 from talkingeyes.formats.writers.arkit import timecode
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.skinning import posed
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows import convert
 from talkingeyes.workflows.render import render
 
@@ -49,7 +49,9 @@ def exported(made: Path, tmp_path: Path, format: str, source: str = "anny") -> P
 def vertices() -> np.ndarray:
     """The posed open head at FRAMES."""
     moved = moving.motion()
-    return np.concatenate([posed(open_head(), pose_of(open_head(), moved.cut(frame, frame + 1))) for frame in FRAMES])
+    return np.concatenate(
+        [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,7 @@ def test_live_link_has_names_time_codes_and_radians(made: Path, tmp_path: Path) 
     assert {row["BlendShapeCount"] for row in rows} == {"61"}
     assert all(re.fullmatch(r"\d\d:\d\d:\d\d:\d\d\.\d{3}", row["Timecode"]) for row in rows)
     shown = moving.motion()
-    yaw, pitch = np.moveaxis(rotation.angles_of_gaze(shown.gaze), -1, 0)
+    yaw, pitch = np.moveaxis(rotation.gaze_to_angles(shown.gaze), -1, 0)
     for eye, side in enumerate(("Left", "Right")):
         np.testing.assert_allclose([float(row[f"{side}EyeYaw"]) for row in rows], -yaw[:, eye], atol=1e-6)
         np.testing.assert_allclose([float(row[f"{side}EyePitch"]) for row in rows], -pitch[:, eye], atol=1e-6)
@@ -105,7 +107,7 @@ def test_live_link_has_names_time_codes_and_radians(made: Path, tmp_path: Path) 
 
 def test_in_is_toward_the_nose_and_left_is_the_subjects() -> None:
     left, up = np.radians([[10.0, 0.0], [0.0, 10.0]])
-    gaze = rotation.gaze_of_angles(np.stack([[left, left], [-left, -left], [up, -up]]))
+    gaze = rotation.angles_to_gaze(np.stack([[left, left], [-left, -left], [up, -up]]))
     table = dict(zip(arkit.NAMES, arkit.coefficients(Motion.of(25.0, np.zeros((3, 3)), gaze)).T, strict=True))
     looks = {name: column.round(4).tolist() for name, column in table.items() if "Look" in name}
     ten = round(10 / 37, 4)
@@ -208,7 +210,7 @@ def test_vrm_looks_where_both_eyes_look_and_blinks(made: Path, tmp_path: Path) -
     facts, moved, shown = gltf.extensions["VRMC_vrm_animation"], channels(gltf), moving.motion()
     looking = gltf.nodes[facts["lookAt"]["node"]].name
     euler = Rotation.from_quat(moved[looking, "rotation"]).as_euler("YXZ")
-    mean = rotation.angles_of_gaze(shown.gaze).mean(axis=1)
+    mean = rotation.gaze_to_angles(shown.gaze).mean(axis=1)
     np.testing.assert_allclose(euler, np.stack([mean[:, 0], -mean[:, 1], 0 * mean[:, 0]], 1), atol=1e-3)
     head = gltf.nodes[facts["humanoid"]["humanBones"]["head"]["node"]].name
     np.testing.assert_allclose(Rotation.from_quat(moved[head, "rotation"]).as_rotvec(), shown.head, atol=1e-6)
@@ -257,7 +259,7 @@ def test_bvh_turns_joints_by_matrices(made: Path, tmp_path: Path) -> None:
     for frame in FRAMES:
         y, x, z = rows[frame, 12:15]  # right eye
         np.testing.assert_allclose(
-            about(1, y) @ about(0, x) @ about(2, z), rotation.matrices(shown.gaze[frame, 1]), atol=1e-6
+            about(1, y) @ about(0, x) @ about(2, z), rotation.rotvec_to_matrix(shown.gaze[frame, 1]), atol=1e-6
         )
     np.testing.assert_allclose(rows[:, :3] / 100, shown.translation, atol=1e-7)
 
@@ -354,7 +356,7 @@ def test_faces_are_mapped_between_the_heads(made: Path, tmp_path: Path, flame: P
 def test_what_vhap_tracked_is_filmed_on_flame(made: Path, tmp_path: Path, flame: Path) -> None:
     moving.flame_motion().cut(0, 3).save(tmp_path / "a.npz")
     convert.export(tmp_path / "a.npz", tmp_path / "vhap.npz", format="vhap")
-    convert.read_all([tmp_path / "vhap.npz"], tmp_path / "back.npz")
+    convert.import_files([tmp_path / "vhap.npz"], tmp_path / "back.npz")
     render(tmp_path / "back.npz", tmp_path / "a.mp4", head="flame", model=flame, size=32)
     with av.open(str(tmp_path / "a.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 3

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
 from talkingeyes.models.gaze.categorical import stay_mask
-from talkingeyes.models.gaze.generator import Condition
-from talkingeyes.models.gaze.history import NoisyHistory
-from talkingeyes.models.gaze.signal import mirrored, stays, to_gaze, to_signal
+from talkingeyes.models.gaze.generator import GazeCondition
+from talkingeyes.models.gaze.history import NoisyTeacherForcing
+from talkingeyes.models.gaze.signal import find_stays, mirrored, to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.models.layers.draw import draw
-from talkingeyes.models.layers.pace import tell_steps
-from talkingeyes.models.speech_to_motion import Batch, SpeechToMotion, SpeechToMotionSettings
+from talkingeyes.models.layers.draw import sample_categorical
+from talkingeyes.models.layers.pace import set_trained_steps
+from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion, SpeechToMotionSettings
 
-TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "back": 20}
+TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "lookback": 20}
 VAE = {
     "width": 16,
     "layers": 2,
@@ -33,22 +33,22 @@ HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
         "transformer": TRANSFORMER,
-        "condition_back": 3,
-        "condition_ahead": 3,
+        "condition_lookback": 3,
+        "condition_lookahead": 3,
         "history_dropout": 0.0,
         "history": CLEAN,
         "top_p": 1.0,
     },
     "events": {
         "fps": 25.0,
-        "noise_deg": 0.9,
+        "observation_noise_deg": 0.9,
         "process": {
             "width": 16,
             "bin_frames": 2,
-            "fixed": 8,
-            "relative": 2,
+            "absolute_components": 8,
+            "relative_components": 2,
             "codebook": "learnt",
-            "adaptive": False,
+            "adaptive_components": False,
             "steps": 0,
             "returns": 2,
             "layers": 1,
@@ -57,7 +57,7 @@ GAZE: dict[str, dict[str, Any]] = {
             "history_noise": 0.0,
         },
     },
-    "regressed": {"transformer": TRANSFORMER, "condition_back": 3, "condition_ahead": 3, "history": CLEAN},
+    "regressed": {"transformer": TRANSFORMER, "condition_lookback": 3, "condition_lookahead": 3, "history": CLEAN},
     "vae": VAE,
 }
 
@@ -83,7 +83,7 @@ class Member:
     quantiser: dict[str, Any] = field(default_factory=lambda: CODEBOOK)
 
 
-NOISE, SCHEDULED = {"kind": "noise", "sigma": 0.5}, {"kind": "scheduled", "share": 0.5, "growth_steps": 1}
+NOISE, SCHEDULED = {"kind": "noise", "sigma": 0.5}, {"kind": "scheduled", "max_fraction": 0.5, "ramp_steps": 1}
 MEMBERS = {
     **{kind: Member(kind) for kind in GAZE},
     "categorical_noise": Member("categorical", {"history": NOISE}),
@@ -93,7 +93,7 @@ MEMBERS = {
     "categorical_residual": Member("categorical", {"history": NOISE}, quantiser=RESIDUAL),
     "regressed_noise": Member("regressed", {"history": NOISE}),
     "regressed_scheduled": Member("regressed", {"history": SCHEDULED}),
-    "regressed_free": Member("regressed", {"history": {"kind": "free", "gradient_frames": 8}}),
+    "regressed_free": Member("regressed", {"history": {"kind": "free", "truncation_frames": 8}}),
     "regressed_fsq": Member("regressed", quantiser=FSQ),
     "regressed_residual": Member("regressed", quantiser=RESIDUAL),
     "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
@@ -146,10 +146,10 @@ def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = 
     ).eval()
 
 
-def batch(count: int = 3, frames: int = 100) -> Batch:
+def batch(count: int = 3, frames: int = 100) -> MotionBatch:
     """Toy windows."""
     found = recordings(count, seed=5, frames=frames)
-    return Batch(
+    return MotionBatch(
         *(torch.from_numpy(np.stack([getattr(r, name) for r in found])) for name in ("speech", "head", "gaze"))
     )
 
@@ -173,7 +173,7 @@ def test_the_mirror_is_its_own_inverse_and_swaps_sides() -> None:
 @given(st.integers(0, 2**31 - 1), st.floats(0.01, 0.2))
 def test_stays_never_leave_the_tolerance_of_what_is_held(seed: int, tolerance: float) -> None:
     patches = np.random.default_rng(seed).normal(0, 0.1, (2, 12, 4, 2)).cumsum(1)
-    still = stays(patches, tolerance)
+    still = find_stays(patches, tolerance)
     assert not still[:, 0].any()
     for row, mask in zip(patches, still, strict=True):
         held = row[0, -1]
@@ -230,7 +230,7 @@ def test_frozen_codebook_does_not_move_in_training() -> None:
     network = model("categorical")
     before = network.gaze.codebook.quantiser.codebook.clone()
     network.train()
-    network.terms(batch())["total"].backward()
+    network.loss_terms(batch())["total"].backward()
     assert torch.equal(before, network.gaze.codebook.quantiser.codebook)
     assert all(parameter.grad is None for parameter in network.gaze.codebook.parameters())
 
@@ -241,9 +241,9 @@ class TestContract:
 
     def test_terms_are_finite_and_reach_the_speech_input(self, kind: str) -> None:
         network = model(kind).train()
-        terms = network.terms(batch())
-        assert all(torch.isfinite(value) for value in terms.values())
-        sum(value for name, value in terms.items() if name != "copy_last").backward()
+        loss_terms = network.loss_terms(batch())
+        assert all(torch.isfinite(value) for value in loss_terms.values())
+        sum(value for name, value in loss_terms.items() if name != "copy_last").backward()
         assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in network.speech.parameters())
 
     def test_shapes_at_odd_lengths(self, kind: str) -> None:
@@ -281,8 +281,8 @@ def test_gradient_steps_lower_the_loss_on_one_batch(kind: str) -> None:
     values = []
     for _ in range(40):
         torch.manual_seed(0)
-        terms = network.terms(data)
-        loss = terms[name] + terms["head_reconstruction"]
+        loss_terms = network.loss_terms(data)
+        loss = loss_terms[name] + loss_terms["head_reconstruction"]
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -305,8 +305,8 @@ def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
 def terms_at(network: SpeechToMotion, steps: int) -> dict[str, torch.Tensor]:
     """The terms of one batch at a point of training, always with the same noise."""
     torch.manual_seed(3)
-    tell_steps(network, steps)
-    return network.terms(batch(2, 40))
+    set_trained_steps(network, steps)
+    return network.loss_terms(batch(2, 40))
 
 
 @pytest.mark.parametrize("kind", ["categorical", "regressed"])
@@ -323,7 +323,10 @@ def test_noise_moves_codes_to_near_ones_and_leaves_stays() -> None:
     codes = torch.randint(0, gaze.stay + 1, (4, 30))
     codes[:, 0] = 3
     table = torch.cat([gaze.codebook.quantiser.codebook, torch.zeros(1, 8)])
-    moved = {sigma: gaze._near(NoisyHistory(kind="noise", sigma=sigma), codes).before[:, 1:] for sigma in (1e-4, 1.0)}
+    moved = {
+        sigma: gaze._noisy_history(NoisyTeacherForcing(kind="noise", sigma=sigma), codes).before[:, 1:]
+        for sigma in (1e-4, 1.0)
+    }
     assert torch.equal(moved[1e-4], codes[:, :-1])
     changed = moved[1.0] != codes[:, :-1]
     assert changed.float().mean() > 0.1
@@ -335,11 +338,11 @@ def test_noise_moves_codes_to_near_ones_and_leaves_stays() -> None:
 def test_training_in_free_running_sees_what_generation_makes() -> None:
     network = model("regressed_free")
     data = batch(2, 40)
-    condition = Condition(network.speech(data.speech), data.head, network.head.normal(data.head))
+    condition = GazeCondition(network.speech(data.speech), data.head, network.head.normal(data.head))
     made = network.gaze.sample(condition, [1, 2], 0.0)
-    free = network.gaze.train().terms(condition, made)
+    free = network.gaze.train().loss_terms(condition, made)
     assert free["gaze_reconstruction"] < 1e-9
-    assert network.gaze.terms(condition, data.gaze)["gaze_reconstruction"] > 1e-3
+    assert network.gaze.loss_terms(condition, data.gaze)["gaze_reconstruction"] > 1e-3
 
 
 def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
@@ -354,21 +357,21 @@ def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
 
     for frames, reached in ((4, 4), (12, 12)):
         kept.clear()
-        gaze._run(memory, nearest, frames).signal[:, -1].sum().backward()
+        gaze._free_run(memory, nearest, frames).signal[:, -1].sum().backward()
         assert [bool(each.grad.abs().sum() > 0) for each in kept] == [False] * (12 - reached) + [True] * reached
 
 
 def test_gaze_sees_true_posterior_and_prior_heads_in_their_shares() -> None:
     seen = []
     network = model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.3}).train()
-    terms = network.gaze.terms
-    network.gaze.terms = lambda condition, gaze: seen.append(condition) or terms(condition, gaze)
+    loss_terms = network.gaze.loss_terms
+    network.gaze.loss_terms = lambda condition, gaze: seen.append(condition) or loss_terms(condition, gaze)
     data = batch(1, 40)
-    many = Batch(*(each.expand(400, *each.shape[1:]) for each in (data.speech, data.head, data.gaze)))
-    network.terms(many)["total"].backward()
-    true = (seen[0].head_normal == network.head.normal(many.head)).flatten(1).all(1)
+    many = MotionBatch(*(each.expand(400, *each.shape[1:]) for each in (data.speech, data.head, data.gaze)))
+    network.loss_terms(many)["total"].backward()
+    true = (seen[0].normalised_head == network.head.normal(many.head)).flatten(1).all(1)
     assert true.float().mean() == pytest.approx(0.5, abs=0.08)
-    assert seen[0].head_normal[~true].std(0).mean() > 1e-3
+    assert seen[0].normalised_head[~true].std(0).mean() > 1e-3
     with pytest.raises(ValueError, match="truth, posterior and prior should be 1 together"):
         model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
 
@@ -377,20 +380,20 @@ def test_a_prior_head_is_drawn_for_the_speech_alone() -> None:
     network = model("vae", head_mix={"truth": 0.0, "posterior": 0.0, "prior": 1.0})
     data = batch(3, 40)
     seen = []
-    network.gaze.terms = lambda condition, gaze: seen.append(condition) or {}
+    network.gaze.loss_terms = lambda condition, gaze: seen.append(condition) or {}
     for head in (data.head, torch.zeros_like(data.head)):
         torch.manual_seed(5)
-        network.terms(Batch(data.speech, head, data.gaze))
-    assert not torch.equal(seen[0].head_normal, network.head.normal(data.head))
-    torch.testing.assert_close(seen[0].head_normal, seen[1].head_normal)
+        network.loss_terms(MotionBatch(data.speech, head, data.gaze))
+    assert not torch.equal(seen[0].normalised_head, network.head.normal(data.head))
+    torch.testing.assert_close(seen[0].normalised_head, seen[1].normalised_head)
 
 
 def test_draw_follows_the_probabilities() -> None:
     logits = torch.log(torch.tensor([0.7, 0.2, 0.1])).expand(10_000, 3)
     uniform = torch.rand(10_000, generator=torch.Generator().manual_seed(0))
-    shares = torch.bincount(draw(logits, uniform, 1.0), minlength=3) / 10_000
+    shares = torch.bincount(sample_categorical(logits, uniform, 1.0), minlength=3) / 10_000
     torch.testing.assert_close(shares, torch.tensor([0.7, 0.2, 0.1]), atol=0.02, rtol=0)
-    assert (draw(logits, uniform, 0.0) == 0).all()
-    cold = torch.bincount(draw(logits, uniform, 0.5), minlength=3) / 10_000
+    assert (sample_categorical(logits, uniform, 0.0) == 0).all()
+    cold = torch.bincount(sample_categorical(logits, uniform, 0.5), minlength=3) / 10_000
     assert cold[0] > 0.85
-    assert draw(torch.tensor([[0.0, -torch.inf]]), torch.tensor([1.0]), 1.0) == 0
+    assert sample_categorical(torch.tensor([[0.0, -torch.inf]]), torch.tensor([1.0]), 1.0) == 0

@@ -10,16 +10,16 @@ import torch
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import matrices
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
+from talkingeyes.core.rotation import rotvec_to_matrix
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import PARENTS
-from talkingeyes.head.skinning import pose_vertices, posed, rotation_matrices
+from talkingeyes.head.skinning import pose_vertices, posed_vertices, rotation_matrices
 
 
 def pose(frames: int, seed: int = 0) -> dict[str, torch.Tensor]:
     random = np.random.default_rng(seed)
-    shapes = {"expression": (len(open_head().expression_names),), "head": (3,), "jaw": (3,), "gaze": (2, 3)}
+    shapes = {"expression": (len(anny_head().expression_names),), "head": (3,), "jaw": (3,), "gaze": (2, 3)}
     shapes["translation"] = (3,)
     return {name: torch.from_numpy(random.normal(0, 0.2, (frames, *shape))) for name, shape in shapes.items()}
 
@@ -27,18 +27,18 @@ def pose(frames: int, seed: int = 0) -> dict[str, torch.Tensor]:
 def test_matrices_are_rodrigues() -> None:
     vectors = np.random.default_rng(0).normal(0, 1, (20, 3))
     vectors[0] = 0
-    np.testing.assert_allclose(rotation_matrices(torch.from_numpy(vectors)), matrices(vectors), atol=1e-6)
+    np.testing.assert_allclose(rotation_matrices(torch.from_numpy(vectors)), rotvec_to_matrix(vectors), atol=1e-6)
 
 
 def test_skinning_is_the_chain_of_its_joints() -> None:
     """Vertex by vertex, joint by joint, with 4 x 4 matrices."""
-    head, given = open_head(), pose(1)
+    head, given = anny_head(), pose(1)
     found = pose_vertices(head, **given)[0].numpy()
     rest = head.template + np.tensordot(given["expression"][0].numpy(), head.expression, axes=1)
     turns = [
         np.eye(3),
-        *(matrices(given[name][0].numpy()) for name in ("head", "jaw")),
-        *matrices(given["gaze"][0].numpy()),
+        *(rotvec_to_matrix(given[name][0].numpy()) for name in ("head", "jaw")),
+        *rotvec_to_matrix(given["gaze"][0].numpy()),
     ]
     worlds: list[np.ndarray] = []
     for joint, parent in enumerate(PARENTS):
@@ -53,21 +53,21 @@ def test_skinning_is_the_chain_of_its_joints() -> None:
 
 
 def test_a_batch_is_its_members() -> None:
-    whole, given = pose_vertices(open_head(), **pose(3)), pose(3)
+    whole, given = pose_vertices(anny_head(), **pose(3)), pose(3)
     for frame in range(3):
-        alone = pose_vertices(open_head(), **{name: value[frame : frame + 1] for name, value in given.items()})
+        alone = pose_vertices(anny_head(), **{name: value[frame : frame + 1] for name, value in given.items()})
         torch.testing.assert_close(alone[0], whole[frame])
 
 
 def test_gradients_flow_through_a_neutral_pose() -> None:
     given = {name: torch.zeros_like(value, requires_grad=True) for name, value in pose(1).items()}
-    pose_vertices(open_head(), **given).square().sum().backward()
+    pose_vertices(anny_head(), **given).square().sum().backward()
     assert all(torch.isfinite(value.grad).all() for value in given.values() if value.grad is not None)
     assert given["head"].grad is not None
 
 
 def test_identity_moves_eyes_and_joints_together() -> None:
-    head, given = open_head(), {name: torch.zeros_like(value) for name, value in pose(1).items()}
+    head, given = anny_head(), {name: torch.zeros_like(value) for name, value in pose(1).items()}
     people = torch.zeros(1, len(head.identity_names), dtype=torch.float64)
     people[0, 0] = 1.0
     found = pose_vertices(head, **given, identity=people)[0].numpy()
@@ -76,8 +76,10 @@ def test_identity_moves_eyes_and_joints_together() -> None:
 
 
 def test_a_head_turns_about_the_neck_and_leaves_its_foot() -> None:
-    head = open_head()
-    turned = posed(head, pose_of(head, Motion.of(25.0, np.array([[0.0, 0.5, 0.0]]), np.zeros((1, 2, 3)))))[0]
+    head = anny_head()
+    turned = posed_vertices(
+        head, motion_to_pose(head, Motion.of(25.0, np.array([[0.0, 0.5, 0.0]]), np.zeros((1, 2, 3))))
+    )[0]
     foot = head.template[:, 1] < head.template[:, 1].min() + 0.005
     assert np.abs(turned - head.template)[foot].max() < 0.012
     assert turned[head.pupils, 0].mean() > 0.03  # to the subject's left
@@ -88,11 +90,11 @@ def test_expression_of_another_head_is_refused() -> None:
         25.0, np.zeros((1, 3)), np.zeros((1, 2, 3)), expression=np.ones((1, 1)), expression_names=("expression_000",)
     )
     with pytest.raises(InputError, match="expression should be of the head anny, got expression_000"):
-        pose_of(open_head(), motion)
+        motion_to_pose(anny_head(), motion)
 
 
 def test_a_model_that_does_not_hold_together_is_refused() -> None:
     with pytest.raises(InputError, match="head anny: joints should be finite"):
-        replace(open_head(), joints=np.full((5, 3), np.nan))
+        replace(anny_head(), joints=np.full((5, 3), np.nan))
     with pytest.raises(InputError, match="head anny: faces should name vertices"):
-        replace(open_head(), faces=open_head().faces + 10_000)
+        replace(anny_head(), faces=anny_head().faces + 10_000)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from pipelines.experiment import chain
+from pipelines.experiment import pipeline_calls
 from talkingeyes.orchestration.config import compose
 
 
@@ -18,7 +18,7 @@ def run_tiny(repository, root, *overrides):
 
 
 def test_the_tiny_chain_runs_from_text_to_table(tiny):
-    for call in chain(compose(["experiment=tiny"])):
+    for call in pipeline_calls(compose(["experiment=tiny"])):
         assert any((tiny / call.folder).iterdir()), f"{call.address} wrote nothing"
     assert not list((tiny / "data").rglob(".*.partial"))
     assert not list((tiny / "data").rglob(".*.progress"))

@@ -8,7 +8,7 @@ import pytest
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration import run
 from talkingeyes.orchestration.record import Report
-from talkingeyes.orchestration.run import Workspace, main, shell
+from talkingeyes.orchestration.run import Workspace, main, run_command
 
 
 def fails(error):
@@ -24,14 +24,14 @@ def fails(error):
 )
 def test_an_error_that_a_person_can_mend_is_one_line(error, status, line, capsys):
     with pytest.raises(SystemExit) as stop:
-        shell(fails(error))
+        run_command(fails(error))
     assert stop.value.code == status
     assert capsys.readouterr().err == line
 
 
 def test_other_errors_keep_their_trace():
     with pytest.raises(ZeroDivisionError):
-        shell(fails(ZeroDivisionError()))
+        run_command(fails(ZeroDivisionError()))
 
 
 def a_stage(workspace, name):
@@ -85,4 +85,6 @@ def square(number):
 
 
 def test_each_keeps_order_whatever_the_number_of_jobs():
-    assert list(run.each(square, range(20), 2, "square")) == list(run.each(square, range(20), 1, "square"))
+    assert list(run.parallel_map(square, range(20), 2, "square")) == list(
+        run.parallel_map(square, range(20), 1, "square")
+    )

@@ -13,18 +13,18 @@ import moving
 import numpy as np
 import pytest
 
-from talkingeyes.animation.keys import edited, load_keys, save_keys
-from talkingeyes.animation.retime import retimed
+from talkingeyes.animation.keys import apply_key_edits, load_keys, save_keys
+from talkingeyes.animation.retime import resample_motion
 from talkingeyes.cli import main as cli
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.formats.writers.keys import found_events
+from talkingeyes.formats.writers.keys import detect_events
 from talkingeyes.workflows import convert
 
 
 def space_deg(motion: Motion) -> np.ndarray:
-    return np.degrees(rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)))
+    return np.degrees(rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze)))
 
 
 @pytest.fixture
@@ -36,12 +36,12 @@ def keys(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
 
 def play(motion: Motion, path: Path, content: dict[str, Any]) -> Motion:
     path.write_text(json.dumps(content))
-    return edited(motion, load_keys(path))
+    return apply_key_edits(motion, load_keys(path))
 
 
 def test_without_an_edit_nothing_changes(keys: tuple[Path, dict[str, Any]]) -> None:
     motion = moving.motion()
-    played = edited(motion, load_keys(keys[0]))
+    played = apply_key_edits(motion, load_keys(keys[0]))
     np.testing.assert_array_equal(played.gaze, motion.gaze)
     np.testing.assert_array_equal(played.lid, motion.lid)
 
@@ -129,7 +129,7 @@ def pictures(path: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
 def test_keys_are_found_where_none_were_kept(fps: float) -> None:
-    found = found_events(moving.motion(fps))
+    found = detect_events(moving.motion(fps))
     assert [round(key.onset_s, 1) for key in found.saccades] == [0.5, 1.1, 1.7, 2.4]
     for key, known in zip(found.saccades, moving.events().saccades, strict=True):
         np.testing.assert_allclose(
@@ -140,17 +140,17 @@ def test_keys_are_found_where_none_were_kept(fps: float) -> None:
 
 def test_half_a_second_and_a_frame_have_keys_and_rates() -> None:
     short = moving.motion().cut(10, 22)
-    assert len(found_events(short).saccades) == 1
-    assert len(retimed(short, found_events(short), 60.0)) == 28
+    assert len(detect_events(short).saccades) == 1
+    assert len(resample_motion(short, detect_events(short), 60.0)) == 28
     frame = moving.motion().cut(0, 1)
-    assert len(retimed(frame, found_events(frame), 100.0)) == 4
+    assert len(resample_motion(frame, detect_events(frame), 100.0)) == 4
 
 
 @pytest.mark.parametrize("fps", [24.0, 29.97, 60.0, 120.0, 240.0])
 def test_saccades_keep_the_main_sequence_at_any_rate(fps: float) -> None:
     """From 25 frames a second: as fast as when they are rendered at that rate; interpolated they are not."""
     motion, law = moving.motion(25.0), moving.motion(fps)
-    played = retimed(motion, found_events(motion), fps)
+    played = resample_motion(motion, detect_events(motion), fps)
     assert (played.fps, len(played)) == (fps, int(75 * fps / 25 + 1e-9))
     linear = np.stack([np.interp(np.arange(len(played)) / fps, np.arange(75) / 25, c) for c in space_deg(motion).T], 1)
     for key in moving.events().saccades:
@@ -162,7 +162,7 @@ def test_saccades_keep_the_main_sequence_at_any_rate(fps: float) -> None:
             assert plain < 0.85 * true, (fps, key)
     inside = slice(0, len(played) - int(0.05 * fps) - 1)  # the end of the last frame is held
     np.testing.assert_allclose(played.head[inside], law.head[: len(played)][inside], atol=2e-3)
-    known = retimed(motion, moving.events(), fps)
+    known = resample_motion(motion, moving.events(), fps)
     np.testing.assert_allclose(known.lid[inside], law.lid[: len(played)][inside], atol=1e-6)
 
 

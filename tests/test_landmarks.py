@@ -7,12 +7,20 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.blink import aspect_ratio, eye_aspect_ratio
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.face_points import EYES, NAMES
-from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_M, RIGID, eye_points, in_camera, landmarks, pupils
-from talkingeyes.head.skinning import posed
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
+from talkingeyes.head.landmarks import (
+    EYE_CENTRES,
+    PUPIL_OFFSET_M,
+    RIGID_LANDMARKS,
+    eye_landmarks,
+    head_to_scene,
+    landmarks,
+    pupils,
+)
+from talkingeyes.head.skinning import posed_vertices
 
 ANGLES = st.floats(-0.5, 0.5)
 OPENINGS = st.floats(0.0, 1.0)
@@ -27,12 +35,12 @@ def looking(pitch_deg: float, lid: float = 0.0, jaw_rad: float = 0.0) -> np.ndar
 
 def place(points: np.ndarray, name: str) -> np.ndarray:
     """One named point of the first frame."""
-    return points[0, NAMES.index(name)]
+    return points[0, LANDMARK_NAMES.index(name)]
 
 
 def test_every_point_has_one_name():
-    assert len(set(NAMES)) == len(NAMES) == looking(0).shape[1]
-    assert len(RIGID) == 12
+    assert len(set(LANDMARK_NAMES)) == len(LANDMARK_NAMES) == looking(0).shape[1]
+    assert len(RIGID_LANDMARKS) == 12
 
 
 def test_points_and_pupils_are_those_of_the_posed_head():
@@ -45,22 +53,22 @@ def test_points_and_pupils_are_those_of_the_posed_head():
         jaw=np.abs(random.normal(0, 0.1, (5, 3))),
         translation=random.normal(0, 0.01, (5, 3)),
     )
-    head = open_head()
+    head = anny_head()
     np.testing.assert_allclose(head.eye_centres, EYE_CENTRES, atol=1e-6)
-    vertices = posed(head, pose_of(head, motion))
-    points = in_camera(landmarks(motion.gaze, motion.lid, motion.jaw), motion.head, motion.translation)
+    vertices = posed_vertices(head, motion_to_pose(head, motion))
+    points = head_to_scene(landmarks(motion.gaze, motion.lid, motion.jaw), motion.head, motion.translation)
     on_skull = [
-        place for place, name in enumerate(NAMES) if "outline" not in name
+        place for place, name in enumerate(LANDMARK_NAMES) if "outline" not in name
     ]  # the neck's skin goes along in part
     np.testing.assert_allclose(head.landmarks.of(vertices)[:, on_skull], points[:, on_skull], atol=2e-5)
     np.testing.assert_allclose(
-        vertices[:, head.pupils], in_camera(pupils(motion.gaze), motion.head, motion.translation), atol=2e-5
+        vertices[:, head.pupils], head_to_scene(pupils(motion.gaze), motion.head, motion.translation), atol=2e-5
     )
 
 
 def test_neutral_opening_is_that_of_a_face():
     points = looking(0)
-    assert aspect_ratio(points[:, EYES]) == pytest.approx(0.33, abs=0.01)
+    assert aspect_ratio(points[:, EYE_LANDMARKS]) == pytest.approx(0.33, abs=0.01)
     upper, lower = place(points, "left_eye_upper_outer"), place(points, "left_eye_lower_outer")
     assert upper[1] - lower[1] == pytest.approx(0.0091, abs=2e-4)
 
@@ -69,7 +77,7 @@ def test_looking_down_20_degrees_lowers_the_upper_lid():
     ahead, down = looking(0), looking(-20)
     lowered = place(ahead, "left_eye_upper_inner") - place(down, "left_eye_upper_inner")
     assert 0.002 < lowered[1] < 0.005
-    fall = 1 - aspect_ratio(down[:, EYES]) / aspect_ratio(ahead[:, EYES])
+    fall = 1 - aspect_ratio(down[:, EYE_LANDMARKS]) / aspect_ratio(ahead[:, EYE_LANDMARKS])
     assert np.all((fall > 0.1) & (fall < 0.36))
 
 
@@ -78,7 +86,7 @@ def test_looking_down_20_degrees_lowers_the_upper_lid():
 def test_the_opening_left_is_one_minus_the_closure(pitch_rad: float, lid: float):
     gaze = np.zeros((1, 2, 3))
     gaze[..., 0] = -pitch_rad
-    heights = [opening(eye_points(gaze, np.full((1, 2), closure))) for closure in (0.0, lid)]
+    heights = [opening(eye_landmarks(gaze, np.full((1, 2), closure))) for closure in (0.0, lid)]
     np.testing.assert_allclose(heights[1], (1 - lid) * heights[0], atol=1e-8)
 
 
@@ -88,7 +96,7 @@ def opening(points: np.ndarray) -> np.ndarray:
 
 
 def test_shut_lids_meet():
-    ratio = aspect_ratio(eye_points(np.zeros((1, 2, 3)), np.ones((1, 2))))
+    ratio = aspect_ratio(eye_landmarks(np.zeros((1, 2, 3)), np.ones((1, 2))))
     assert np.all(ratio < 0.08)  # people: under .15; the lids meet in height, not quite in depth
 
 
@@ -97,7 +105,7 @@ def test_the_jaw_lowers_chin_and_lower_lip_and_hardly_a_rigid_point():
     assert place(open_, "outline_chin")[1] < place(shut, "outline_chin")[1] - 0.008
     assert place(open_, "lower_lip")[1] < place(shut, "lower_lip")[1] - 0.008
     assert place(open_, "upper_lip_inner")[1] > place(shut, "upper_lip_inner")[1] - 0.001
-    assert np.abs(open_[:, RIGID] - shut[:, RIGID]).max() < 0.0007
+    assert np.abs(open_[:, RIGID_LANDMARKS] - shut[:, RIGID_LANDMARKS]).max() < 0.0007
 
 
 def test_left_is_the_subjects_left_and_on_the_right_of_the_picture():
@@ -113,7 +121,7 @@ def test_left_is_the_subjects_left_and_on_the_right_of_the_picture():
 def test_pupils_stay_on_their_sphere(x_rad: float, y_rad: float):
     gaze = np.tile([x_rad, y_rad, 0.0], (1, 2, 1))
     reach = np.linalg.norm(pupils(gaze) - EYE_CENTRES, axis=-1)
-    np.testing.assert_allclose(reach, PUPIL_M, atol=1e-12)
+    np.testing.assert_allclose(reach, PUPIL_OFFSET_M, atol=1e-12)
 
 
 def test_pupil_projection_turns_by_its_lever():
@@ -122,21 +130,21 @@ def test_pupil_projection_turns_by_its_lever():
     gaze = np.zeros((2, 2, 3))
     gaze[1, :, 1] = np.radians(1.0)
     moved = np.diff(camera.project(pupils(gaze))[..., 0], axis=0)
-    scale = camera.focal_px / (1.0 - EYE_CENTRES[0, 2] - PUPIL_M)
-    assert moved == pytest.approx(scale * PUPIL_M * np.sin(np.radians(1.0)), rel=0.01)
+    scale = camera.focal_px / (1.0 - EYE_CENTRES[0, 2] - PUPIL_OFFSET_M)
+    assert moved == pytest.approx(scale * PUPIL_OFFSET_M * np.sin(np.radians(1.0)), rel=0.01)
 
 
 def test_head_turns_about_its_origin_and_then_moves():
     points = looking(0)
     head, move = np.array([[0.0, np.pi / 2, 0.0]]), np.array([[0.01, 0.02, 0.03]])
-    turned = in_camera(points, head, move)
-    nose = NAMES.index("nose_tip")
+    turned = head_to_scene(points, head, move)
+    nose = LANDMARK_NAMES.index("nose_tip")
     np.testing.assert_allclose(turned[0, nose] - move[0], [points[0, nose, 2], points[0, nose, 1], 0.0], atol=1e-12)
 
 
 def test_hidden_landmarks_give_no_aspect_ratio():
     seen = looking(0)[..., :2].copy()
-    seen[0, EYES[1, 2]] = np.nan
+    seen[0, EYE_LANDMARKS[1, 2]] = np.nan
     ratio = eye_aspect_ratio(seen)
     assert np.isfinite(ratio[0, 0])
     assert np.isnan(ratio[0, 1])

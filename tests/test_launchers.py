@@ -11,19 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from talkingeyes.orchestration.run import clip_parallel, each
+from talkingeyes.orchestration.run import parallel_backend, parallel_map
 
 pytestmark = pytest.mark.slow
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
 SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_codes")
-PAPER = "until=assess@talkingeyes_paper"
+PAPER = "target=assess@talkingeyes_paper"
 
 
 @pytest.fixture(scope="module")
-def workspace(common):
+def workspace(shared_folder):
     """One folder for all processes that run these tests: the store sees to it that nothing is made twice."""
-    return common / "launchers"
+    return shared_folder / "launchers"
 
 
 def sweep(repository, workspace, *arguments):
@@ -56,7 +56,9 @@ def rows(workspace, key):
 
 def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository, workspace):
     root = workspace / "basic"
-    said = sweep(repository, root, f"store={workspace}/store", "hydra/launcher=basic", PAPER, f"{CODES}=32,48,64,96")
+    said = sweep(
+        repository, root, f"result_store={workspace}/store", "hydra/launcher=basic", PAPER, f"{CODES}=32,48,64,96"
+    )
     made = re.findall(r"^== (\S+)(?: \S+)?$", said, re.MULTILINE)
     for stage in ("pretrain", "train", "assess"):
         assert made.count(stage) == 4
@@ -68,8 +70,8 @@ def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository,
 
 def test_joblib_gives_what_basic_gives(repository, workspace):
     """Two workers want the same corpus at the same moment: one makes it, and it is what one process alone makes."""
-    until = "until=train@talkingeyes_paper"
-    sweep(repository, workspace / "basic", f"store={workspace}/store", "hydra/launcher=basic", until)
+    until = "target=train@talkingeyes_paper"
+    sweep(repository, workspace / "basic", f"result_store={workspace}/store", "hydra/launcher=basic", until)
     said = sweep(repository, workspace / "joblib", until, "hydra/launcher=processes", "train.seed=0,1")
     assert re.findall(r"^== (?:synthesize|fit|embed)$", said, re.MULTILINE) == ["== synthesize", "== fit", "== embed"]
     both = [
@@ -92,7 +94,7 @@ def test_optuna_and_ray_together(repository, workspace):
     short = [f"{each}.loop.{key}" for each in SEARCHED for key in ("steps=4", "batch=4", "validate_every=2")]
     sizes = "pretrain.gaze_patches.network.quantiser.codes=choice(32,64)"
     arguments = ["sweep=codebook", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
-    said = sweep(repository, root, f"store={workspace}/store", *arguments)
+    said = sweep(repository, root, f"result_store={workspace}/store", *arguments)
     assert "Ray Launcher is launching 2 jobs" in said
     assert "study codebook: 2 trials complete" in said
     with (root / "codebook/trials.csv").open() as file:
@@ -108,11 +110,12 @@ def squared(number):
     return number * number, os.getpid()
 
 
-def test_clip_parallel_work_runs_on_ray(tmp_path):
+def test_parallel_work_runs_on_ray(tmp_path):
     code = (
-        "import os\nfrom test_launchers import squared\nfrom talkingeyes.orchestration.run import clip_parallel, each\n"
-        "with clip_parallel({'backend': 'ray', 'ray_address': None, 'jobs': 2}):\n"
-        "    found = list(each(squared, range(20), 2, 'squares'))\n"
+        "import os\nfrom test_launchers import squared\n"
+        "from talkingeyes.orchestration.run import parallel_backend, parallel_map\n"
+        "with parallel_backend({'backend': 'ray', 'ray_address': None, 'jobs': 2}):\n"
+        "    found = list(parallel_map(squared, range(20), 2, 'squares'))\n"
         "assert [square for square, _ in found] == [n * n for n in range(20)]\n"
         "assert os.getpid() not in {process for _, process in found}\n"
     )
@@ -121,10 +124,10 @@ def test_clip_parallel_work_runs_on_ray(tmp_path):
 
 
 def test_inside_a_worker_clips_go_one_after_another():
-    (processes,) = each(_nested, [4], 2, "outer")
+    (processes,) = parallel_map(_nested, [4], 2, "outer")
     assert len(processes) == 1
 
 
 def _nested(count):
-    with clip_parallel({}):
-        return {process for _, process in each(squared, range(count), 2, "inner")}
+    with parallel_backend({}):
+        return {process for _, process in parallel_map(squared, range(count), 2, "inner")}

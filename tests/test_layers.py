@@ -9,20 +9,20 @@ from talkingeyes.models.layers.attention import WindowAttention
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 from talkingeyes.models.layers.kl import KLSettings
 from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings, perplexity
-from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttentionWindow, TransformerSettings
 
-SETTINGS = TransformerSettings(width=16, layers=2, heads=2, dropout=0.0, back=7)
+SETTINGS = TransformerSettings(width=16, layers=2, heads=2, dropout=0.0, lookback=7)
 PLAIN = KLSettings(annealing=None, free_bits=0.0)
 CODES = QuantiserSettings(kind="codebook", codes=16, width=4, commitment=0.25, decay=0.9, restart_below=0.1)
 
 
-def _transformer(cross: CrossWindow | None) -> CausalTransformer:
+def _transformer(cross: CrossAttentionWindow | None) -> CausalTransformer:
     torch.manual_seed(0)
     return CausalTransformer(SETTINGS, cross).eval()
 
 
-@pytest.mark.parametrize("cross", [None, CrossWindow(3, 2)])
-def test_steps_with_a_cache_equal_the_parallel_pass(cross: CrossWindow | None) -> None:
+@pytest.mark.parametrize("cross", [None, CrossAttentionWindow(3, 2)])
+def test_steps_with_a_cache_equal_the_parallel_pass(cross: CrossAttentionWindow | None) -> None:
     network = _transformer(cross)
     x = torch.randn(2, 30, 16)
     memory = torch.randn(2, 30, 16) if cross else None
@@ -39,14 +39,14 @@ def test_causal_ignores_the_future_and_what_is_too_far_back() -> None:
     changed[:, 20] = torch.randn(16)
     with torch.no_grad():
         moved = (network(changed) - network(x)).abs().amax(-1)[0]
-    reach = SETTINGS.layers * SETTINGS.back
+    reach = SETTINGS.layers * SETTINGS.lookback
     assert moved[:20].max() == 0
     assert moved[20] > 1e-3
     assert moved[20 + reach + 1 :].max() == 0
 
 
 def test_look_ahead_of_cross_attention_is_limited() -> None:
-    network = _transformer(CrossWindow(3, 2))
+    network = _transformer(CrossAttentionWindow(3, 2))
     x, memory = torch.randn(1, 30, 16), torch.randn(1, 30, 16)
     changed = memory.clone()
     changed[:, 20] = torch.randn(16)
@@ -58,7 +58,7 @@ def test_look_ahead_of_cross_attention_is_limited() -> None:
 
 def test_attention_depends_on_relative_position_only() -> None:
     torch.manual_seed(0)
-    attention = WindowAttention(16, 2, back=5, ahead=0, dropout=0.0).eval()
+    attention = WindowAttention(16, 2, lookback=5, lookahead=0, dropout=0.0).eval()
     x = torch.randn(1, 1, 16)
     memory = torch.randn(1, 6, 16)
     near = attention.step(x, 5, attention.project(memory, 0))
@@ -72,7 +72,7 @@ def test_cache_does_not_grow() -> None:
     with torch.no_grad():
         for _ in range(50):
             network.step(torch.randn(1, 1, 16), cache)
-    assert all(past is not None and past.keys.shape[2] == SETTINGS.back + 1 for past in cache.past)
+    assert all(past is not None and past.keys.shape[2] == SETTINGS.lookback + 1 for past in cache.past)
 
 
 @settings(max_examples=20, deadline=None)
@@ -135,12 +135,12 @@ def test_interpolated_codes_keep_their_variance() -> None:
     network = ConditionalVAE(
         VAESettings(width=8, layers=1, dropout=0.0, latent=64, latent_frames=25, kl=PLAIN), features=3, condition=2
     )
-    spread = network._spread(torch.randn(64, 20, 64), 500)
+    spread = network._interpolate_latents(torch.randn(64, 20, 64), 500)
     assert spread.std((0, 2)).sub(1).abs().max() < 0.08
 
 
 def test_posterior_at_the_prior_has_no_divergence() -> None:
-    from talkingeyes.models.layers.conditional_vae import Gaussian
+    from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
 
-    assert Gaussian(torch.zeros(1, 2, 3), torch.zeros(1, 2, 3)).divergence() == 0
-    assert Gaussian(torch.ones(1, 2, 3), torch.zeros(1, 2, 3)).divergence() == pytest.approx(0.5)
+    assert DiagonalGaussian(torch.zeros(1, 2, 3), torch.zeros(1, 2, 3)).divergence() == 0
+    assert DiagonalGaussian(torch.ones(1, 2, 3), torch.zeros(1, 2, 3)).divergence() == pytest.approx(0.5)

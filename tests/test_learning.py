@@ -13,14 +13,14 @@ from toy import CHANNELS, recordings
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.models.baselines import BaselineSettings, build_bank
 from talkingeyes.training import checkpoint
-from talkingeyes.training.aliveness import aliveness
+from talkingeyes.training.aliveness import free_running_statistics
 from talkingeyes.training.loop import LoopSettings, train
-from talkingeyes.training.priors import PriorSettings, PriorTask
+from talkingeyes.training.priors import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.trained import load_generator, network_config, save_baseline
-from talkingeyes.training.translation import TranslationSettings, TranslationTask
-from talkingeyes.training.windows import Windows, WindowSettings, statistics
+from talkingeyes.training.translation import MotionTask, MotionTaskSettings
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
 
 LOOP = {
     "steps": 60,
@@ -75,13 +75,13 @@ def test_the_loop_keeps_the_weights_of_the_best_score() -> None:
 
 def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:
     clips = recordings(4, seed=3)
-    drawn = Windows(clips, WindowSettings(frames=50, mirror=False), seed=0).draw(64)
+    drawn = MotionWindowDataset(clips, WindowSettings(frames=50, mirror=False), seed=0).sample_batch(64)
     assert drawn.head.shape == (64, 50, 3)
     starts = {int(np.flatnonzero((c.head == window[0].numpy()).all(1))[0]) for window in drawn.head for c in clips
               if (c.head == window[0].numpy()).all(1).any()}  # fmt: skip
     assert len(starts) > 20
     with pytest.raises(InputError, match="longest has 210"):
-        Windows(clips, WindowSettings(frames=500, mirror=False), seed=0)
+        MotionWindowDataset(clips, WindowSettings(frames=500, mirror=False), seed=0)
 
 
 def test_statistics_use_one_scale_and_ignore_constant_numbers() -> None:
@@ -95,19 +95,21 @@ def test_statistics_use_one_scale_and_ignore_constant_numbers() -> None:
 def test_aliveness_tells_frozen_and_trembling_from_alive() -> None:
     clips = recordings(6, seed=4)
     head, gaze = [c.head for c in clips], [c.gaze for c in clips]
-    truth = aliveness(head, gaze, 25.0)
+    truth = free_running_statistics(head, gaze, 25.0)
     random = np.random.default_rng(0)
-    frozen = aliveness(head, [np.zeros_like(g) for g in gaze], 25.0)
-    trembling = aliveness(head, [g + random.normal(0, 0.01, g.shape).astype(np.float32) for g in gaze], 25.0)
+    frozen = free_running_statistics(head, [np.zeros_like(g) for g in gaze], 25.0)
+    trembling = free_running_statistics(
+        head, [g + random.normal(0, 0.01, g.shape).astype(np.float32) for g in gaze], 25.0
+    )
     assert truth.distance(truth) == 0
     assert frozen.distance(truth) > 2
     assert trembling.distance(truth) > 1
-    assert truth.still_in_space > 0.9
-    assert trembling.still_in_space < 0.2
+    assert truth.still_fraction_in_space > 0.9
+    assert trembling.still_fraction_in_space < 0.2
 
 
-def prior(patch: int, **changes: Any) -> PriorSettings:
-    return PriorSettings.model_validate(
+def prior(patch: int, **changes: Any) -> GazeTokenizerSettings:
+    return GazeTokenizerSettings.model_validate(
         {
             "kind": "gaze",
             "seed": 0,
@@ -135,30 +137,30 @@ def prior(patch: int, **changes: Any) -> PriorSettings:
 @pytest.mark.parametrize("patch", [1, 4])
 def test_a_codebook_learns_uses_its_codes_and_repeats(patch: int) -> None:
     train_clips, val = recordings(12, seed=1), recordings(3, seed=2)
-    first = PriorTask(prior(patch), train_clips, val)
+    first = GazeTokenizerTask(prior(patch), train_clips, val)
     first.module.eval()
-    before = first.use(val).error_deg
+    before = first.code_usage(val).error_deg
     history = train(first, prior(patch).loop, "prior")
-    second = PriorTask(prior(patch), train_clips, val)
+    second = GazeTokenizerTask(prior(patch), train_clips, val)
     train(second, prior(patch).loop, "prior")
-    use = first.use(train_clips)
-    assert use.error_deg < 0.75 * before
-    assert use.figures()["codes_used_share"] > 0.8
+    code_usage = first.code_usage(train_clips)
+    assert code_usage.error_deg < 0.75 * before
+    assert code_usage.figures()["codes_used_share"] > 0.8
     assert history[-1]["loss/reconstruction"] < history[0]["loss/reconstruction"]
     assert all(torch.equal(a, b) for a, b in zip(
         first.module.state_dict().values(), second.module.state_dict().values(), strict=True))  # fmt: skip
     if patch > 1:
-        assert 0.4 < use.stays < 0.95
+        assert 0.4 < code_usage.stay_fraction < 0.95
 
 
-def translation(kind: str, **changes: Any) -> TranslationSettings:
+def translation(kind: str, **changes: Any) -> MotionTaskSettings:
     names = {
         "categorical": ["codes"],
         "events": ["when", "where"],
         "regressed": ["reconstruction", "velocity", "regularity"],
     }
-    terms = names.get(kind, ["reconstruction", "velocity", "kl"])
-    return TranslationSettings.model_validate(
+    loss_terms = names.get(kind, ["reconstruction", "velocity", "kl"])
+    return MotionTaskSettings.model_validate(
         {
             "kind": "speech_to_motion",
             "parts": ["head", "gaze"],
@@ -167,14 +169,14 @@ def translation(kind: str, **changes: Any) -> TranslationSettings:
             "head": {"kind": "vae", **VAE},
             "gaze": {"kind": kind, **GAZE[kind]},
             "conditions": [],
-            "start_from": None,
+            "init_from": None,
             "head_mix": {"truth": 0.5, "posterior": 0.5, "prior": 0.0},
             "weights": {"head_reconstruction": 1.0, "head_velocity": 1.0, "head_kl": 0.1}
-            | {f"gaze_{each}": 1.0 for each in terms},
+            | {f"gaze_{each}": 1.0 for each in loss_terms},
             "temperatures": [1.0, 0.5],
             "windows": {"frames": 80, "mirror": True},
             "loop": LOOP | changes,
-            "watched_clips": 2,
+            "validation_clips": 2,
         }
     )
 
@@ -183,7 +185,7 @@ def codebook(kind: str) -> Any:
     if kind in ("vae", "events"):
         return None
     settings = prior(4 if kind == "categorical" else 1, steps=40)
-    task = PriorTask(settings, recordings(12, seed=1), recordings(2, seed=2))
+    task = GazeTokenizerTask(settings, recordings(12, seed=1), recordings(2, seed=2))
     train(task, settings.loop, "prior")
     return task.module.freeze()
 
@@ -191,10 +193,10 @@ def codebook(kind: str) -> Any:
 @pytest.mark.parametrize("kind", GAZE)
 def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path: Any) -> None:
     settings, book = translation(kind), codebook(kind)
-    task = TranslationTask(settings, 0, recordings(12, seed=1), recordings(3, seed=2), NORMALISER, book)
+    task = MotionTask(settings, 0, recordings(12, seed=1), recordings(3, seed=2), NORMALISER, book)
     history = train(task, settings.loop, "joint")
     assert history[-1]["loss/total"] < history[0]["loss/total"]
-    assert {"alive/speed", "alive/still_in_space", "score"} <= history[-1].keys()
+    assert {"free_running/eye_speed", "free_running/still_fraction_in_space", "score"} <= history[-1].keys()
     chosen = task.choose_temperature()
     assert float(task.module.temperature) in settings.temperatures
     assert len(chosen) == len(settings.temperatures)
@@ -207,17 +209,20 @@ def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path:
 
 
 def test_a_head_of_events_learns_the_spectrum_of_its_drawn_heads_last() -> None:
-    strokes = GAZE["events"]["process"] | {"fixed": 0}
+    strokes = GAZE["events"]["process"] | {"absolute_components": 0}
     head = {"kind": "events", "temperature": 1.0, "equaliser_frames": 65, "process": strokes}
     asked = translation("events", steps=2, validate_every=2).model_dump()
     weights = {f"{part}_{term}": 1.0 for part in ("head", "gaze") for term in ("when", "where")}
-    settings = TranslationSettings.model_validate(asked | {"head": head, "weights": weights})
+    settings = MotionTaskSettings.model_validate(asked | {"head": head, "weights": weights})
     clips = recordings(12, seed=1)
-    task = TranslationTask(settings, 0, clips, recordings(3, seed=2), NORMALISER, None)
+    task = MotionTask(settings, 0, clips, recordings(3, seed=2), NORMALISER, None)
     train(task, settings.loop, "joint")
 
     def apart() -> float:
-        drawn = [task.module.turn(torch.from_numpy(clip.speech), [50 + i])[0].numpy() for i, clip in enumerate(clips)]
+        drawn = [
+            task.module.generate_head(torch.from_numpy(clip.speech), [50 + i])[0].numpy()
+            for i, clip in enumerate(clips)
+        ]
         powers = [
             np.mean([welch(each, nperseg=64, axis=0)[1].mean(axis=1) for each in motions], axis=0)
             for motions in (drawn, [clip.head for clip in clips])
@@ -225,10 +230,10 @@ def test_a_head_of_events_learns_the_spectrum_of_its_drawn_heads_last() -> None:
         return float(np.abs(np.log(powers[0] / powers[1]))[1:20].mean())
 
     before = apart()
-    task.equalise()
+    task.fit_equaliser()
     assert apart() < before - 1  # nats; toy heads are pure sines, farther apart than a filter of gains up to 3 can mend
     taps = task.module.head.equaliser.taps.clone()
-    task.equalise()  # from the same draws, not from equalised ones
+    task.fit_equaliser()  # from the same draws, not from equalised ones
     torch.testing.assert_close(task.module.head.equaliser.taps, taps)
 
 
@@ -237,7 +242,7 @@ def baseline(kind: str, tmp_path: Any) -> Any:
     settings = BaselineSettings.model_validate(
         {"kind": kind, "parts": ["head", "gaze"], "prior": None, "neighbours": 3}
     )
-    bank = bank_of([c.speech for c in clips], [c.head for c in clips], [c.gaze for c in clips])
+    bank = build_bank([c.speech for c in clips], [c.head for c in clips], [c.gaze for c in clips])
     save_baseline(tmp_path, settings, bank, NORMALISER.mean, NORMALISER.std)
     return clips, load_generator(tmp_path)
 
@@ -281,8 +286,8 @@ def test_a_missing_or_damaged_model_is_one_clear_line(tmp_path: Any) -> None:
 
 
 def test_distance_uses_logarithms_so_that_double_and_half_count_the_same() -> None:
-    from talkingeyes.training.aliveness import Aliveness
+    from talkingeyes.training.aliveness import FreeRunningStatistics
 
-    truth = Aliveness(10.0, 100.0, 0.9, 8.0)
-    double, half = Aliveness(20.0, 100.0, 0.9, 8.0), Aliveness(5.0, 100.0, 0.9, 8.0)
+    truth = FreeRunningStatistics(10.0, 100.0, 0.9, 8.0)
+    double, half = FreeRunningStatistics(20.0, 100.0, 0.9, 8.0), FreeRunningStatistics(5.0, 100.0, 0.9, 8.0)
     assert double.distance(truth) == pytest.approx(half.distance(truth)) == pytest.approx(math.log(2))

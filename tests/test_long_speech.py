@@ -7,8 +7,8 @@ import pytest
 from directed import motion
 
 from talkingeyes.animation.direction import Liveliness
-from talkingeyes.animation.targets import Place, Target, TargetTrack
-from talkingeyes.audio.encoder_moonshine import SPEECH, MoonshineEncoder, MoonshineSettings, packaged
+from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack
+from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, MoonshineEncoder, MoonshineSettings, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
 
@@ -22,7 +22,7 @@ def change_at_seams(features: np.ndarray, seams_s: list[float]) -> float:
 
 
 def test_seams_between_windows_are_not_seen() -> None:
-    sound = read_speech(packaged(SPEECH))
+    sound = read_speech(package_file(EXAMPLE_SPEECH))
     heard = MoonshineEncoder(MoonshineSettings(kind="moonshine", window_s=6.0, overlap_s=2.0))(sound, 25.0)
     starts = window_starts(len(sound), 6 * SAMPLE_RATE, 2 * SAMPLE_RATE)[1:]
     seams = [start / SAMPLE_RATE + 1.0 for start in starts]
@@ -37,8 +37,8 @@ def test_seams_between_windows_are_not_seen() -> None:
 
 @pytest.mark.parametrize("fps", [50.0, 100.0, 200.0])
 def test_directed_motion_is_the_same_performance_at_any_rate(fps: float) -> None:
-    track = TargetTrack((Target(2.0, 4.0, "lamp"),), {"lamp": Place.fixed(0.9, 0.3, 1.2)})
-    asked = {"targets": track, "contact": 0.6, "liveliness": Liveliness(1.3, 0.9, 1.5)}
+    track = TargetTrack((Target(2.0, 4.0, "lamp"),), {"lamp": ObjectTrack.fixed(0.9, 0.3, 1.2)})
+    asked = {"targets": track, "eye_contact": 0.6, "liveliness": Liveliness(1.3, 0.9, 1.5)}
     slow, fast = motion(fps=25.0, **asked), motion(fps=fps, **asked)
     step = round(fps / 25.0)
     np.testing.assert_allclose(fast.head[::step], slow.head, atol=1e-9)

@@ -7,12 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from talkingeyes.core.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s, still
-from talkingeyes.core.rotation import eye_in_head, gaze_of_angles, matrices, vectors
-from talkingeyes.evaluation.bootstrap import BootstrapSettings, bootstrap, mean_of, quantile_of, ratio_of
-from talkingeyes.evaluation.discrepancy import discrepancy, distance, diversity
+from talkingeyes.core.kinematics import eye_speed_deg_s, gaze_in_space_speed_deg_s, head_speed_deg_s, still_fraction
+from talkingeyes.core.rotation import angles_to_gaze, eye_in_head, matrix_to_rotvec, rotvec_to_matrix
+from talkingeyes.evaluation.bootstrap import (
+    BootstrapSettings,
+    bootstrap,
+    mean_statistic,
+    quantile_statistic,
+    ratio_statistic,
+)
+from talkingeyes.evaluation.discrepancy import distance, diversity, l2_error
 
-SETTINGS = BootstrapSettings(draws=400, level=0.95, seed=3)
+SETTINGS = BootstrapSettings(n_resamples=400, confidence_level=0.95, seed=3)
 
 
 def test_l2_by_hand_is_a_mean_of_norms_not_a_root_mean_square() -> None:
@@ -20,8 +26,8 @@ def test_l2_by_hand_is_a_mean_of_norms_not_a_root_mean_square() -> None:
     samples = np.zeros((2, 2, 6))
     samples[0, 0, :2] = 3, 4  # norm 5 in the first frame, 0 in the second: mean 2.5, root mean square 3.54
     samples[1, :, 5] = 1  # norm 1 in both
-    assert discrepancy(samples, reference) == pytest.approx((2.5 + 1) / 2)
-    assert discrepancy(samples, reference, np.array([True, False])) == pytest.approx((5 + 1) / 2)
+    assert l2_error(samples, reference) == pytest.approx((2.5 + 1) / 2)
+    assert l2_error(samples, reference, np.array([True, False])) == pytest.approx((5 + 1) / 2)
 
 
 def test_diversity_by_hand() -> None:
@@ -45,7 +51,7 @@ def test_distances_are_symmetric_and_scale(seed: int, count: int) -> None:
 
 def test_speed_of_a_ramp_is_in_degrees_a_second() -> None:
     yaw = np.radians(np.arange(50) * 0.4)  # 0.4 degrees a frame at 25 fps: 10 degrees a second
-    gaze = gaze_of_angles(np.stack([np.stack([yaw, yaw * 0], -1)] * 2, axis=1))
+    gaze = angles_to_gaze(np.stack([np.stack([yaw, yaw * 0], -1)] * 2, axis=1))
     head = np.stack([np.zeros(50), np.zeros(50), np.radians(np.arange(50) * 0.2)], axis=-1)  # roll alone
     assert eye_speed_deg_s(gaze, 25.0) == pytest.approx(np.full(49, 10.0))
     assert head_speed_deg_s(head, 25.0) == pytest.approx(np.full(49, 5.0))
@@ -55,8 +61,8 @@ def test_speed_of_a_ramp_is_in_degrees_a_second() -> None:
 def test_counter_rotating_eyes_move_in_the_head_and_rest_in_space() -> None:
     head = np.stack([np.zeros(40), np.radians(np.linspace(0, 20, 40)), np.zeros(40)], axis=-1)
     gaze = eye_in_head(head, np.zeros((40, 2, 2)))
-    assert still(eye_speed_deg_s(gaze, 25.0)) == 0
-    assert still(space_speed_deg_s(head, gaze, 25.0)) == 1
+    assert still_fraction(eye_speed_deg_s(gaze, 25.0)) == 0
+    assert still_fraction(gaze_in_space_speed_deg_s(head, gaze, 25.0)) == 1
 
 
 @settings(max_examples=25, deadline=None)
@@ -64,35 +70,37 @@ def test_counter_rotating_eyes_move_in_the_head_and_rest_in_space() -> None:
 def test_speed_in_space_does_not_depend_on_where_the_world_looks(seed: int) -> None:
     random = np.random.default_rng(seed)
     head, gaze = random.normal(0, 0.2, (12, 3)), random.normal(0, 0.2, (12, 2, 3))
-    turned = vectors(matrices(random.normal(0, 1, 3)) @ matrices(head))
-    assert space_speed_deg_s(turned, gaze, 25.0) == pytest.approx(space_speed_deg_s(head, gaze, 25.0), abs=1e-6)
+    turned = matrix_to_rotvec(rotvec_to_matrix(random.normal(0, 1, 3)) @ rotvec_to_matrix(head))
+    assert gaze_in_space_speed_deg_s(turned, gaze, 25.0) == pytest.approx(
+        gaze_in_space_speed_deg_s(head, gaze, 25.0), abs=1e-6
+    )
     assert head_speed_deg_s(turned, 25.0) == pytest.approx(head_speed_deg_s(head, 25.0), abs=1e-6)
 
 
 def test_still_counts_frames_below_the_threshold() -> None:
-    assert still(np.array([0.0, 2.4, 2.6, 100.0])) == 0.5
+    assert still_fraction(np.array([0.0, 2.4, 2.6, 100.0])) == 0.5
 
 
 def test_interval_covers_the_mean_about_as_often_as_it_says() -> None:
     random = np.random.default_rng(0)
     inside = 0
     for _ in range(200):
-        estimate = bootstrap(mean_of(random.normal(5, 2, 40)), 40, SETTINGS)
+        estimate = bootstrap(mean_statistic(random.normal(5, 2, 40)), 40, SETTINGS)
         inside += estimate.low <= 5 <= estimate.high
     assert 175 <= inside <= 199
 
 
 def test_bootstrap_is_seeded_and_paired() -> None:
     values = np.random.default_rng(1).normal(1, 0.5, 30)
-    assert bootstrap(mean_of(values), 30, SETTINGS) == bootstrap(mean_of(values), 30, SETTINGS)
-    double = bootstrap(ratio_of(2 * values, values), 30, SETTINGS)
+    assert bootstrap(mean_statistic(values), 30, SETTINGS) == bootstrap(mean_statistic(values), 30, SETTINGS)
+    double = bootstrap(ratio_statistic(2 * values, values), 30, SETTINGS)
     assert (double.value, double.low, double.high) == pytest.approx((2, 2, 2))
 
 
 def test_quantile_is_that_of_the_pooled_frames() -> None:
     random = np.random.default_rng(2)
     groups = [random.exponential(10, size) for size in (100, 300, 50)]
-    statistic = quantile_of(groups, 0.99)
+    statistic = quantile_statistic(groups, 0.99)
     for clips in ([0, 1, 2], [2, 2, 0]):
         pooled = np.concatenate([groups[clip] for clip in clips])
         expected = np.quantile(pooled, 0.99, method="inverted_cdf")

@@ -11,9 +11,14 @@ from toy import recordings
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
-from talkingeyes.evaluation.distribution.encoder import NAME, EncoderSettings, MotionEncoder, learn_encoder
+from talkingeyes.evaluation.distribution.encoder import (
+    CHECKPOINT_NAME,
+    EncoderSettings,
+    MotionEncoder,
+    fit_motion_encoder,
+)
 from talkingeyes.evaluation.distribution.frechet import Moments, frechet, split_half
-from talkingeyes.models.motion_autoencoder import AutoencoderSettings, described
+from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import save
 from talkingeyes.training.loop import LoopSettings
 
@@ -21,7 +26,7 @@ FPS = 25.0
 SETTINGS = EncoderSettings(
     window_s=2.56,
     hop_s=1.28,
-    network=AutoencoderSettings(step_frames=4, width=64, latent=8, kl_weight=0.3),
+    network=MotionAutoencoderSettings(step_frames=4, width=64, latent=8, kl_weight=0.3),
     loop=LoopSettings(
         steps=100,
         batch=24,
@@ -37,14 +42,14 @@ SETTINGS = EncoderSettings(
 @pytest.fixture(scope="module")
 def learnt():
     """The encoder of toy motion, and how its training went."""
-    return learn_encoder(recordings(40, 0), recordings(8, 1), SETTINGS, seed=0)
+    return fit_motion_encoder(recordings(40, 0), recordings(8, 1), SETTINGS, seed=0)
 
 
 def test_steps_hold_angles_in_degrees_and_logarithms_of_speed() -> None:
     head = np.zeros((1, 64, 3))
     head[0, :, 1] = np.radians(np.arange(64) * 0.4)  # turns left at 10 degrees a second under resting gaze
     gaze = eye_in_head(head, np.zeros((1, 64, 2, 2)))
-    steps = described(head, gaze, FPS, 4)
+    steps = window_features(head, gaze, FPS, 4)
     assert steps.shape == (1, 16, 13)
     assert steps[0, :, :2] == pytest.approx(0, abs=1e-9)
     assert steps[0, 3, 2] == pytest.approx(-np.mean([12, 13, 14, 15]) * 0.4)
@@ -61,15 +66,17 @@ def test_the_same_seed_gives_the_same_weights() -> None:
     few = SETTINGS.loop.model_copy(update={"steps": 3})
     weights = []
     for _ in range(2):
-        found = learn_encoder(recordings(6, 0), recordings(2, 1), SETTINGS.model_copy(update={"loop": few}), seed=0)
+        found = fit_motion_encoder(
+            recordings(6, 0), recordings(2, 1), SETTINGS.model_copy(update={"loop": few}), seed=0
+        )
         weights.append(found.encoder.network.state_dict())
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
 
 
 def test_its_files_give_the_same_features(learnt, tmp_path: Path) -> None:
     encoder = learnt.encoder
-    (tmp_path / NAME).mkdir()
-    save(tmp_path / NAME, encoder.network.state_dict(), encoder.config)
+    (tmp_path / CHECKPOINT_NAME).mkdir()
+    save(tmp_path / CHECKPOINT_NAME, encoder.network.state_dict(), encoder.config)
     one = recordings(1, 5)[0]
     arguments = (one.head[None].astype(float), one.gaze[None].astype(float), FPS)
     assert (MotionEncoder.load(tmp_path)(*arguments) == encoder(*arguments)).all()
@@ -123,4 +130,4 @@ def test_frozen_smoothed_and_trembling_motion_is_farther_than_half_of_the_truth(
 
 def test_a_clip_shorter_than_a_window_is_refused() -> None:
     with pytest.raises(InputError, match="window_s: should fit into a train clip"):
-        learn_encoder(recordings(2, 0, frames=40), recordings(2, 1), SETTINGS, seed=0)
+        fit_motion_encoder(recordings(2, 0, frames=40), recordings(2, 1), SETTINGS, seed=0)

@@ -9,13 +9,13 @@ from pydantic import ValidationError
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.face_points import NAMES
-from talkingeyes.head.landmarks import EYE_CENTRES, rest_points
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmarks import EYE_CENTRES, rest_landmarks
 from talkingeyes.head.observation import Observation
-from talkingeyes.head.skinning import posed
+from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.face import FACE_SHAPES
 from talkingeyes.synthesis import mishaps, noise
@@ -24,7 +24,7 @@ from talkingeyes.synthesis.observations import (
     CameraSettings,
     exact_landmarks_px,
     exact_pupils_px,
-    head_shape,
+    identity_weights,
     make_camera,
     observe,
 )
@@ -41,16 +41,16 @@ def camera(**changes) -> Camera:
 
 def quiet(**changes) -> NoiseSettings:
     """Detectors without errors; `changes` are put into it, those of parts by part."""
-    silent = {name: 0.0 for name in ("bias_px", "slow_px", "white_least_px", "white_most_px", "burst_share")}
-    unit = {f"gain_{axis}_{end}": 1.0 for axis in "xy" for end in ("least", "most")}
+    silent = {name: 0.0 for name in ("bias_px", "ar_px", "white_min_px", "white_max_px", "burst_share")}
+    unit = {f"gain_{axis}_{end}": 1.0 for axis in "xy" for end in ("min", "max")}
     pupil = NOISE.pupil.model_copy(update={**silent, **unit})
-    landmark = NOISE.landmark.model_copy(update={"bias_px": 0.0, "slow_px": 0.0, "white_px": 0.0})
+    landmark = NOISE.landmark.model_copy(update={"bias_px": 0.0, "ar_px": 0.0, "white_px": 0.0})
     return NOISE.model_copy(update={"pupil": pupil, "landmark": landmark, **changes})
 
 
 def motion_ahead(frames, yaw_rad=0.0):
     """Looking up and aside with open eyes, the head turned."""
-    gaze = np.broadcast_to(rotation.gaze_of_angles(np.array([0.3, 0.2])), (frames, 2, 3)).copy()
+    gaze = np.broadcast_to(rotation.angles_to_gaze(np.array([0.3, 0.2])), (frames, 2, 3)).copy()
     return Motion.of(FPS, np.tile([0.0, yaw_rad, 0.0], (frames, 1)), gaze)
 
 
@@ -62,9 +62,9 @@ def seen(settings, motion=None, seed=0, identity=()):
 def test_pupils_are_those_of_the_head():
     """At 0 rotation, and at others, against the vertices of the pupils of the posed head, to a ten-thousandth pixel."""
     still, turned = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3))), motion_ahead(1, 0.3)
-    head = open_head()
+    head = anny_head()
     for motion in (still, turned):
-        corners = posed(head, pose_of(head, motion))[0, head.pupils].astype(np.float64)
+        corners = posed_vertices(head, motion_to_pose(head, motion))[0, head.pupils].astype(np.float64)
         assert np.abs(camera().project(corners) - exact_pupils_px(motion, camera())[0]).max() < 1e-4
 
 
@@ -79,48 +79,50 @@ def test_landmarks_are_those_of_the_head_with_its_expression():
         expression=expression,
         expression_names=FACE_SHAPES,
     )
-    head = open_head()
-    points = head.landmarks.of(posed(head, pose_of(head, motion)).astype(np.float64))
+    head = anny_head()
+    points = head.landmarks.of(posed_vertices(head, motion_to_pose(head, motion)).astype(np.float64))
     assert np.abs(camera().project(points) - exact_landmarks_px(motion, camera())).max() < 0.01
 
 
 def test_distance_changes_perspective_alone():
     motion = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3)))
-    near, far = (camera(distance_least_m=distance, distance_most_m=distance) for distance in (0.4, 4.0))
+    near, far = (camera(distance_min_m=distance, distance_max_m=distance) for distance in (0.4, 4.0))
     pupils = [exact_pupils_px(motion, each)[0] for each in (near, far)]
     widths = [pupil[0, 0] - pupil[1, 0] for pupil in pupils]
     assert widths == pytest.approx([63 * 1.154] * 2, rel=0.05)
-    ears = [exact_landmarks_px(motion, each)[0, NAMES.index("left_outline_ear"), 0] for each in (near, far)]
+    ears = [exact_landmarks_px(motion, each)[0, LANDMARK_NAMES.index("left_outline_ear"), 0] for each in (near, far)]
     assert ears[1] > ears[0] + 5
     drawn = [make_camera(CAMERA, np.random.default_rng(seed)).distance_m for seed in range(50)]
-    assert CAMERA.distance_least_m <= min(drawn) < max(drawn) <= CAMERA.distance_most_m
+    assert CAMERA.distance_min_m <= min(drawn) < max(drawn) <= CAMERA.distance_max_m
 
 
 def test_heads_differ_and_eyes_stay():
-    mean, other = rest_points(), rest_points(SOMEBODY)
+    mean, other = rest_landmarks(), rest_landmarks(SOMEBODY)
     moved_m = np.linalg.norm(other - mean, axis=-1)
     assert 0.001 < moved_m.mean() < 0.02
     motion = motion_ahead(1)
     assert not np.allclose(
         exact_landmarks_px(motion, camera(), SOMEBODY), exact_landmarks_px(motion, camera()), atol=0.5
     )
-    head = open_head()
+    head = anny_head()
     centres = head.eye_centres + np.tensordot(SOMEBODY, head.identity_joints[:, 3:], axes=1)
     scale = 0.063 / (centres[0, 0] - centres[1, 0])
-    nose = head.landmarks.of(head.template + np.tensordot(SOMEBODY, head.identity, axes=1))[NAMES.index("nose_tip")]
-    from_eyes = other[NAMES.index("nose_tip")] - EYE_CENTRES.mean(axis=0)
+    nose = head.landmarks.of(head.template + np.tensordot(SOMEBODY, head.identity, axes=1))[
+        LANDMARK_NAMES.index("nose_tip")
+    ]
+    from_eyes = other[LANDMARK_NAMES.index("nose_tip")] - EYE_CENTRES.mean(axis=0)
     assert from_eyes == pytest.approx(scale * (nose - centres.mean(axis=0)), abs=2e-4)
     assert seen(quiet(), identity=SOMEBODY).identity == SOMEBODY
     with pytest.raises(InputError, match="should be 6 weights, got 2"):
-        rest_points((0.1, 0.2))
+        rest_landmarks((0.1, 0.2))
 
 
 def test_the_spread_of_heads_is_that_asked_for():
     numbers = np.random.default_rng(0).standard_normal((500, 6))
-    shapes = np.array([head_shape(tuple(each), CAMERA) for each in numbers])
-    assert shapes.std() == pytest.approx(CAMERA.head_spread, rel=0.1)
-    assert np.abs(shapes).max() <= 2 * CAMERA.head_spread + 1e-12
-    assert not any(head_shape((1.0, -1.0), CAMERA.model_copy(update={"head_spread": 0.0})))
+    shapes = np.array([identity_weights(tuple(each), CAMERA) for each in numbers])
+    assert shapes.std() == pytest.approx(CAMERA.identity_std, rel=0.1)
+    assert np.abs(shapes).max() <= 2 * CAMERA.identity_std + 1e-12
+    assert not any(identity_weights((1.0, -1.0), CAMERA.model_copy(update={"identity_std": 0.0})))
 
 
 def test_nothing_wrong_is_exact():
@@ -131,7 +133,7 @@ def test_nothing_wrong_is_exact():
     assert (observed.confidence == 1.0).all()
 
 
-@pytest.mark.parametrize("name", ["bias_px", "slow_px", "white_px"])
+@pytest.mark.parametrize("name", ["bias_px", "ar_px", "white_px"])
 def test_landmark_noise(name):
     settings = quiet()
     settings = settings.model_copy(update={"landmark": settings.landmark.model_copy(update={name: 0.4})})
@@ -139,25 +141,25 @@ def test_landmark_noise(name):
     error = seen(settings, motion).landmarks - exact_landmarks_px(motion, camera())
     assert error.std() == pytest.approx(0.4, rel=0.15)
     step = np.diff(error, axis=0).std()
-    assert {"bias_px": step < 1e-9, "slow_px": 0.05 < step < 0.2, "white_px": 0.5 < step < 0.65}[name]
+    assert {"bias_px": step < 1e-9, "ar_px": 0.05 < step < 0.2, "white_px": 0.5 < step < 0.65}[name]
 
 
-@pytest.mark.parametrize("name", ["bias_px", "slow_px", "white_least_px"])
+@pytest.mark.parametrize("name", ["bias_px", "ar_px", "white_min_px"])
 def test_pupil_noise(name):
     settings = quiet()
-    changed = {name: 0.4} | ({"white_most_px": 0.4} if name == "white_least_px" else {})
+    changed = {name: 0.4} | ({"white_max_px": 0.4} if name == "white_min_px" else {})
     settings = settings.model_copy(update={"pupil": settings.pupil.model_copy(update=changed)})
     motion = motion_ahead(200)
     exact = exact_pupils_px(motion, camera())
     errors = np.stack([seen(settings, motion, seed).pupils - exact for seed in range(25)])
     assert errors.std() == pytest.approx(0.4, rel=0.25)
     step = np.diff(errors, axis=1).std()
-    assert {"bias_px": step < 1e-9, "slow_px": step < 0.2, "white_least_px": step > 0.5}[name]
+    assert {"bias_px": step < 1e-9, "ar_px": step < 0.2, "white_min_px": step > 0.5}[name]
 
 
 def test_a_pupil_follows_less_than_it_should():
     settings = quiet()
-    gain = {f"gain_{axis}_{end}": value for axis, value in (("x", 0.9), ("y", 0.8)) for end in ("least", "most")}
+    gain = {f"gain_{axis}_{end}": value for axis, value in (("x", 0.9), ("y", 0.8)) for end in ("min", "max")}
     settings = settings.model_copy(update={"pupil": settings.pupil.model_copy(update=gain)})
     motion = motion_ahead(3)
     ahead = exact_pupils_px(replace(motion, gaze=0 * motion.gaze), camera())
@@ -175,7 +177,7 @@ def test_lids_hide_pupils():
 
 
 def test_hands_and_hair_cover_a_part_for_a_while():
-    settings = quiet(occlusion=NOISE.occlusion.model_copy(update={"per_min": 20.0}))
+    settings = quiet(occlusion=NOISE.occlusion.model_copy(update={"rate_per_min": 20.0}))
     long = motion_ahead(1500)
     observed = seen(settings, long)
     hidden = np.isnan(observed.landmarks).any(axis=-1)
@@ -188,9 +190,9 @@ def test_hands_and_hair_cover_a_part_for_a_while():
 
 
 def test_only_hair_is_at_the_sides():
-    chin, temple = NAMES.index("outline_chin"), NAMES.index("left_outline_temple")
+    chin, temple = LANDMARK_NAMES.index("outline_chin"), LANDMARK_NAMES.index("left_outline_temple")
     for share, covered, free in ((1.0, chin, None), (0.0, temple, chin)):
-        changed = {"per_min": 60.0, "hand_share": share, "radius_most_px": 20.0}
+        changed = {"rate_per_min": 60.0, "hand_probability": share, "radius_max_px": 20.0}
         settings = quiet(occlusion=NOISE.occlusion.model_copy(update=changed))
         hidden = np.isnan(seen(settings, motion_ahead(750)).landmarks).any(axis=-1)
         assert hidden[:, covered].any() and (free is None or not hidden[:, free].any())
@@ -198,7 +200,9 @@ def test_only_hair_is_at_the_sides():
 
 @pytest.mark.parametrize("repeated", [0.0, 1.0])
 def test_lost_frames_are_empty_or_shown_again(repeated):
-    settings = quiet(dropped=NOISE.dropped.model_copy(update={"share": 0.1, "repeated": repeated}))
+    settings = quiet(
+        frame_drops=NOISE.frame_drops.model_copy(update={"dropped_fraction": 0.1, "repeat_probability": repeated})
+    )
     motion = replace(motion_ahead(1000), translation=np.linspace(0, 0.05, 1000)[:, None] * np.ones(3))
     observed = seen(settings, motion)
     empty = np.isnan(observed.landmarks).all(axis=(1, 2))
@@ -215,7 +219,7 @@ def test_low_resolution_makes_errors_larger_and_coordinates_coarse():
         (seen(NOISE.model_copy(update={"resolution": share}), motion).landmarks - exact).std() for share in (1.0, 0.5)
     )
     assert coarse == pytest.approx(2 * fine, rel=0.01)
-    observed = seen(quiet(resolution=0.5, grid_px=0.25), motion)
+    observed = seen(quiet(resolution=0.5, quantisation_px=0.25), motion)
     assert np.allclose(observed.landmarks / 0.5, np.round(observed.landmarks / 0.5))
     assert np.abs(observed.landmarks - exact).max() <= 0.25 + 1e-9
 
@@ -229,18 +233,18 @@ def test_an_observation_keeps_what_is_known_of_the_head(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "section", "changes", "message"),
     [
-        (CameraSettings, SECTION["camera"], {"distance_least_m": 2.0}, "distance_most_m should be at least"),
-        (CameraSettings, SECTION["camera"], {"head_spread": -0.1}, "head_spread"),
+        (CameraSettings, SECTION["camera"], {"distance_min_m": 2.0}, "distance_max_m should be at least"),
+        (CameraSettings, SECTION["camera"], {"identity_std": -0.1}, "identity_std"),
         (NoiseSettings, SECTION["noise"], {"resolution": 0.0}, "resolution"),
         (
             mishaps.OcclusionSettings,
             SECTION["noise"]["occlusion"],
-            {"radius_least_px": 99.0},
-            "radius_most_px should be",
+            {"radius_min_px": 99.0},
+            "radius_max_px should be",
         ),
-        (mishaps.OcclusionSettings, SECTION["noise"]["occlusion"], {"per_min": -1.0}, "per_min"),
-        (mishaps.DropSettings, SECTION["noise"]["dropped"], {"share": 1.0}, "share"),
-        (noise.PupilNoiseSettings, SECTION["noise"]["pupil"], {"gain_x_least": 1.5}, "gain_x_most should be at least"),
+        (mishaps.OcclusionSettings, SECTION["noise"]["occlusion"], {"rate_per_min": -1.0}, "rate_per_min"),
+        (mishaps.FrameDropSettings, SECTION["noise"]["frame_drops"], {"dropped_fraction": 1.0}, "dropped_fraction"),
+        (noise.PupilNoiseSettings, SECTION["noise"]["pupil"], {"gain_x_min": 1.5}, "gain_x_max should be at least"),
     ],
 )
 def test_what_cannot_be_is_refused(settings, section, changes, message):

@@ -16,7 +16,7 @@ import safetensors.numpy
 from toy_model import sound_file, toy_model
 
 import talkingeyes
-from talkingeyes.animation.model_file import KEY, SCHEMA, opened, read_packed
+from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, open_model, read_packed_metadata
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows.pack import pack
@@ -41,7 +41,7 @@ def test_a_packed_model_performs_as_its_folder_does(place: Path) -> None:
 
 
 def test_it_says_what_it_was_made_of(place: Path) -> None:
-    packed = read_packed(place / "toy.safetensors")
+    packed = read_packed_metadata(place / "toy.safetensors")
     assert packed.models == ("toy",)
     assert json.loads(packed.files["toy/config.json"])["model"]["kind"] == "similar"
     assert set(packed.files) == {"toy/config.json", "toy/embedding.json", "toy/blinks.json", "toy/speakers.json"}
@@ -58,7 +58,7 @@ def test_others_stand_beside_the_first(place: Path, tmp_path: Path) -> None:
     shutil.copytree(place / "train" / "toy", tmp_path / "face")
     done = pack([place / "train" / "toy", tmp_path / "face"], tmp_path / "both.safetensors")
     assert done.models == ("toy", "face")
-    with opened(tmp_path / "both.safetensors") as folder:
+    with open_model(tmp_path / "both.safetensors") as folder:
         assert folder.name == "toy"
         assert (folder.parent / "face" / "model.safetensors").is_file()
     assert not folder.exists()
@@ -82,7 +82,7 @@ def test_another_machine_needs_no_conf(place: Path, repository: Path, tmp_path: 
         "toy.safetensors",
         "--samples",
         "1",
-        "--no-pictures",
+        "--no-previews",
     ]
     ended = subprocess.run(
         [sys.executable, "-m", "talkingeyes.cli.main", *words],
@@ -105,13 +105,17 @@ def foreign(path: Path) -> None:
 
 def outside(path: Path) -> None:
     said = {"schema": SCHEMA, "models": ["toy"], "files": {"toy/../../a.json": "{}"}, "encoder": {"kind": "logmel"}}
-    safetensors.numpy.save_file({"toy/a.safetensors:a": np.zeros(3, np.float32)}, path, {KEY: json.dumps(said)})
+    safetensors.numpy.save_file(
+        {"toy/a.safetensors:a": np.zeros(3, np.float32)}, path, {METADATA_KEY: json.dumps(said)}
+    )
 
 
 def other_encoder(path: Path) -> None:
     said = {"schema": SCHEMA, "models": ["toy"], "files": {}}
     said["encoder"] = {"kind": "moonshine", "weights_sha256": "0" * 64}
-    safetensors.numpy.save_file({"toy/a.safetensors:a": np.zeros(3, np.float32)}, path, {KEY: json.dumps(said)})
+    safetensors.numpy.save_file(
+        {"toy/a.safetensors:a": np.zeros(3, np.float32)}, path, {METADATA_KEY: json.dumps(said)}
+    )
 
 
 @pytest.mark.parametrize(

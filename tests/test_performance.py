@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from toy import recordings
 
-from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.direction import Controls
 from talkingeyes.animation.events import resample
-from talkingeyes.animation.perform import Performer, held_over, sample_seeds
+from talkingeyes.animation.perform import Animator, hold_over_blinks, sample_seeds
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.kinematics import space_speed_deg_s
+from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s
 from talkingeyes.core.motion import Blink, Saccade
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.models.condition.conditioner import NOTHING, Given
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.steps import find_saccades
 
@@ -62,7 +62,7 @@ def test_resampled_saccades_keep_the_main_sequence_and_linear_ones_do_not(amplit
     at_120 = resample(head, both, find_saccades(space, 25.0), 25.0, 120.0)
     assert len(at_120.head) == len(space) * 120 // 25
     law = np.degrees(saccades.peak_speed(np.radians(amplitude_deg)))
-    peak = space_speed_deg_s(at_120.head, at_120.gaze, 120.0).max()
+    peak = gaze_in_space_speed_deg_s(at_120.head, at_120.gaze, 120.0).max()
     assert 0.85 * law < peak < 1.1 * law
     linear = np.degrees(np.abs(np.diff(space[:, 0])).max() * 25)
     assert linear < 0.95 * peak
@@ -85,12 +85,12 @@ def test_one_frame_can_be_resampled() -> None:
 
 def test_gaze_is_held_while_the_lids_are_shut() -> None:
     space = np.arange(50.0)[:, None, None] * np.ones((1, 2, 2))
-    held = held_over([Blink(0.5, 0.08, 0.08, 0.1, 1.0)], space, 25.0)[:, 0, 0]
+    held = hold_over_blinks([Blink(0.5, 0.08, 0.08, 0.1, 1.0)], space, 25.0)[:, 0, 0]
     steps = np.diff(held)
     assert 2 <= (steps == 0).sum() <= 6
     assert held[-1] == 49
     assert (held <= space[:, 0, 0]).all()
-    np.testing.assert_array_equal(held_over([], space, 25.0), space)
+    np.testing.assert_array_equal(hold_over_blinks([], space, 25.0), space)
 
 
 class FakeEncoder:
@@ -101,14 +101,16 @@ class FakeEncoder:
 
 
 class FakeGenerator:
-    def generate(self, embedding: Any, seeds: list[int], fps: float, given: Given = NOTHING) -> Samples:
+    def generate(
+        self, embedding: Any, seeds: list[int], fps: float, conditioning: ConditioningInputs = NO_CONDITIONING
+    ) -> Samples:
         frames = len(embedding)
         walks = [np.random.default_rng(seed).normal(0, 0.01, (frames, 3)).cumsum(0) * 0.1 for seed in seeds]
         head = np.stack(walks)
         return Samples(fps, head, np.zeros((len(seeds), frames, 2, 3)))
 
 
-PERFORMER = Performer(FakeEncoder(), FakeGenerator(), 25.0)
+PERFORMER = Animator(FakeEncoder(), FakeGenerator(), 25.0)
 SOUND = np.zeros(16_000 * 20, np.float32)
 
 
@@ -126,7 +128,7 @@ def test_profiles_blink_at_their_rates() -> None:
     long = np.zeros(16_000 * 120, np.float32)
     rates = {}
     for profile in ("paper", "physio"):
-        made = PERFORMER.perform(long, 30, seed=1, fps=25.0, direction=Direction(blinks=profile))
+        made = PERFORMER.perform(long, 30, seed=1, fps=25.0, controls=Controls(blinks=profile))
         rates[profile] = np.mean([len(one.events.blinks) / 2 for one in made])
     assert 34 < rates["paper"] < 46
     assert 18 < rates["physio"] < 30
@@ -138,19 +140,19 @@ def test_blinks_come_where_phrases_end_but_not_those_of_the_paper() -> None:
     sound = np.where(at_s % 3 < 2, 0.1, 1e-4) * np.random.default_rng(0).standard_normal(len(at_s))
     late = {}
     for profile in ("paper", "physio"):
-        made = PERFORMER.perform(sound.astype(np.float32), 20, seed=1, fps=25.0, direction=Direction(blinks=profile))
+        made = PERFORMER.perform(sound.astype(np.float32), 20, seed=1, fps=25.0, controls=Controls(blinks=profile))
         onsets_s = np.array([blink.onset_s for one in made for blink in one.events.blinks]) % 3
         late[profile] = np.mean((onsets_s >= 1.9) & (onsets_s < 2.5)) / (0.6 / 3)
     assert late["physio"] > 1.5
     assert 0.8 < late["paper"] < 1.2
-    made = PERFORMER.perform_embedded(np.zeros((3000, 1), np.float32), 20, seed=1, fps=25.0)
+    made = PERFORMER.generate_from_embedding(np.zeros((3000, 1), np.float32), 20, seed=1, fps=25.0)
     onsets_s = np.array([blink.onset_s for one in made for blink in one.events.blinks]) % 3
     assert 0.8 < np.mean((onsets_s >= 1.9) & (onsets_s < 2.5)) / (0.6 / 3) < 1.2, "nobody knows when it speaks"
 
 
 def test_an_unknown_profile_is_one_clear_line() -> None:
     with pytest.raises(InputError, match="one of paper, physio, got often"):
-        PERFORMER.perform(SOUND, 1, 0, 25.0, Direction(blinks="often"))
+        PERFORMER.perform(SOUND, 1, 0, 25.0, Controls(blinks="often"))
 
 
 def test_sample_i_does_not_depend_on_how_many_are_asked_for() -> None:

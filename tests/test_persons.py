@@ -15,45 +15,48 @@ from test_learning import NAMES, translation
 from toy import CHANNELS
 from toy_model import EMBED, sound_file
 
-from talkingeyes.animation.direction import Direction
-from talkingeyes.animation.perform import Performance, Performer
+from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.perform import Animation, Animator
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.errors import InputError
-from talkingeyes.fitting.manner import Manner
+from talkingeyes.fitting.manner import MotionStyle
 from talkingeyes.models.speech_to_motion import SpeechToMotion
-from talkingeyes.physiology.blinks import PAPER, PHYSIO, rate_at_per_min
+from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL, blink_rate_quantile
 from talkingeyes.training.trained import NetworkGenerator
-from talkingeyes.training.translation import TranslationSettings
-from talkingeyes.workflows.animate import Order, carry_out_dialogue
+from talkingeyes.training.translation import MotionTaskSettings
+from talkingeyes.workflows.animate import AnimationOptions, run_dialogue
 
 PERSONS = ("anna", "bert", "cleo")
 SPEECH = np.random.default_rng(0).standard_normal((1500, CHANNELS)).astype(np.float32)
 
 
-def performer(conditions: list[dict[str, Any]]) -> Performer:
+def animator(conditions: list[dict[str, Any]]) -> Animator:
     """A network that has learnt nothing but to hold the head where its speaker does."""
     torch.manual_seed(0)
     node = translation("events").model_dump(mode="json") | {"conditions": conditions}
-    network = SpeechToMotion(TranslationSettings.model_validate(node), NAMES, None, PERSONS).eval()
+    network = SpeechToMotion(MotionTaskSettings.model_validate(node), NAMES, None, PERSONS).eval()
     network.head.normal.set(torch.zeros(3), 0.1)
     network.gaze.normalise_by(torch.zeros(6), 0.1)
-    habits = Manner((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), (0.0, 0.0), (0.1, 0.1), 60.0, 20.0)
+    habits = MotionStyle((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), (0.0, 0.0), (0.1, 0.1), 60.0, 20.0)
     rates = {"anna": 9.0, "bert": 12.0, "cleo": 31.0}
     manners = {name: replace(habits, blinks_per_min=rate) for name, rate in rates.items()}
     encoder = make_encoder(EmbedSettings.model_validate(EMBED))
-    return Performer(encoder, NetworkGenerator(network), 25.0, speakers=manners)
+    return Animator(encoder, NetworkGenerator(network), 25.0, speakers=manners)
 
 
-TOLD, UNTOLD = performer([{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}]), performer([])
+TOLD, UNTOLD = (
+    animator([{"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}]),
+    animator([]),
+)
 
 
-def made(samples: int = 1, seed: int = 0, by: Performer = TOLD, **asked: Any) -> list[Performance]:
-    return by.perform_embedded(SPEECH, samples, seed, 25.0, Direction(**asked))
+def made(samples: int = 1, seed: int = 0, by: Animator = TOLD, **asked: Any) -> list[Animation]:
+    return by.generate_from_embedding(SPEECH, samples, seed, 25.0, Controls(**asked))
 
 
 def head(seed: int = 0, **asked: Any) -> np.ndarray:
-    return made(1, seed, as_drawn=True, **asked)[0].motion.head
+    return made(1, seed, no_postprocessing=True, **asked)[0].motion.head
 
 
 def test_the_model_is_told_who_moves_by_name_or_by_a_kept_style() -> None:
@@ -77,25 +80,26 @@ def test_nobody_asked_for_is_a_person_whom_the_seed_draws() -> None:
 
 
 def test_samples_are_takes_of_one_person() -> None:
-    five = made(5, seed=3, as_drawn=True)
-    (again,) = made(1, seed=3, as_drawn=True)
+    five = made(5, seed=3, no_postprocessing=True)
+    (again,) = made(1, seed=3, no_postprocessing=True)
     np.testing.assert_allclose(five[0].motion.head, again.motion.head, atol=1e-6)
     assert np.abs(five[0].motion.head - five[1].motion.head).max() > 1e-3
 
 
 def test_where_people_look_is_told_apart_by_a_size_of_its_own() -> None:
     same, more = (
-        performer([{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": size}}]) for size in (1.0, 3.0)
+        animator([{"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": size}}])
+        for size in (1.0, 3.0)
     )
-    one, other = (made(1, 3, by, person="anna", as_drawn=True)[0].motion for by in (same, more))
+    one, other = (made(1, 3, by, person="anna", no_postprocessing=True)[0].motion for by in (same, more))
     np.testing.assert_array_equal(one.head, other.head)
     assert np.abs(one.gaze - other.gaze).max() > 1e-3
 
 
-@pytest.mark.parametrize("profile", [PHYSIO, PAPER])
+@pytest.mark.parametrize("profile", [PHYSIOLOGICAL, PAPER])
 def test_a_share_of_people_blinks_less_often(profile: Any) -> None:
     shares = (np.arange(2000) + 0.5) / 2000
-    rates = np.array([rate_at_per_min(profile, share) for share in shares])
+    rates = np.array([blink_rate_quantile(profile, share) for share in shares])
     assert (np.diff(rates) >= 0).all()
     assert rates.min() > 0
     middle = rates.mean() if profile is PAPER else np.median(rates)
@@ -105,28 +109,28 @@ def test_a_share_of_people_blinks_less_often(profile: Any) -> None:
 def test_a_person_blinks_as_often_among_people_as_among_the_speakers() -> None:
     for rank, name in enumerate(PERSONS):
         counts = [len(each.events.blinks) for each in made(24, person=name)]
-        assert np.mean(counts) == pytest.approx(rate_at_per_min(PHYSIO, (rank + 0.5) / 3), rel=0.12)
+        assert np.mean(counts) == pytest.approx(blink_rate_quantile(PHYSIOLOGICAL, (rank + 0.5) / 3), rel=0.12)
 
 
 @pytest.mark.parametrize(("by", "said"), [(TOLD, "anna, bert, cleo"), (UNTOLD, "asked of a model that is told")])
-def test_a_person_whom_the_model_does_not_know_is_one_line(by: Performer, said: str) -> None:
+def test_a_person_whom_the_model_does_not_know_is_one_line(by: Animator, said: str) -> None:
     with pytest.raises(InputError, match=rf"^person: should be .*{said}.*, got dora$"):
         made(by=by, person="dora")
 
 
-def dialogue_of(persons: str) -> Order:
-    return Order(1, 0, 25.0, Direction(person=persons), pictures=False)
+def dialogue_of(persons: str) -> AnimationOptions:
+    return AnimationOptions(1, 0, 25.0, Controls(person=persons), previews=False)
 
 
 def test_two_who_talk_are_two_persons(tmp_path: Path) -> None:
     model = write_live_model(
         tmp_path / "model",
         PERSONS,
-        conditions=[{"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}],
+        conditions=[{"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}],
     )
     sounds = [read_speech(sound_file(tmp_path / f"{seed}.wav", 1.0, seed)) for seed in range(2)]
     one, same, other = (
-        carry_out_dialogue(sounds, tmp_path / f"out{index}", dialogue_of(persons), model)[0]
+        run_dialogue(sounds, tmp_path / f"out{index}", dialogue_of(persons), model)[0]
         for index, persons in enumerate(("anna,cleo", "anna,bert", "bert,cleo"))
     )
     np.testing.assert_array_equal(one.first.motion.head, same.first.motion.head)

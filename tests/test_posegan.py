@@ -14,23 +14,42 @@ from toy import clip
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.poses import PoseRecording, gaussian_filtered, head_of, linearly_resampled, poses_of, resampled
+from talkingeyes.corpus.poses import (
+    PoseRecording,
+    gaussian_smooth,
+    head_rotations,
+    resample_cubic,
+    resample_linear,
+    to_poses,
+)
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.evaluation.pose.classifier import ClassifierSettings, Labelled, judge, trained_classifier
-from talkingeyes.evaluation.pose.correlation import SVMSettings, belonging, correlations
-from talkingeyes.evaluation.pose.movement import distances, jitter, manner, seams, unlike, variety
-from talkingeyes.evaluation.pose.transfer import blended
-from talkingeyes.evaluation.pose.windows import PoseWindows, cut, windows_of
-from talkingeyes.head.anny import open_head
+from talkingeyes.evaluation.pose.classifier import (
+    ClassifierSettings,
+    LabelledWindows,
+    classifier_scores,
+    train_classifier,
+)
+from talkingeyes.evaluation.pose.correlation import SVMSettings, acceptance_rates, correlations
+from talkingeyes.evaluation.pose.movement import (
+    clip_difference,
+    distances,
+    jitter,
+    measure_style,
+    seam_speed_ratio,
+    style_distance,
+)
+from talkingeyes.evaluation.pose.transfer import blend_styles
+from talkingeyes.evaluation.pose.windows import PoseWindows, pose_windows, sliding_windows
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.orchestration.config import CONF, compose
+from talkingeyes.orchestration.config import CONFIG_DIR, compose
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.loop import Contest, LoopSettings, train
-from talkingeyes.training.pgface import PGFaceSettings, PGFaceTask, ShapeRecording
-from talkingeyes.training.poses import PoseModelSettings, PoseTask, liveness
-from talkingeyes.training.progress import Progress
+from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
+from talkingeyes.training.pgface import PGFaceTask, PGFaceTaskSettings, ShapeRecording
+from talkingeyes.training.poses import PoseTask, PoseTaskSettings, movement_ratios
+from talkingeyes.training.progress import ResumeFile
 from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, save_head_then_gaze
-from talkingeyes.training.trained_poses import HeadGenerator, pose_config
+from talkingeyes.training.trained_poses import PoseModelGenerator, pose_config
 
 CHANNELS = 6
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
@@ -49,7 +68,7 @@ SMALL = {
             "decay": 0.95,
             "restart_below": 0.05,
         },
-        "transformer": {"width": 8, "layers": 1, "heads": 2, "dropout": 0.0, "back": 8},
+        "transformer": {"width": 8, "layers": 1, "heads": 2, "dropout": 0.0, "lookback": 8},
     },
     "posegan": {"width": 16, "layers": 1, "levels": 3, "window": 64},
 }
@@ -74,17 +93,17 @@ def normaliser() -> Normaliser:
     return Normaliser(names, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
 
 
-def settings(name: str, **changes: Any) -> PoseModelSettings:
+def settings(name: str, **changes: Any) -> PoseTaskSettings:
     """A model of conf/, small."""
-    node = yaml.safe_load((CONF / "model" / f"{name}.yaml").read_text())
+    node = yaml.safe_load((CONFIG_DIR / "model" / f"{name}.yaml").read_text())
     node["speech"] |= {"width": 8}
     node["head"] |= SMALL.get(node["head"]["kind"], {})
     node["windows"] = {"frames": 64, "hop": 5}
     if node["loop"]:
         node["loop"] |= {"steps": 4, "batch": 4, "validate_every": 2}
-    if node["rival"]:
-        node["rival"] = {"width": 8, "layers": 3}
-    return PoseModelSettings.model_validate({**node, **changes})
+    if node["discriminator"]:
+        node["discriminator"] = {"width": 8, "layers": 3}
+    return PoseTaskSettings.model_validate({**node, **changes})
 
 
 def task(name: str, seed: int = 0, **changes: Any) -> PoseTask:
@@ -98,28 +117,30 @@ class TestPoses:
     def test_six_numbers_and_back(self) -> None:
         random = np.random.default_rng(0)
         head, shift = 0.4 * random.standard_normal((50, 3)), random.standard_normal((50, 3))
-        pose = poses_of(head, shift)
-        np.testing.assert_allclose(rotation.matrices(head_of(pose)), rotation.matrices(head), atol=1e-9)
+        pose = to_poses(head, shift)
+        np.testing.assert_allclose(
+            rotation.rotvec_to_matrix(head_rotations(pose)), rotation.rotvec_to_matrix(head), atol=1e-9
+        )
         np.testing.assert_array_equal(pose[:, 3:], shift)
 
     def test_pitch_is_up_and_yaw_to_the_left(self) -> None:
-        pose = poses_of(np.array([[-0.2, 0.0, 0.0], [0.0, 0.3, 0.0]]), np.zeros((2, 3)))
+        pose = to_poses(np.array([[-0.2, 0.0, 0.0], [0.0, 0.3, 0.0]]), np.zeros((2, 3)))
         np.testing.assert_allclose(pose[:, :3], [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0]], atol=1e-12)
 
     def test_the_filter_keeps_constants_and_damps_what_is_fast(self) -> None:
         times = np.arange(300)[:, None] / 30
-        np.testing.assert_allclose(gaussian_filtered(np.full((9, 6), 2.0), 1.5, 5), 2.0)
+        np.testing.assert_allclose(gaussian_smooth(np.full((9, 6), 2.0), 1.5, 5), 2.0)
         slow, fast = (np.sin(2 * np.pi * hz * times) * np.ones(6) for hz in (0.3, 8.0))
-        assert gaussian_filtered(slow, 1.5, 5).std() > 0.98 * slow.std()
-        assert gaussian_filtered(fast, 1.5, 5).std() < 0.15 * fast.std()
+        assert gaussian_smooth(slow, 1.5, 5).std() > 0.98 * slow.std()
+        assert gaussian_smooth(fast, 1.5, 5).std() < 0.15 * fast.std()
 
     def test_resampling_to_30_and_back(self) -> None:
         slow = np.sin(np.arange(100)[:, None] / 12) * np.ones(6)
-        there = resampled(slow, 25.0, 30.0)
+        there = resample_cubic(slow, 25.0, 30.0)
         assert len(there) == 119
-        back = resampled(there, 30.0, 25.0)
+        back = resample_cubic(there, 30.0, 25.0)
         np.testing.assert_allclose(back, slow[: len(back)], atol=1e-3)
-        assert linearly_resampled(slow, 25.0, 30.0).shape == there.shape
+        assert resample_linear(slow, 25.0, 30.0).shape == there.shape
 
 
 @pytest.mark.parametrize("name", HEADS)
@@ -143,9 +164,9 @@ class TestHeads:
         made = task(name)
         if made.settings.loop is None:
             return
-        terms = made.losses(1)
-        assert set(made.settings.weights) <= set(terms)
-        assert all(torch.isfinite(each) for each in terms.values())
+        loss_terms = made.losses(1)
+        assert set(made.settings.weights) <= set(loss_terms)
+        assert all(torch.isfinite(each) for each in loss_terms.values())
 
     def test_a_folder_gives_the_same_head_and_it_drives_a_gaze_decoder(self, name: str, tmp_path: Path) -> None:
         made = task(name)
@@ -153,15 +174,15 @@ class TestHeads:
             (tmp_path / part).mkdir()
         save(tmp_path / "posegan", made.module.state_dict(), pose_config(made.settings, normaliser(), made.module))
         loaded = load_generator(tmp_path / "posegan")
-        assert isinstance(loaded, HeadGenerator)
+        assert isinstance(loaded, PoseModelGenerator)
         speech = np.random.default_rng(0).standard_normal((80, CHANNELS)).astype(np.float32)
-        ours = HeadGenerator(made.module).generate(speech, [1, 2], 25.0)
+        ours = PoseModelGenerator(made.module).generate(speech, [1, 2], 25.0)
         theirs = loaded.generate(speech, [1, 2], 25.0)
         assert ours.head.shape == (2, 80, 3)
         np.testing.assert_array_equal(ours.head, theirs.head)
         _save_gaze(tmp_path / "gaze")
         joined = HeadThenGazeSettings(
-            kind="head_then_gaze", parts=("head", "gaze"), prior=None, made_of=("posegan", "gaze")
+            kind="head_then_gaze", parts=("head", "gaze"), prior=None, source_models=("posegan", "gaze")
         )
         save_head_then_gaze(tmp_path / "joined", joined, load(tmp_path / "posegan"), load(tmp_path / "gaze"))
         both = load_generator(tmp_path / "joined").generate(speech, [1, 2], 25.0)
@@ -176,10 +197,10 @@ def _save_gaze(folder: Path) -> None:
     """The smallest model with a gaze decoder, untrained."""
     from talkingeyes.models.speech_to_motion import SpeechToMotion
     from talkingeyes.training.trained import network_config
-    from talkingeyes.training.translation import TranslationSettings
+    from talkingeyes.training.translation import MotionTaskSettings
 
-    node = yaml.safe_load((CONF / "model" / "vae.yaml").read_text())
-    found = TranslationSettings.model_validate(node)
+    node = yaml.safe_load((CONFIG_DIR / "model" / "vae.yaml").read_text())
+    found = MotionTaskSettings.model_validate(node)
     torch.manual_seed(1)
     network = SpeechToMotion(found, normaliser().channels, None)
     folder.mkdir()
@@ -191,29 +212,29 @@ class TestContest:
 
     def test_each_turn_moves_its_own_weights(self) -> None:
         made = task("posegan")
-        assert isinstance(made, Contest)
+        assert isinstance(made, AdversarialTask)
         before = {name: value.clone() for name, value in made.module.state_dict().items()}
         train(made, LoopSettings.model_validate({**_loop(made), "steps": 1, "validate_every": 1}), "test")
         after = made.module.state_dict()
         moved = {name for name, value in before.items() if not torch.equal(value, after[name])}
-        assert any(name.startswith("rival.") for name in moved)
+        assert any(name.startswith("discriminator.") for name in moved)
         assert any(name.startswith("head.") for name in moved)
 
     def test_the_rival_learns_to_tell_and_does_not_help_the_generator(self) -> None:
         made = task("posegan")
         made.losses(1)
-        made.rival_losses(1)["total"].backward()
-        assert all(value.grad is None for name, value in made.module.named_parameters() if "rival" not in name)
-        rival = made.module.rival
-        assert rival is not None
-        optimiser = torch.optim.Adam(rival.parameters(), 3e-3)
+        made.discriminator_losses(1)["total"].backward()
+        assert all(value.grad is None for name, value in made.module.named_parameters() if "discriminator" not in name)
+        discriminator = made.module.discriminator
+        assert discriminator is not None
+        optimiser = torch.optim.Adam(discriminator.parameters(), 3e-3)
         told = []
         for _ in range(40):
-            terms = made.rival_losses(1)
+            loss_terms = made.discriminator_losses(1)
             optimiser.zero_grad()
-            terms["total"].backward()
+            loss_terms["total"].backward()
             optimiser.step()
-            told.append(float((terms["believed_true"] - terms["believed_made"]).detach()))
+            told.append(float((loss_terms["believed_true"] - loss_terms["believed_made"]).detach()))
         assert told[-1] > told[0] + 0.2
 
     def test_one_that_was_killed_ends_in_the_same_weights(self, tmp_path: Path) -> None:
@@ -226,12 +247,12 @@ class TestContest:
         def kill(step: int, figures: dict[str, float]) -> None:
             raise Killed
 
-        progress = Progress.of(tmp_path / "p", ["test"], [])
+        resume = ResumeFile.of(tmp_path / "p", ["test"], [])
         with pytest.raises(Killed):
             part = task("posegan")
-            train(part, LoopSettings.model_validate(_loop(part)), "part", report=kill, progress=progress)
+            train(part, LoopSettings.model_validate(_loop(part)), "part", on_validation=kill, resume=resume)
         rest = task("posegan")
-        train(rest, LoopSettings.model_validate(_loop(rest)), "rest", progress=progress)
+        train(rest, LoopSettings.model_validate(_loop(rest)), "rest", resume=resume)
         for name, value in whole.module.state_dict().items():
             torch.testing.assert_close(rest.module.state_dict()[name], value, atol=0, rtol=0)
 
@@ -250,7 +271,7 @@ class TestChaining:
         for anchor in (0, 20):
             network = task("posegan", head={**node, "anchor_frames": anchor}).module
             with torch.no_grad():
-                made[anchor] = network.head.sample(network.hear(speech, style), start, [torch.Generator()])
+                made[anchor] = network.head.sample(network.encode_speech(speech, style), start, [torch.Generator()])
         assert (made[0][:, 0] - start).abs().max() > 0.5
         torch.testing.assert_close(made[20][:, 0], start)
         torch.testing.assert_close(made[20][:, 20:], made[0][:, 20:])
@@ -280,25 +301,25 @@ class TestMeasures:
             pose = speech @ np.eye(6)[::-1] + 0.3 * random.standard_normal((count, 64, 6))
             return PoseWindows(speech, pose, np.zeros(count, int))
 
-        found = belonging(made(80), made(40), ["a"], SVMSettings(features=6, nu=0.1, seed=0))
+        found = acceptance_rates(made(80), made(40), ["a"], SVMSettings(features=6, nu=0.1, seed=0))
         assert found.own[0] > 0.6
         assert found.random[0, 0] < 0.2
 
     def test_the_classifier_tells_people_and_a_still_head_is_nobodys(self) -> None:
-        windows = windows_of(recordings(300, 6), ["a", "b"], 64, 8)
-        labelled = Labelled(windows.pose, windows.speaker)
+        windows = pose_windows(recordings(300, 6), ["a", "b"], 64, 8)
+        labelled = LabelledWindows(windows.pose, windows.speaker)
         loop = dict(
             steps=40, batch=16, learning_rate=5e-3, schedule="constant", weight_decay=0.0, clip_norm=1.0,
             validate_every=20,
         )  # fmt: skip
         found = ClassifierSettings(seed=0, width=8, dropout=0.0, loop=LoopSettings.model_validate(loop))
-        classifier = trained_classifier(found, labelled, labelled)
-        assert judge(classifier, labelled).accuracy.min() > 0.9
-        still = judge(classifier, Labelled(np.zeros((8, 64, 6), np.float32), np.repeat([0, 1], 4)))
+        classifier = train_classifier(found, labelled, labelled)
+        assert classifier_scores(classifier, labelled).accuracy.min() > 0.9
+        still = classifier_scores(classifier, LabelledWindows(np.zeros((8, 64, 6), np.float32), np.repeat([0, 1], 4)))
         assert still.confidence.mean() == pytest.approx(0.5, abs=1e-5)
-        assert blended(classifier, recordings(300, 6)[1].pose).argmax() == 1
+        assert blend_styles(classifier, recordings(300, 6)[1].pose).argmax() == 1
         with pytest.raises(InputError, match="at least"):
-            blended(classifier, np.zeros((5, 6), np.float32))
+            blend_styles(classifier, np.zeros((5, 6), np.float32))
 
     def test_distances_jitter_seams_and_variety_on_cases_made_by_hand(self) -> None:
         times = np.arange(301)[:, None] / 30
@@ -309,41 +330,41 @@ class TestMeasures:
         assert jitter([fast], 30.0) > 0.9
         stepped = slow.copy()
         stepped[100:] += 1.0
-        assert seams([stepped], 100) > 2 * seams([slow], 100)
-        assert variety([slow, slow]) == 0.0
-        assert variety([slow, slow + 1.0]) == pytest.approx(1.0)
-        assert unlike(manner(slow), manner(2 * slow)) == pytest.approx(np.log(2))
-        alive = liveness([2 * slow], [slow])
+        assert seam_speed_ratio([stepped], 100) > 2 * seam_speed_ratio([slow], 100)
+        assert clip_difference([slow, slow]) == 0.0
+        assert clip_difference([slow, slow + 1.0]) == pytest.approx(1.0)
+        assert style_distance(measure_style(slow), measure_style(2 * slow)) == pytest.approx(np.log(2))
+        alive = movement_ratios([2 * slow], [slow])
         assert alive.distance() == pytest.approx(3 * np.log(2))
 
     def test_windows_slide_within_clips(self) -> None:
-        assert cut(np.arange(10)[:, None].astype(float), 4, 3)[:, 0, 0].tolist() == [0, 3, 6]
-        assert len(cut(np.zeros((3, 2)), 4, 1)) == 0
-        assert set(windows_of(recordings(), ["b"], 64, 32).speaker) == {0}
+        assert sliding_windows(np.arange(10)[:, None].astype(float), 4, 3)[:, 0, 0].tolist() == [0, 3, 6]
+        assert len(sliding_windows(np.zeros((3, 2)), 4, 1)) == 0
+        assert set(pose_windows(recordings(), ["b"], 64, 32).speaker) == {0}
 
 
 def pgface_task() -> PGFaceTask:
     random = np.random.default_rng(0)
-    node = yaml.safe_load((CONF / "model" / "pgface.yaml").read_text())
+    node = yaml.safe_load((CONFIG_DIR / "model" / "pgface.yaml").read_text())
     node["network"] |= {"coefficients": 4, "dropout": 0.0}
     node["network"]["speech"] |= {"width": 8, "channel_dropout": 0.0}
     node["loop"] |= {"steps": 60, "batch": 32, "validate_every": 60}
-    node["watched"] = 20
+    node["validation_windows"] = 20
     found = []
     for _ in range(3):
         head = np.cumsum(0.02 * random.standard_normal((200, 3)), axis=0)
         speech = random.standard_normal((200, CHANNELS)).astype(np.float32)
         motion = Motion.of(30.0, head, np.zeros((200, 2, 3)))
-        found.append(ShapeRecording(speech, poses_of(head, np.zeros((200, 3))).astype(np.float32), motion))
-    settings = PGFaceSettings.model_validate(node)
-    return PGFaceTask(settings, 0, found[:2], found[2:], normaliser(), FaceSurface(open_head()))
+        found.append(ShapeRecording(speech, to_poses(head, np.zeros((200, 3))).astype(np.float32), motion))
+    settings = PGFaceTaskSettings.model_validate(node)
+    return PGFaceTask(settings, 0, found[:2], found[2:], normaliser(), FaceSurface(anny_head()))
 
 
 class TestPGFace:
     """The face hangs as the head is held, and PGFace learns that it does."""
 
     def test_tissue_hangs_down_and_not_at_the_brow(self) -> None:
-        surface = FaceSurface(open_head())
+        surface = FaceSurface(anny_head())
         motion = Motion.of(30.0, np.zeros((2, 3)), np.zeros((2, 2, 3)))
         up = np.array([[0.0, 0.0, 0.0], [-np.radians(18), 0.0, 0.0]])
         upright, raised = surface.shapes(surface.factors(motion, up))
@@ -361,14 +382,14 @@ class TestPGFace:
     def test_eq_7_is_the_masked_sum_over_vertices(self) -> None:
         from talkingeyes.models.pgface import PGFace
 
-        node = yaml.safe_load((CONF / "model" / "pgface.yaml").read_text())["network"] | {"coefficients": 3}
-        network = PGFace(PGFaceSettings.model_fields["network"].annotation.model_validate(node), ["a"], 5)  # type: ignore[union-attr]
+        node = yaml.safe_load((CONFIG_DIR / "model" / "pgface.yaml").read_text())["network"] | {"coefficients": 3}
+        network = PGFace(PGFaceTaskSettings.model_fields["network"].annotation.model_validate(node), ["a"], 5)  # type: ignore[union-attr]
         torch.manual_seed(0)
         basis, lower = torch.randn(3, 5, 3), torch.tensor([True, False, True, False, False])
-        network.learn_basis(torch.zeros(5, 3), basis, lower)
+        network.set_basis(torch.zeros(5, 3), basis, lower)
         difference = torch.randn(7, 3)
         moved = 1000 * torch.einsum("bk,kvc->bvc", difference, basis) * torch.where(lower, 10.0, 1.0)[:, None]
-        torch.testing.assert_close(network.squared(difference), moved.square().mean())
+        torch.testing.assert_close(network.masked_squared_error(difference), moved.square().mean())
 
 
 def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None:
@@ -378,7 +399,7 @@ def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None
     assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes"} <= set(models)
     assert models["posegan_without_motion"]["weights"]["motion"] == 0
     assert not models["posegan_without_start"]["head"]["initial_pose"]
-    assert models["gaze_after_vqvae"]["made_of"] == ["head_vqvae", "talkingeyes"]
+    assert models["gaze_after_vqvae"]["source_models"] == ["head_vqvae", "talkingeyes"]
 
 
 class TestTables:
@@ -389,13 +410,13 @@ class TestTables:
 
         made = task("posegan").module
         people = [recordings(300, 4)[index::2] for index in (0, 1)]
-        windows = windows_of([each for clips in people for each in clips], ["a", "b"], 64, 8)
+        windows = pose_windows([each for clips in people for each in clips], ["a", "b"], 64, 8)
         loop = LoopSettings(
             steps=10, batch=8, learning_rate=5e-3, schedule="constant", weight_decay=0.0, clip_norm=1.0,
             validate_every=10,
         )  # fmt: skip
-        labelled = Labelled(windows.pose, windows.speaker)
-        classifier = trained_classifier(ClassifierSettings(seed=0, width=8, dropout=0.0, loop=loop), labelled, labelled)
+        labelled = LabelledWindows(windows.pose, windows.speaker)
+        classifier = train_classifier(ClassifierSettings(seed=0, width=8, dropout=0.0, loop=loop), labelled, labelled)
         found = measuring._transfer(made, people, classifier, 0)
         assert found["the best of the learnt styles"] <= found["any learnt style"]
         assert found["the person's own other clip"] < found["another new person"]
@@ -408,7 +429,7 @@ class TestTables:
 
         row = {
             "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,
-            "speed": 1.0, "jerkiness": 1.0, "jitter": 0.01, "seams": float("nan"), "variety": 1.0, "pace": 0.1,
+            "speed": 1.0, "acceleration": 1.0, "jitter": 0.01, "seams": float("nan"), "variety": 1.0, "pace": 0.1,
             "parameters": 1234, "generation_s": 0.5,
         }  # fmt: skip
         seed = {

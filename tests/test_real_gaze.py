@@ -6,7 +6,7 @@ import pytest
 from talkingeyes.corpus.recordings_of_people import SACCADE, read_andersson, read_conversation, read_openface
 from talkingeyes.evaluation.detectors.fixations import detect_fixations
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
-from talkingeyes.evaluation.detectors.scoring import Tally, during, kappa, tally
+from talkingeyes.evaluation.detectors.scoring import DetectionCounts, cohen_kappa, count_matches, event_mask
 from talkingeyes.evaluation.detectors.signal import runs
 
 
@@ -24,13 +24,13 @@ def labelled(folder):
 
 
 def agreement(labelled, expert, stride):
-    total = Tally()
+    total = DetectionCounts()
     for name, each in labelled.items():
         if name.endswith(expert):
-            sampled = each.recording.every(stride)
+            sampled = each.recording.subsample(stride)
             found = detect_saccades(sampled.gaze_in_space_rad, sampled.fps, sampled.valid)
             known = runs(each.labels == SACCADE).first / each.recording.fps
-            total += tally(found.onset_s, known, 0.05)
+            total += count_matches(found.onset_s, known, 0.05)
     return total.score
 
 
@@ -49,9 +49,9 @@ def test_samples_agree_with_experts_nearly_as_experts_agree(labelled):
         frames = min(len(one.labels), len(other.labels))
         recording = one.recording
         found = detect_saccades(recording.gaze_in_space_rad, recording.fps, recording.valid)
-        flags = during(found.onset_s, found.offset_s, recording.fps, frames)
-        ours.append(kappa(flags, one.labels[:frames] == SACCADE))
-        theirs.append(kappa(other.labels[:frames] == SACCADE, one.labels[:frames] == SACCADE))
+        flags = event_mask(found.onset_s, found.offset_s, recording.fps, frames)
+        ours.append(cohen_kappa(flags, one.labels[:frames] == SACCADE))
+        theirs.append(cohen_kappa(other.labels[:frames] == SACCADE, one.labels[:frames] == SACCADE))
     assert np.mean(ours) > 0.83 and np.mean(ours) > np.mean(theirs) - 0.08
 
 

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import talkingeyes as te
-from talkingeyes.formats.readers.live_link import SIGNS
-from talkingeyes.formats.rotations import turns
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.skinning import posed
+from talkingeyes.formats.readers.live_link import ANGLE_SIGNS
+from talkingeyes.formats.rotations import euler_yxz
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.skinning import posed_vertices
 
 FRAMES = (0, 13, 28, 52, 74)  # 28 and 52 have lids beyond the shapes' own range
 
@@ -48,7 +48,9 @@ def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path
         sender = subprocess.Popen([sys.executable, str(script), str(tmp_path / "a.csv"), "--to", to])
         packets = [receiver.recv(2048) for _ in shown.head]
         assert sender.wait(20) == 0
-    angles = np.concatenate([turns(part) * SIGNS for part in (shown.head, shown.gaze[:, 0], shown.gaze[:, 1])], axis=1)
+    angles = np.concatenate(
+        [euler_yxz(part) * ANGLE_SIGNS for part in (shown.head, shown.gaze[:, 0], shown.gaze[:, 1])], axis=1
+    )
     for index, sent in enumerate(packets):
         length = struct.unpack("!i", sent[41:45])[0]
         assert (struct.unpack("<i", sent[:4])[0], sent[4:5], sent[45 : 45 + length]) == (6, b"$", b"TalkingEyes")
@@ -101,7 +103,9 @@ json.dump(found, open({str(tmp_path / "a.json")!r}, "w"))
 def vertices() -> np.ndarray:
     """Our own pose of the head at FRAMES."""
     moved = moving.motion()
-    return np.concatenate([posed(open_head(), pose_of(open_head(), moved.cut(frame, frame + 1))) for frame in FRAMES])
+    return np.concatenate(
+        [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
+    )
 
 
 def test_the_page_of_recipes_names_every_file(repository: Path) -> None:

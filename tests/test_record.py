@@ -5,11 +5,19 @@ from __future__ import annotations
 import json
 
 import pytest
-from recorded import PARAMS, client_of
+from recorded import PARAMS, mlflow_client
 
 from talkingeyes.evaluation.benchmark.sound import CRITICS
 from talkingeyes.orchestration.comparison import TAG, TEST_METRICS, VAL_METRICS
-from talkingeyes.orchestration.record import Report, Row, experiment_name, flatten, parameters, record, run_name
+from talkingeyes.orchestration.record import (
+    MethodResult,
+    Report,
+    experiment_name,
+    flatten,
+    log_run,
+    method_parameters,
+    run_name,
+)
 
 
 @pytest.fixture
@@ -25,11 +33,11 @@ def test_flatten_joins_keys():
 
 def test_a_row_has_the_parameters_that_it_depends_on():
     shared = {"corpus": "data/synthesize", "synthesize.seed": 0, "fit.tolerance": 0.1}
-    assert parameters("truth", PARAMS) == {**shared, "fit.smoothing": '{"step_cost": 30.0}'}
-    overridden = parameters("truth", PARAMS, ["fit.smoothing.step_cost=30.0", "model.vae.width=64", "fit=adam"])
+    assert method_parameters("truth", PARAMS) == {**shared, "fit.smoothing": '{"step_cost": 30.0}'}
+    overridden = method_parameters("truth", PARAMS, ["fit.smoothing.step_cost=30.0", "model.vae.width=64", "fit=adam"])
     assert overridden["fit.smoothing.step_cost"] == 30.0
     assert "model.vae.width" not in overridden
-    own = parameters("vae", PARAMS)
+    own = method_parameters("vae", PARAMS)
     assert {key: value for key, value in own.items() if key.startswith(("model", "pretrain"))} == {
         "model.kind": "speech_to_motion",
         "model.prior": None,
@@ -37,14 +45,16 @@ def test_a_row_has_the_parameters_that_it_depends_on():
     }
     assert own["train.seed"] == 1
     assert own["sample.seed"] == 1
-    assert not any(key.startswith(("machine", "workspace", "store", "until", "objective", "study")) for key in own)
-    with_prior = parameters("talkingeyes", PARAMS)
+    assert not any(
+        key.startswith(("machine", "workspace", "result_store", "target", "objective", "study")) for key in own
+    )
+    with_prior = method_parameters("talkingeyes", PARAMS)
     assert with_prior["pretrain.codes"] == 256
     assert with_prior["model.weights.head_kl"] == 1.0
 
 
 def test_the_synthetic_world_is_no_parameter_of_a_corpus_from_elsewhere():
-    assert "synthesize.seed" not in parameters("truth", {**PARAMS, "corpus": "elsewhere"})
+    assert "synthesize.seed" not in method_parameters("truth", {**PARAMS, "corpus": "elsewhere"})
 
 
 @pytest.mark.parametrize(
@@ -82,10 +92,12 @@ def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
 def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_root):
     plot = tmp_path / "plot.png"
     plot.write_bytes(b"png")
-    report = Report({"error": 0.5}, [plot], [Row("vae", {"test/gaze/l2": 0.25}, [plot]), Row("truth", {})])
+    report = Report(
+        {"error": 0.5}, [plot], [MethodResult("vae", {"test/gaze/l2": 0.25}, [plot]), MethodResult("truth", {})]
+    )
     for _ in range(2):
-        record(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
-    client = client_of(recorded_root)
+        log_run(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
+    client = mlflow_client(recorded_root)
     stages, rows = (client.get_experiment_by_name(name) for name in ("stages", "experiments"))
     runs = client.search_runs([stages.experiment_id])
     assert [run.info.run_name for run in runs] == ["report", "report"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import pytest
 
 from talkingeyes.orchestration.comparison import TAG, TEST_METRICS, main, page
-from talkingeyes.orchestration.record import Report, Row, record
+from talkingeyes.orchestration.record import MethodResult, Report, log_run
 
 PROCESSES, TRIALS = 4, 2
 WRITER = """
@@ -27,7 +27,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from recorded import PARAMS
 from talkingeyes.orchestration.comparison import TEST_METRICS
-from talkingeyes.orchestration.record import Report, Row, record
+from talkingeyes.orchestration.record import MethodResult, Report, log_run
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 root = Path(sys.argv[1])
@@ -38,9 +38,9 @@ for _ in range(int(sys.argv[2])):
     seed = trial.number
     params = {**PARAMS, "train": {"seed": seed}, "sample": {"seed": seed}}
     metrics = {metric: 0.2 + seed / 100 + index / 10 for index, metric in enumerate(TEST_METRICS)}
-    rows = [Row(method, metrics) for method in ("vae", "talkingeyes")]
+    rows = [MethodResult(method, metrics) for method in ("vae", "talkingeyes")]
     overrides = ["sweep=alive", f"train.seed={seed}", f"sample.seed={seed}"]
-    record(root, "experiment", f"trial {seed}", params, {"train"}, 0.1, Report(rows=rows), overrides)
+    log_run(root, "experiment", f"trial {seed}", params, {"train"}, 0.1, Report(rows=rows), overrides)
     study.tell(trial, trial.suggest_float("x", 0, 1))
 """
 
@@ -161,7 +161,15 @@ def test_make_ui_prints_where_the_comparison_is(root, tmp_path, capsys):
 
 def test_a_server_can_take_the_place_of_the_file(server, tmp_path, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", server.address)
-    record(tmp_path, "stage", "told", {"fit": {"x": 1}}, {"fit"}, 0.1, Report(rows=[Row("told", {"test/a/b": 1.0})]))
+    log_run(
+        tmp_path,
+        "stage",
+        "told",
+        {"fit": {"x": 1}},
+        {"fit"},
+        0.1,
+        Report(rows=[MethodResult("told", {"test/a/b": 1.0})]),
+    )
     assert list(tmp_path.iterdir()) == []
     assert [row["info"]["run_name"] for row in server.rows(filter="tags.method = 'told'")] == ["told"]
 

@@ -39,7 +39,7 @@ def test_andersson(tmp_path):
     assert np.degrees(recording.gaze_in_space_rad[250]) == pytest.approx([0.0, np.degrees(np.arctan(0.15 / 0.67))])
     assert np.flatnonzero(~recording.valid).tolist() == list(range(375, 435))
     assert (read.labels == SACCADE).sum() == 5
-    slow = recording.every(20)
+    slow = recording.subsample(20)
     assert slow.fps == 25.0 and len(slow.valid) == 30
     assert np.array_equal(slow.gaze_in_space_rad[5], recording.gaze_in_space_rad[100])
 
@@ -61,7 +61,7 @@ def test_openface(tmp_path):
     assert recording.fps == pytest.approx(30.0)
     assert np.allclose(recording.gaze_in_space_rad, [0.1, -0.2])
     assert np.allclose(recording.head[0], [0.0, 0.3, 0.0]) and np.allclose(recording.head[5], [0.2, 0.0, 0.0])
-    yaw, pitch = rotation.angles_of_gaze(recording.head[[0, 5]]).T
+    yaw, pitch = rotation.gaze_to_angles(recording.head[[0, 5]]).T
     assert yaw[0] > 0 and pitch[1] < 0  # to the subject's left; down
     assert np.flatnonzero(~recording.valid).tolist() == [3, 4]
 
@@ -80,8 +80,8 @@ def test_conversation(tmp_path):
     one = read.of("0", "SPEAK")
     assert len(one.onset_s) == 3 and one.duration_s.tolist() == [1.0, 1.0, 2.0] and one.person == ("0",) * 3
     # The second follows at once, 200 px (5.7 cm) to the right; before the third lies a second.
-    assert one.steps_deg.shape == (1, 2)
-    assert one.steps_deg[0] == pytest.approx([-np.degrees(np.arctan(200 * 63.735 / 2250 / 67.5)), 0.0], abs=0.01)
+    assert one.gaze_shifts_deg.shape == (1, 2)
+    assert one.gaze_shifts_deg[0] == pytest.approx([-np.degrees(np.arctan(200 * 63.735 / 2250 / 67.5)), 0.0], abs=0.01)
     assert np.degrees(one.centre_rad[2, 1] - one.centre_rad[0, 1]) > 4.0
     yaw = np.degrees([one.centre_rad[0, 0]] * 3 + [one.centre_rad[1, 0]])
     assert one.spread_deg[0] == pytest.approx(yaw.std())

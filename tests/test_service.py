@@ -29,20 +29,20 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from talkingeyes.animation.streaming import LiveModel
-from talkingeyes.apps.viewer.head_file import FIXED
+from talkingeyes.apps.viewer.head_file import POSE_COLUMNS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.workflows import convert
-from tests.browser import CHROMIUM, FLAGS, browsing
+from tests.browser import CHROMIUM, FLAGS, open_browser
 
 SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # a busy machine may keep a client waiting that long
 LIMITED = f"""
 import sys
 from dataclasses import replace
 from pathlib import Path
-from talkingeyes.workflows.serve import LIMITS, host_service
-more = dict(stream_s=30, speech_s=4, work_s=60, kept=3)
-limits = replace(LIMITS, streams={STREAMS}, upload_bytes=300_000, idle_s={IDLE_S}, **more)
-host_service(model=sys.argv[1], live=sys.argv[2], port=0, limits=limits, started=lambda each: print(each, flush=True))
+from talkingeyes.workflows.serve import LIMITS, run_service
+more = dict(max_stream_s=30, max_speech_s=4, work_timeout_s=60, max_results=3)
+limits = replace(LIMITS, streams={STREAMS}, max_upload_bytes=300_000, idle_timeout_s={IDLE_S}, **more)
+run_service(model=sys.argv[1], live=sys.argv[2], port=0, limits=limits, on_start=lambda each: print(each, flush=True))
 """
 
 
@@ -88,7 +88,7 @@ class Service:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     place = tmp_path_factory.mktemp("service")
-    told = {"kind": "speaker", "hidden": 0.0, "emphasis": {"head": 1.0, "gaze": 1.0}}
+    told = {"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": 1.0}}
     model = write_live_model(place / "talkingeyes", ("anna", "bert"), conditions=[told])
     live = write_live_model(place / "talkingeyes_live")
     (place / "temporary").mkdir()
@@ -151,7 +151,7 @@ class TestFiles:
         assert made.told["frames"] == int(SECONDS * 25)
         place = f"performances/{made.told['id']}"
         rows = np.frombuffer(service.ask(f"{place}/poses").body, "<f4").reshape(made.told["frames"], -1)
-        assert rows.shape[1] == made.told["columns"] > FIXED
+        assert rows.shape[1] == made.told["columns"] > POSE_COLUMNS
         assert np.ptp(rows[:, 3:7], axis=0).max() > 1e-3  # the head turns
         heard, rate = soundfile.read(io.BytesIO(service.ask(f"{place}/sound").body))
         assert (rate, len(heard)) == (SAMPLE_RATE, len(sound))
@@ -165,7 +165,13 @@ class TestFiles:
 
         first = poses("seed=3")
         assert poses("seed=3") == first
-        for asked in ("seed=4", "seed=3&lively_head=2", "seed=3&lively_gaze=0", "seed=3&fps=50", "seed=3&contact=1"):
+        for asked in (
+            "seed=4",
+            "seed=3&head_liveliness=2",
+            "seed=3&gaze_liveliness=0",
+            "seed=3&fps=50",
+            "seed=3&eye_contact=1",
+        ):
             assert poses(asked) != first, asked
         as_each = [poses(f"seed=3&person={name}") for name in service.ask("service.json").told["persons"]]
         assert as_each.count(first) == 1  # whom the seed draws
@@ -206,9 +212,9 @@ class TestStreams:
         assert len(rows) == end["frames"]
         whole = live.whole(heard.astype(np.float32), 5)
         from talkingeyes.apps.viewer.head_file import pose_rows
-        from talkingeyes.head.anny import open_head
+        from talkingeyes.head.anny import anny_head
 
-        np.testing.assert_allclose(rows, pose_rows(open_head(), whole), atol=1e-4)
+        np.testing.assert_allclose(rows, pose_rows(anny_head(), whole), atol=1e-4)
 
     def test_several_at_once_do_not_mix_and_one_more_is_refused(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:
@@ -240,7 +246,7 @@ class TestStreams:
             (["[1]"], "the first message should be a wish"),
             (['{"seed": -1}'], "wish.seed: Input should be greater than or equal to 0, got -1"),
             (['{"seed": 1, "path": "/etc"}'], "wish.path"),
-            (['{"lively_head": 1e9}'], "wish.lively_head"),
+            (['{"head_liveliness": 1e9}'], "wish.head_liveliness"),
             (["{}", b"\0"], "sound should be 16-bit samples, got 1 bytes"),
             (["{}", b"\0" * 64_002], "at most 64000 bytes"),
             (["{}", "what"], "after the wish"),
@@ -280,13 +286,13 @@ class TestStreams:
                 assert "latency_s" in connection.recv(120)
                 connection.send(pcm(speech(0.5)))
                 connection.socket.shutdown(socket.SHUT_RDWR)  # without a word
-        until = time.monotonic() + 120
+        wait_for = time.monotonic() + 120
         refused = True
         while refused:
             with service.stream() as connection:
                 connection.send("{}")
                 refused = "error" in connection.recv(120)
-            assert time.monotonic() < until
+            assert time.monotonic() < wait_for
         well(service)
 
 
@@ -303,7 +309,7 @@ class TestMistakes:
             ("seed=x", b"0", 422, "wish.seed"),
             ("seed=1&name=../../x", b"0", 422, "wish.name"),
             ("fps=1000", b"0", 422, "wish.fps: Input should be less than or equal to 120"),
-            ("contact=nan", b"0", 422, "wish.contact"),
+            ("eye_contact=nan", b"0", 422, "wish.eye_contact"),
             ("emotion=glee&intensity=1", wav(speech(0.4)), 422, "emotion: should be one of"),
             ("person=dora", wav(speech(0.4)), 422, "person: should be one of anna, bert, got dora"),
         ],
@@ -393,24 +399,26 @@ class TestMistakes:
 class TestPage:
     def test_an_upload_is_performed_with_sound_and_dials(self, service: Service, tmp_path: Path) -> None:
         (tmp_path / "speech.wav").write_bytes(wav(speech(3.0)))
-        with browsing(tmp_path / "profile") as browser:
+        with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
-            browser.until("document.body.dataset.state === 'ready'")
+            browser.wait_for("document.body.dataset.state === 'ready'")
             node = browser.call("DOM.getDocument")["root"]["nodeId"]
             upload = browser.call("DOM.querySelector", nodeId=node, selector="#upload")["nodeId"]
             browser.call("DOM.setFileInputFiles", nodeId=upload, files=[str(tmp_path / "speech.wav")])
-            browser.until("document.body.dataset.state === 'playing'")
-            browser.until("document.getElementById('sound').currentTime > 0.2")
+            browser.wait_for("document.body.dataset.state === 'playing'")
+            browser.wait_for("document.getElementById('sound').currentTime > 0.2")
             first = browser.value("document.getElementById('sound').src")
             assert browser.value("document.querySelectorAll('#downloads a').length") == len(convert.FORMATS)
             browser.value("document.getElementById('another').click()")
-            browser.until(f"document.getElementById('sound').src !== {json.dumps(first)}")
-            browser.until("document.body.dataset.state === 'playing'")
+            browser.wait_for(f"document.getElementById('sound').src !== {json.dumps(first)}")
+            browser.wait_for("document.body.dataset.state === 'playing'")
             browser.value("document.getElementById('wish').person.value = 'bert'")
             browser.value("document.getElementById('wish').person.dispatchEvent(new Event('change', {bubbles: true}))")
-            browser.until("performance.getEntriesByType('resource').some((each) => each.name.includes('person=bert'))")
-            browser.until("document.body.dataset.state === 'playing'")
-            browser.picture(tmp_path / "page.png")
+            browser.wait_for(
+                "performance.getEntriesByType('resource').some((each) => each.name.includes('person=bert'))"
+            )
+            browser.wait_for("document.body.dataset.state === 'playing'")
+            browser.screenshot(tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 20_000
 
     def test_the_microphone_moves_the_head_and_becomes_a_performance(
@@ -420,11 +428,11 @@ class TestPage:
         fake = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
         file = f"--use-file-for-fake-audio-capture={tmp_path / 'speech.wav'}"
         monkeypatch.setattr("tests.browser.FLAGS", (*FLAGS, *fake, file))
-        with browsing(tmp_path / "profile") as browser:
+        with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
-            browser.until("document.body.dataset.state === 'ready'")
+            browser.wait_for("document.body.dataset.state === 'ready'")
             browser.value("document.getElementById('record').click()")
-            browser.until("document.body.dataset.state === 'live'")
-            browser.until("Number(document.body.dataset.frames) > 25")
+            browser.wait_for("document.body.dataset.state === 'live'")
+            browser.wait_for("Number(document.body.dataset.frames) > 25")
             browser.value("document.getElementById('record').click()")
-            browser.until("document.body.dataset.state === 'playing'")
+            browser.wait_for("document.body.dataset.state === 'playing'")

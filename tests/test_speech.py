@@ -18,7 +18,7 @@ from talkingeyes.audio.waveform import read_speech
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import speak as speech
-from talkingeyes.workflows.speak import script_of, speak
+from talkingeyes.workflows.speak import parse_script, speak
 
 TEXT = "Well, um, how are you today? I was thinking - no, dreaming - about Rome!"
 
@@ -74,7 +74,7 @@ def test_an_emotion_bends_the_voice() -> None:
 @pytest.mark.parametrize("language", ["en", "fr", "de", "es", "it", "pt", "nl"])
 def test_every_language_has_a_voice(language: str) -> None:
     spoken = speak("Maria, 21.", language=language)
-    assert speech.chosen_voice(spoken.voice, None).language == language
+    assert speech.select_voice(spoken.voice, None).language == language
     assert len(spoken.annotation.phonemes) > 8
 
 
@@ -82,7 +82,7 @@ def test_every_language_has_a_voice(language: str) -> None:
 @settings(max_examples=60)
 def test_any_text_is_a_script_or_one_line(text: str) -> None:
     try:
-        script = script_of(text, "en")
+        script = parse_script(text, "en")
     except InputError as error:
         assert "\n" not in str(error)
         return
@@ -106,7 +106,7 @@ def test_animate_speaks_and_keeps_the_speech_beside(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     toy_model(tmp_path / "toy")
     words = ["animate", "--text", "Hello, who is there?", "--voice", "en-gb-scotland+f2", "-o", "out", "--model", "toy"]
-    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words, "--samples", "1", "--no-pictures"])
+    monkeypatch.setattr(sys, "argv", ["talkingeyes", *words, "--samples", "1", "--no-previews"])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert not left.value.code

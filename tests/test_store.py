@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipelines.experiment import calls
+from pipelines.experiment import stage_order
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration import store
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import needed, recipe
-from talkingeyes.orchestration.run import Report, Row
+from talkingeyes.orchestration.recipe import required_calls, stage_calls
+from talkingeyes.orchestration.run import MethodResult, Report
 
 CHAIN = {
     "stages": {
@@ -55,12 +55,12 @@ class Toy:
             (self.root / name).write_text("1")
         (self.root / "dvc.yaml").write_text(yaml.safe_dump(CHAIN))
 
-    def run(self, params=PARAMS, until="report"):
-        """Obtain all that `until` needs; the entries by address."""
+    def run(self, params=PARAMS, target="report"):
+        """Obtain all that `target` needs; the entries by address."""
         store._code_md5.cache_clear()
         entries, found = {}, {}
-        for call in needed(recipe(params, ORDER, self.root / "dvc.yaml"), until):
-            entry = store.obtain(self.store, call, params, entries, self.make, self.root)
+        for call in required_calls(stage_calls(params, ORDER, self.root / "dvc.yaml"), target):
+            entry = store.get_or_run(self.store, call, params, entries, self.make, self.root)
             entries[call.folder] = found[call.address] = entry
         return found
 
@@ -71,7 +71,7 @@ class Toy:
         with workspace.output(*call.folder.parts[1:]) as folder:
             (folder / "x").write_text(f"{call.address} {workspace.params} {[Path(each).name for each in seen]}")
         file = workspace.data(*call.folder.parts[1:], "x")
-        return Report({"one": 1.0}, [file], [Row(call.stage, {"test/one": 2.0}, [file])])
+        return Report({"one": 1.0}, [file], [MethodResult(call.stage, {"test/one": 2.0}, [file])])
 
 
 @pytest.fixture
@@ -116,10 +116,10 @@ def test_changed_code_runs_again(toy):
 
 
 def test_until_runs_only_what_it_needs(toy):
-    toy.run(until="train@b")
+    toy.run(target="train@b")
     assert toy.made == ["synthesize", "train@b"]
-    with pytest.raises(InputError, match=r"^until: should be a stage or one of synthesize, .*; got 'trian'$"):
-        toy.run(until="trian")
+    with pytest.raises(InputError, match=r"^target: should be a stage or one of synthesize, .*; got 'trian'$"):
+        toy.run(target="trian")
 
 
 def test_a_stage_sees_only_what_it_declares(toy):
@@ -167,9 +167,9 @@ def test_a_stage_that_fails_leaves_nothing(toy):
             (folder / "x").write_text("half")
             raise InputError("no")
 
-    call = recipe(PARAMS, ORDER, toy.root / "dvc.yaml")[0]
+    call = stage_calls(PARAMS, ORDER, toy.root / "dvc.yaml")[0]
     with pytest.raises(InputError, match="no"):
-        store.obtain(toy.store, call, PARAMS, {}, fail, toy.root)
+        store.get_or_run(toy.store, call, PARAMS, {}, fail, toy.root)
     assert [path.name for path in toy.store.iterdir() if path.suffix != ".lock"] == []
 
 
@@ -178,10 +178,10 @@ def test_of_two_that_want_the_same_one_makes_it(toy):
         time.sleep(0.2)
         return toy.make(call, workspace)
 
-    call, found = recipe(PARAMS, ORDER, toy.root / "dvc.yaml")[0], []
+    call, found = stage_calls(PARAMS, ORDER, toy.root / "dvc.yaml")[0], []
 
     def want():
-        found.append(store.obtain(toy.store, call, PARAMS, {}, slowly, toy.root).origin)
+        found.append(store.get_or_run(toy.store, call, PARAMS, {}, slowly, toy.root).origin)
 
     both = [threading.Thread(target=want) for _ in range(2)]
     for thread in both:
@@ -209,21 +209,21 @@ def test_what_dvc_made_is_taken_when_it_fits(toy):
     (toy.root / "params.yaml").write_text(yaml.safe_dump(PARAMS))
     for command in (["init", "--no-scm", "--quiet"], ["repro", "--quiet", "synthesize"]):
         subprocess.run([sys.executable, "-m", "dvc", *command], cwd=toy.root, check=True, capture_output=True)
-    entry = toy.run(until="train@a")["synthesize"]
+    entry = toy.run(target="train@a")["synthesize"]
     assert (entry.origin, toy.made) == ("dvc", ["train@a"])
     assert (entry.output / "sub/x").read_text() == "two"
     assert toy.run(merged(synthesize={"clips": 4}), "synthesize")["synthesize"].origin == "made"
     # What is there is not what dvc.lock speaks of.
     (toy.root / "data/synthesize/sub.x").unlink()
     (toy.root / "data/synthesize/sub.x").write_text("other")
-    assert toy.run(until="synthesize")["synthesize"].origin == "store"
+    assert toy.run(target="synthesize")["synthesize"].origin == "store"
     (toy.root / "src/one.py").write_text("2")
-    assert toy.run(until="synthesize")["synthesize"].origin == "made"
+    assert toy.run(target="synthesize")["synthesize"].origin == "made"
 
 
 def test_what_a_trial_needs():
-    params = compose(["until=assess@talkingeyes_paper"])
-    found = [call.address for call in needed(recipe(params, calls(params)), params["until"])]
+    params = compose(["target=assess@talkingeyes_paper"])
+    found = [call.address for call in required_calls(stage_calls(params, stage_order(params)), params["target"])]
     assert found == [
         "synthesize",
         "fit",
@@ -237,7 +237,9 @@ def test_what_a_trial_needs():
 
 def test_a_model_reads_its_own_prior():
     params = compose(["+pretrain@pretrain.gaze_patches=gaze_patches", "model.talkingeyes_paper.prior=gaze_patches"])
-    found = [call.address for call in needed(recipe(params, calls(params)), "train@talkingeyes_paper")]
+    found = [
+        call.address for call in required_calls(stage_calls(params, stage_order(params)), "train@talkingeyes_paper")
+    ]
     assert "pretrain@gaze_patches" in found
     assert "pretrain@gaze_frames" not in found
 
@@ -245,6 +247,6 @@ def test_a_model_reads_its_own_prior():
 def test_a_model_that_only_an_experiment_names_reads_what_others_do():
     params = compose()
     params["model"]["mine"] = {**params["model"]["talkingeyes"], "prior": "gaze_frames"}
-    found = [call.address for call in needed(recipe(params, calls(params)), "evaluate@mine")]
+    found = [call.address for call in required_calls(stage_calls(params, stage_order(params)), "evaluate@mine")]
     assert {"pretrain@gaze_frames", "train@mine", "sample@mine"} <= set(found)
     assert not {"train@talkingeyes", "sample@talkingeyes"} & set(found)

@@ -11,16 +11,16 @@ from live_model import CODES, content, embedding_settings, write_live_model
 from numpy import ndarray
 
 from talkingeyes.animation.direction import Liveliness
-from talkingeyes.animation.streaming import GREATEST_LATENCY_S, Frames, LiveModel, LiveWish
+from talkingeyes.animation.streaming import MAX_LATENCY_S, LiveControls, LiveModel, StreamFrames
 from talkingeyes.audio.encoder import make_encoder
-from talkingeyes.audio.live import USUAL_DBFS, LiveProsody, RunningLevel
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
+from talkingeyes.audio.live import DEFAULT_LEVEL_DBFS, RunningLevel, StreamingProsody
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.core.motion import Motion
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
-from talkingeyes.models.streaming import MotionStream, Streamed
+from talkingeyes.models.streaming import MotionStream, StreamingModules
 
 SECONDS = 3.3
 
@@ -46,9 +46,11 @@ def codes(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
     return LiveModel.load(write_live_model(tmp_path_factory.mktemp("codes") / "model", **CODES))
 
 
-def streamed(live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, wish: LiveWish | None = None) -> Frames:
+def streamed(
+    live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, controls: LiveControls | None = None
+) -> StreamFrames:
     """All frames of a stream whose chunks have these sizes, in turn."""
-    stream = live.stream(seed, wish or LiveWish())
+    stream = live.stream(seed, controls or LiveControls())
     parts, start, turn = [], 0, 0
     while start < len(sound):
         size = sizes[turn % len(sizes)]
@@ -56,10 +58,12 @@ def streamed(live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, w
         start, turn = start + size, turn + 1
     parts.append(stream.finish())
     assert [part.first for part in parts] == np.cumsum([0, *(len(part) for part in parts[:-1])]).tolist()
-    return Frames(0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid")))
+    return StreamFrames(
+        0, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("head", "gaze", "lid"))
+    )
 
 
-def close(one: Frames | Motion, other: Frames | Motion) -> None:
+def close(one: StreamFrames | Motion, other: StreamFrames | Motion) -> None:
     for name in ("head", "gaze", "lid"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-5)
 
@@ -68,7 +72,7 @@ def close(one: Frames | Motion, other: Frames | Motion) -> None:
 def test_a_stream_is_what_the_whole_speech_gives(live: LiveModel, seconds: float) -> None:
     sound = speech(seconds)
     whole = live.whole(sound, 4)
-    assert len(whole) == frames_of(len(sound), live.fps)
+    assert len(whole) == frame_count(len(sound), live.fps)
     close(streamed(live, sound, [640]), whole)
 
 
@@ -97,7 +101,7 @@ def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
 
 
 def test_frames_come_in_the_stated_time_and_not_before_they_can(live: LiveModel) -> None:
-    assert live.latency_s <= GREATEST_LATENCY_S
+    assert live.latency_s <= MAX_LATENCY_S
     sound, size = speech(), 80
     stream = live.stream(0)
     given, waits = 0, []
@@ -119,8 +123,8 @@ def test_what_is_said_later_changes_no_frame_that_was_given(live: LiveModel) -> 
     same = int((cut / SAMPLE_RATE - live.latency_s) * live.fps)
     np.testing.assert_allclose(first.head[:same], second.head[:same], atol=1e-5)
     np.testing.assert_allclose(first.gaze[:same], second.gaze[:same], atol=1e-5)
-    ahead = slice(same, same + 25)
-    assert np.abs(first.head[ahead] - second.head[ahead]).max() > 1e-4
+    lookahead = slice(same, same + 25)
+    assert np.abs(first.head[lookahead] - second.head[lookahead]).max() > 1e-4
 
 
 def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
@@ -133,19 +137,21 @@ def test_a_longer_speech_begins_like_a_shorter_one(live: LiveModel) -> None:
 
 def test_dials(live: LiveModel) -> None:
     sound = speech()
-    counts = [len(live.blinks_of(1, LiveWish(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)]
+    counts = [
+        len(live.sample_hour_of_blinks(1, LiveControls(liveliness=Liveliness(blinks=each)))) for each in (0.0, 1.0, 2.0)
+    ]
     assert counts[0] == 0
     assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]
-    still = live.whole(sound, 1, LiveWish(liveliness=Liveliness(head=0.0)))
+    still = live.whole(sound, 1, LiveControls(liveliness=Liveliness(head=0.0)))
     np.testing.assert_allclose(still.head, still.head[:1].repeat(len(still), 0), atol=1e-6)
-    wish = LiveWish("paper", Liveliness(2.0, 0.5, 1.0))
-    close(streamed(live, sound, [3000], 1, wish), live.whole(sound, 1, wish))
-    own, calm = (live.whole(sound, 1, LiveWish("paper", Liveliness(gaze=each))) for each in (1.0, 0.5))
+    controls = LiveControls("paper", Liveliness(2.0, 0.5, 1.0))
+    close(streamed(live, sound, [3000], 1, controls), live.whole(sound, 1, controls))
+    own, calm = (live.whole(sound, 1, LiveControls("paper", Liveliness(gaze=each))) for each in (1.0, 0.5))
     both = [rotation.gaze_in_space(each.head, each.gaze) for each in (own, calm)]
     np.testing.assert_allclose(both[1].mean(1), 0.5 * both[0].mean(1), atol=1e-6)
     np.testing.assert_allclose(both[1][:, 0] - both[1][:, 1], both[0][:, 0] - both[0][:, 1], atol=1e-6)
     with pytest.raises(InputError, match=r"blinks: should be one of .*, got often"):
-        live.stream(0, LiveWish("often"))
+        live.stream(0, LiveControls("often"))
 
 
 def test_what_cannot_be_streamed(live: LiveModel) -> None:
@@ -208,7 +214,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             "head",
         ),
         ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze not told ahead"),
-        ({**CODES, "gaze": CODES["gaze"] | {"condition_ahead": 1}}, "gaze not told ahead"),
+        ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze not told ahead"),
     ],
 )
 def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
@@ -217,7 +223,7 @@ def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str
 
 
 def test_a_model_that_is_too_late_is_refused(live: LiveModel, tmp_path: Path) -> None:
-    late = live.network.settings.speech.model_dump() | {"ahead": 9}
+    late = live.network.settings.speech.model_dump() | {"lookahead": 9}
     with pytest.raises(InputError, match=r"at most 0.4 s ahead, got 0.437 s"):
         LiveModel.load(write_live_model(tmp_path / "model", speech=late))
 
@@ -241,11 +247,11 @@ class TestNetwork:
         changed[known:] += 30
         one, other = (live.network.generate(each, [5]) for each in (embedding, changed))
         moved = (one.head - other.head).abs().amax(-1)[0] > 1e-6
-        assert int(moved.nonzero()[0]) >= known - Streamed.of(live.network).frames_ahead
+        assert int(moved.nonzero()[0]) >= known - StreamingModules.of(live.network).lookahead_frames
 
     def test_causal_convolutions_step_by_step(self) -> None:
         torch.manual_seed(0)
-        stack, x = CausalConvolutionStack(3, 8, 3, 0.0, ahead=2), torch.randn(2, 40, 3)
+        stack, x = CausalConvolutionStack(3, 8, 3, 0.0, lookahead=2), torch.randn(2, 40, 3)
         whole = stack(x)
         for row in range(2):
             stream, parts = stack.stream(), torch.nn.functional.pad(x[row], (0, 0, 0, 2)).split(5)
@@ -260,7 +266,7 @@ class TestNetwork:
 class TestProsody:
     def test_it_is_the_prosody_of_the_embedding_but_for_the_level(self) -> None:
         settings, sound = embedding_settings(), speech()
-        live = LiveProsody(settings, 25.0).whole(sound)
+        live = StreamingProsody(settings, 25.0).whole(sound)
         whole = make_encoder(settings)(sound, 25.0)[:, -3:]
         np.testing.assert_allclose(live[:, 1:], whole[:, 1:], atol=1e-3)
         loud = whole[:, 0] > settings.prosody.energy_floor_dbfs + 10
@@ -269,9 +275,9 @@ class TestProsody:
 
     def test_the_level_starts_at_the_usual_one_and_follows_what_is_heard(self) -> None:
         level = RunningLevel()
-        assert level.levels_dbfs == [USUAL_DBFS]
+        assert level.levels_dbfs == [DEFAULT_LEVEL_DBFS]
         level.push(np.zeros(SAMPLE_RATE, np.float32))
-        assert level.levels_dbfs[-1] == USUAL_DBFS  # silence says nothing
+        assert level.levels_dbfs[-1] == DEFAULT_LEVEL_DBFS  # silence says nothing
         loud = np.tile([0.5, -0.5], 40 * SAMPLE_RATE // 2).astype(np.float32)
         level.push(loud)
         assert level.levels_dbfs[-1] == pytest.approx(-6.02, abs=1)
@@ -281,10 +287,10 @@ class TestProsody:
 
     def test_other_frame_rates(self) -> None:
         settings, sound = embedding_settings(), speech(2.0)
-        live = LiveProsody(settings, 50.0, together=3)
+        live = StreamingProsody(settings, 50.0, block_frames=3)
         parts = [live.push(each) for each in np.array_split(sound, 17)] + [live.finish()]
-        expected = LiveProsody(settings, 50.0).whole(sound)
+        expected = StreamingProsody(settings, 50.0).whole(sound)
         assert len(expected) == 100
         np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-4)
         with pytest.raises(InputError, match=r"fps: should be 20, 25, 50 or 100 .* got 30"):
-            LiveProsody(settings, 30.0)
+            StreamingProsody(settings, 30.0)

@@ -17,35 +17,35 @@ import pytest
 import yaml
 from fastapi.testclient import TestClient
 
-from talkingeyes.apps.study.answers import Answer, Answers
-from talkingeyes.apps.study.design import DESIGNS, Design, load_design, names
-from talkingeyes.apps.study.films import LATE_S, shown, static_lids
-from talkingeyes.apps.study.folder import Study, film_id, films_of
-from talkingeyes.apps.study.plan import ATTENTION, Pair, pairs_of
-from talkingeyes.apps.study.results import preferences, wilcoxon_p
+from talkingeyes.apps.study.answers import Answer, AnswerDatabase
+from talkingeyes.apps.study.design import DESIGNS_FOLDER, Design, load_design, names
+from talkingeyes.apps.study.films import SOUND_DELAY_S, film_motion, static_lids
+from talkingeyes.apps.study.folder import Study, film_id, required_films
+from talkingeyes.apps.study.plan import ATTENTION_CHECK, Pair, assign_pairs
+from talkingeyes.apps.study.results import preference_rates, wilcoxon_p
 from talkingeyes.apps.study.server import study_app
-from talkingeyes.apps.study.tables import p_text, table
+from talkingeyes.apps.study.tables import format_p_value, table
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import gaze_of_angles
+from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples, Samples
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.corpus.takes import motions_in
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
-from talkingeyes.head.skinning import posed
+from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.corpus.takes import load_motions
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.study import make, results
-from tests.browser import CHROMIUM, browsing
+from tests.browser import CHROMIUM, open_browser
 
 FPS, FRAMES = 25.0, 15
 
 
 def pools(design: Design) -> dict[str, tuple[str, ...]]:
     clips = {s.name: tuple(f"{s.name}-{place}" for place in range(s.pool)) for s in design.strata}
-    return {**clips, ATTENTION: ("check",)}
+    return {**clips, ATTENTION_CHECK: ("check",)}
 
 
 def a_study(root: Path, design: Design, seed: int = 0) -> Study:
@@ -61,7 +61,7 @@ def a_study(root: Path, design: Design, seed: int = 0) -> Study:
 @pytest.mark.parametrize("name", names())
 def test_the_designs_ask_what_the_papers_asked(name: str) -> None:
     design = load_design(name)
-    shown_ = pairs_of(design, pools(design), 0, 0)
+    shown_ = assign_pairs(design, pools(design), 0, 0)
     asked = {
         "talkingeyes_table4": (30, 6, 20),
         "probtalk3d_table2": (24, 3, 69),
@@ -84,16 +84,16 @@ def test_the_designs_ask_what_the_papers_asked(name: str) -> None:
 
 def test_films_are_dealt_evenly_and_sides_are_fair() -> None:
     design = load_design("talkingeyes_table4")
-    everything = [pair for number in range(20) for pair in pairs_of(design, pools(design), 3, number)]
+    everything = [pair for number in range(20) for pair in assign_pairs(design, pools(design), 3, number)]
     for comparison in design.comparisons:
         own = [pair for pair in everything if (pair.a, pair.b) == comparison and not pair.attention]
         assert len(own) == 100
         assert set(Counter(pair.clip for pair in own).values()) == {5}  # 20 films, 100 answers
         assert sum(pair.a_left for pair in own) == 50
-    first, second = pairs_of(design, pools(design), 3, 0), pairs_of(design, pools(design), 3, 1)
+    first, second = assign_pairs(design, pools(design), 3, 0), assign_pairs(design, pools(design), 3, 1)
     assert [pair.clip for pair in first] != [pair.clip for pair in second]
-    assert first == pairs_of(design, pools(design), 3, 0)
-    assert first != pairs_of(design, pools(design), 4, 0)
+    assert first == assign_pairs(design, pools(design), 3, 0)
+    assert first != assign_pairs(design, pools(design), 4, 0)
 
 
 def chooses_a(pair: Pair, prefers: dict[tuple[str, str], float], careless: bool, random: np.random.Generator) -> bool:
@@ -105,7 +105,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
     """People who answer all that they are asked."""
     random = np.random.default_rng(0)
     for person in range(people):
-        token = study.answers.begin()
+        token = study.answers.register()
         pairs = study.pairs(person)
         for place, pair in enumerate(pairs):
             who = study.answers.participant(token)
@@ -117,7 +117,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
                 for question in study.design.questions
             }
             last = place + 1 == len(pairs)
-            assert study.answers.add(who, pair, chosen, last, study.design.attention.ends)
+            assert study.answers.add(who, pair, chosen, last, study.design.attention.ends_study)
 
 
 def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float], careless: bool, seed: int) -> None:
@@ -145,8 +145,8 @@ def test_what_is_chosen_on_the_page_is_what_counts(tmp_path: Path) -> None:
         for person, careless in enumerate((False, True, False)):
             visit(page, study, {("following", "static"): 1.0}, careless, person)
     found = results(study.root)
-    assert (found.began, found.finished, found.failed) == (3, 2, 1)
-    answers = study.answers.valid()
+    assert (found.participant_count, found.finished, found.failed) == (3, 2, 1)
+    answers = study.answers.valid_answers()
     assert {answer.participant for answer in answers} == {0, 2}
     assert len(answers) == 2 * 10 * 2
     assert all(answer.chose_a for answer in answers)  # whichever side it was on
@@ -159,8 +159,8 @@ def test_a_crowd_with_known_preferences_is_found_out(tmp_path: Path) -> None:
     known = dict(zip(design.comparisons, (0.9, 0.8, 0.8, 0.7, 0.5, 0.2), strict=True))
     crowd(study, 22, known, careless=2)
     found = results(study.root)
-    assert (found.began, found.finished, found.failed) == (22, 20, 2)
-    rates = {(each.a, each.b): each for each in preferences(design, study.answers.valid())}
+    assert (found.participant_count, found.finished, found.failed) == (22, 20, 2)
+    rates = {(each.a, each.b): each for each in preference_rates(design, study.answers.valid_answers())}
     for comparison, rate in known.items():
         each = rates[comparison]
         assert each.answers == 100  # 5 of each of 20: the paper's 600 in all
@@ -183,7 +183,7 @@ def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
     found = results(study.root)
     assert (found.finished, found.failed) == (15, 1)
     assert study.answers.participants()[0].place <= 13  # the check is in the first half
-    assert {answer.participant for answer in study.answers.valid()} == set(range(1, 16))
+    assert {answer.participant for answer in study.answers.valid_answers()} == set(range(1, 16))
     header, _, *rows = found.table.splitlines()
     assert "Lip Sync, A | B | p | Realism, A | B | p | Emotional Expression, A" in header
     shares = [float(cell.rstrip("%")) for cell in rows[1].split(" | ")[1:3]]
@@ -197,7 +197,7 @@ def test_the_table_of_posegan_has_a_column_a_length(tmp_path: Path) -> None:
         Answer(person, "better", a, b, stratum.name, "c", True, chose_a=(person + place) % 10 < 3)
         for (a, b), stratum, person, place in itertools.product(design.comparisons, design.strata, range(20), range(2))
     ]
-    header, _, *rows = table(design, preferences(design, answers)).splitlines()
+    header, _, *rows = table(design, preference_rates(design, answers)).splitlines()
     assert header == "| Method | 4 seconds | 8 seconds | 12 seconds |"
     assert rows[-1].startswith("| PoseGAN | 30.0 (")
     empty = table(design, [])
@@ -211,12 +211,12 @@ def test_p_values_are_those_of_the_definitions() -> None:
         for person in range(5)
         for place in range(10)
     ]
-    (found,) = preferences(design, answers)
+    (found,) = preference_rates(design, answers)
     assert found.binomial_p == pytest.approx(2 * sum(math.comb(50, k) for k in range(11)) / 2**50)
     assert found.wilcoxon_p == pytest.approx(2 / 2**5)  # all five prefer A
     assert (found.wilson_low, found.wilson_high) == pytest.approx((0.6696, 0.8876), abs=1e-3)
     assert math.isnan(wilcoxon_p(np.zeros(4, int)))
-    assert (p_text(1.68e-4), p_text(0.0328), p_text(math.nan)) == ("1.68e-4", "3.28e-2", "-")
+    assert (format_p_value(1.68e-4), format_p_value(0.0328), format_p_value(math.nan)) == ("1.68e-4", "3.28e-2", "-")
 
 
 def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_path: Path) -> None:
@@ -287,16 +287,16 @@ def toy_data(root: Path, clips: int = 4) -> Path:
     index = []
     for number in range(clips):
         name = f"c{number}"
-        gaze = gaze_of_angles(random.normal(0, 0.1, (FRAMES, 2, 2)))
+        gaze = angles_to_gaze(random.normal(0, 0.1, (FRAMES, 2, 2)))
         truth = Motion.of(FPS, random.normal(0, 0.1, (FRAMES, 3)), gaze, lid=np.full((FRAMES, 2), 0.25))
         sound = random.normal(0, 0.1, int(FRAMES / FPS * 16_000)).astype(np.float32)
         corpus.write_sound(name, sound, Annotation())
         folder = root / "data" / "sample"
-        truth.save(sharded_for_writing(corpus.root / "truth", name, ".npz"))
+        truth.save(make_shard_path(corpus.root / "truth", name, ".npz"))
         drawn = Samples(FPS, random.normal(0, 0.1, (2, FRAMES, 3)), np.stack([gaze, gaze]))
-        drawn.save(sharded_for_writing(folder / "talkingeyes", name, ".npz"))
+        drawn.save(make_shard_path(folder / "talkingeyes", name, ".npz"))
         faces = FaceSamples(FPS, np.full((2, FRAMES, 3), 0.1), np.full((2, FRAMES, 1), 0.5), ("jawOpen",), "anny")
-        faces.save(sharded_for_writing(folder / "probtalk3d", name, ".npz"))
+        faces.save(make_shard_path(folder / "probtalk3d", name, ".npz"))
         index.append(Clip(name, name, 0, "s", "test", FRAMES / FPS, FPS, "neutral", 0, "en", "", "", "", ""))
     corpus.write_index(index)
     return root / "data"
@@ -314,7 +314,7 @@ SMALL = {
 def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = toy_data(tmp_path)
     monkeypatch.chdir(tmp_path)
-    content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
+    content = yaml.safe_load((DESIGNS_FOLDER / "eyelid_follow.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
     study = make("own.yaml", "study", data=data, size=32)
     assert len(list((tmp_path / "study" / "films").iterdir())) == 2 * 2 + 2
@@ -326,7 +326,7 @@ def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.Monkey
             ]
             assert len(container.streams.audio) == 1
     assert {len(frames) for (_, clip), frames in pictures.items() if clip in study.clips["all_clips"]} == {5}
-    check = study.clips[ATTENTION][0]
+    check = study.clips[ATTENTION_CHECK][0]
     upright, turned = pictures["following", check], pictures["upside_down", check]
     same, other = (np.abs(each.astype(int) - turned[0]).mean() for each in (upright[0][::-1], upright[0]))
     assert 3 * same < other  # not the same bytes: films are encoded
@@ -339,32 +339,35 @@ def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = toy_data(tmp_path)
     monkeypatch.chdir(tmp_path)
-    content = yaml.safe_load((DESIGNS / "eyelid_follow.yaml").read_text())
+    content = yaml.safe_load((DESIGNS_FOLDER / "eyelid_follow.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
     make("own.yaml", "study", data=data, size=64)
     command = [sys.executable, "-m", "talkingeyes.cli.main", "study", "run", "study", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, browsing(tmp_path / "p") as browser:
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
+        open_browser(tmp_path / "p") as browser,
+    ):
         assert server.stdout is not None
         address = server.stdout.readline().split(" ")[0]
         browser.open(address)
-        browser.until("document.body.dataset.state == 'begin'")
+        browser.wait_for("document.body.dataset.state == 'begin'")
         browser.value("document.getElementById('start').click()")
         for place in range(2):
-            browser.until(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
+            browser.wait_for(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
             browser.value("document.querySelectorAll('input[value=left]').forEach((choice) => choice.click())")
             assert browser.value("document.getElementById('next').disabled")  # nothing was watched yet
             for side in ("left", "right"):
                 browser.value(f"document.getElementById('{side}').play()")
-                browser.until(f"document.getElementById('{side}').classList.contains('seen')")
+                browser.wait_for(f"document.getElementById('{side}').classList.contains('seen')")
             browser.value("document.getElementById('next').click()")
             if place == 0:
-                browser.until("document.body.dataset.place == '1'")
+                browser.wait_for("document.body.dataset.place == '1'")
                 browser.open("about:blank")
                 browser.open(address)  # closed and opened again: goes on where it was
-        browser.until("document.body.dataset.state == 'end'")
+        browser.wait_for("document.body.dataset.state == 'end'")
         server.send_signal(2)
         assert server.wait(timeout=30) == 0
-    assert results("study").began == 1
+    assert results("study").participant_count == 1
     assert Study.load(Path("study")).answers.participants()[0].done
 
 
@@ -377,7 +380,7 @@ def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: 
         (tmp_path / "emote").mkdir(exist_ok=True)
         write_video(tmp_path / f"emote/c{number}.mp4", frames, FPS, np.sin(np.arange(9600) / 9).astype(np.float32))
     monkeypatch.chdir(tmp_path)
-    content = yaml.safe_load((DESIGNS / "probtalk3d_table2.yaml").read_text())
+    content = yaml.safe_load((DESIGNS_FOLDER / "probtalk3d_table2.yaml").read_text())
     Path("own.yaml").write_text(yaml.safe_dump({**content, "strata": [SMALL]}))
     study = make("own.yaml", "study", data=data, conditions={"emote": "emote"}, without=["facediffuser"], size=32)
     assert {film.condition for film in study.films.values()} == {"ours", "truth", "emote", "late_sound"}
@@ -389,7 +392,7 @@ def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: 
     late = next(name for name, film in study.films.items() if film.condition == "late_sound")
     with av.open(str(study.film(late))) as container:
         heard = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
-    assert LATE_S > FRAMES / FPS
+    assert SOUND_DELAY_S > FRAMES / FPS
     assert np.abs(heard).max() < 0.01  # the film ends before its sound begins
 
 
@@ -397,21 +400,21 @@ def test_a_film_shows_what_varies_and_shares_the_rest(tmp_path: Path) -> None:
     design = load_design("posegan_table4")
     drawn = Motion.of(FPS, np.full((10, 3), 0.1), np.full((10, 2, 3), 0.2), lid=np.full((10, 2), 0.3))
     truth = Motion.of(FPS, np.full((12, 3), 0.5), np.full((12, 2, 3), 0.6), jaw=np.full((12, 3), 0.7))
-    film = shown(design, drawn, truth)
+    film = film_motion(design, drawn, truth)
     assert len(film) == 10
     assert (film.head[0, 0], film.gaze[0, 0, 0], film.lid[0, 0], film.jaw[0, 0]) == (0.1, 0.0, 0.0, 0.7)
     with pytest.raises(InputError, match="25 frames a second of the truth, got 30"):
-        shown(design, Motion.of(30.0, drawn.head, drawn.gaze), truth)
+        film_motion(design, Motion.of(30.0, drawn.head, drawn.gaze), truth)
 
 
 def test_static_lids_blink_but_do_not_follow() -> None:
-    head, still = open_head(), static_lids(open_head())
+    head, still = anny_head(), static_lids(anny_head())
     upper = head.landmarks.names.index("left_eye_upper_outer")
 
     def height(model: object, pitch_deg: float, lid: float) -> float:
-        gaze = gaze_of_angles(np.radians(np.full((1, 2, 2), [0.0, pitch_deg])))
+        gaze = angles_to_gaze(np.radians(np.full((1, 2, 2), [0.0, pitch_deg])))
         motion = Motion.of(FPS, np.zeros((1, 3)), gaze, lid=np.full((1, 2), float(lid)))
-        return float(head.landmarks.of(posed(model, pose_of(model, motion)))[0, upper, 1])
+        return float(head.landmarks.of(posed_vertices(model, motion_to_pose(model, motion)))[0, upper, 1])
 
     assert height(head, 0, 0) - height(head, -15, 0) > 0.001
     assert height(still, 0, 0) - height(still, -15, 0) == pytest.approx(0, abs=1e-6)
@@ -448,7 +451,7 @@ def test_a_mistake_is_one_line_and_writes_nothing(
     if words[-1] == "torn":
         design = load_design("eyelid_follow")
         Path("torn").mkdir()
-        Study(Path("torn"), design, 0, {"all_clips": ("c0",), ATTENTION: ("c1",)}).save()
+        Study(Path("torn"), design, 0, {"all_clips": ("c0",), ATTENTION_CHECK: ("c1",)}).save()
     before = sorted(tmp_path.iterdir())
     monkeypatch.setattr(sys, "argv", ["talkingeyes", "study", *words])
     with pytest.raises(SystemExit) as left:
@@ -463,13 +466,13 @@ def test_a_mistake_is_one_line_and_writes_nothing(
 def test_a_file_of_answers_that_is_none_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "answers.sqlite").write_text("no database " * 100)
     with pytest.raises(InputError, match="should hold the answers of a study"):
-        Answers(tmp_path / "answers.sqlite").begin()
+        AnswerDatabase(tmp_path / "answers.sqlite").register()
 
 
 def test_samples_of_faces_are_motions(tmp_path: Path) -> None:
     data = toy_data(tmp_path, clips=1)
     (path,) = (data / "sample/probtalk3d").rglob("*.npz")
-    motions = motions_in(path)
+    motions = load_motions(path)
     assert [motion.jaw[0, 0] for motion in motions] == pytest.approx([0.1, 0.1])
     assert motions[0].expression_names == ("jawOpen",)
     assert not motions[0].head.any()
@@ -478,6 +481,6 @@ def test_samples_of_faces_are_motions(tmp_path: Path) -> None:
 def test_no_two_films_of_a_study_share_a_name() -> None:
     for name in names():
         design = load_design(name)
-        films = films_of(design, pools(design))
+        films = required_films(design, pools(design))
         assert len({film_id(0, film) for film in films}) == len(films)
         assert not {film_id(0, film) for film in films} & {film_id(1, film) for film in films}

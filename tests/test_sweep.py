@@ -20,7 +20,7 @@ from talkingeyes.core.errors import InputError
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
-PLACES = "model.talkingeyes.gaze.process.fixed"
+PLACES = "model.talkingeyes.gaze.process.absolute_components"
 
 
 def run(monkeypatch, *arguments):
@@ -38,12 +38,12 @@ def run(monkeypatch, *arguments):
         (["-m", "fit=default,nothing"], "nothing"),
         (["-m", f"{CODES}=64,0"], f"{CODES}: Input should be greater than 1, got 0"),
         (["-m", "sweep=nothing"], "nothing"),
-        (["until=nothing"], "until: should be a stage or one of synthesize, fit"),
-        (["objective.figures=[diversity]"], "objective.figures.0"),
+        (["target=nothing"], "target: should be a stage or one of synthesize, fit"),
+        (["objective.metrics=[diversity]"], "objective.metrics.0"),
         (["workspace=."], "workspace: should be another folder than the repository"),
         (
-            ["-m", "sweep=alive", "objective.figures=[corr,distance]"],
-            "objective.figures: should be one for each direction",
+            ["-m", "sweep=alive", "objective.metrics=[corr,distance]"],
+            "objective.metrics: should be one for each direction",
         ),
     ],
 )
@@ -69,7 +69,7 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
     def fail(*_):
         raise InputError("a clip is broken")
 
-    monkeypatch.setattr(pipelines.experiment, "run_chain", fail)
+    monkeypatch.setattr(pipelines.experiment, "run_pipeline", fail)
     with pytest.raises(InputError, match=r"^a clip is broken$"):
         run(monkeypatch, "-m", "train.seed=0,1", "hydra/launcher=basic", f"workspace={tmp_path}")
     assert "Error executing" not in capfd.readouterr().err
@@ -77,15 +77,18 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
 
 def test_a_changed_search_space_is_refused(tmp_path):
     overrides = ["sweep=alive", f"workspace={tmp_path}"]
-    assert prepare(overrides).left == 16
+    assert prepare(overrides).remaining_trials == 16
     with pytest.raises(InputError, match=rf"^study alive: began as another search, {PLACES} changed; .*study=NAME$"):
         prepare([*overrides, f"{PLACES}=choice(16,32)"])
-    assert prepare([*overrides, f"{PLACES}=choice(16,32)", "study=other", "hydra.sweeper.n_trials=20"]).left == 20
+    assert (
+        prepare([*overrides, f"{PLACES}=choice(16,32)", "study=other", "hydra.sweeper.n_trials=20"]).remaining_trials
+        == 20
+    )
 
 
 def test_a_storage_may_be_a_database(tmp_path):
     overrides = ["sweep=alive", f"workspace={tmp_path}", f"hydra.sweeper.storage.where=sqlite:///{tmp_path}/s.db"]
-    assert prepare(overrides).left == 16
+    assert prepare(overrides).remaining_trials == 16
     assert (tmp_path / "s.db").exists()
 
 
@@ -103,7 +106,7 @@ def chain(params, view, overrides=(), watch=None):
     time.sleep(0.3)
     return [codes / 100 + weight, abs(weight - 1)]
 
-experiment.run_chain = chain
+experiment.run_pipeline = chain
 experiment.main()
 """
 
@@ -131,20 +134,20 @@ def test_a_killed_sweep_goes_on_and_repeats_nothing(repository, tmp_path):
     assert len(lines) == 9 > before
     assert (tmp_path / "codebook/pareto.png").stat().st_size > 5000
     assert "study codebook: 8 trials complete" in result.stdout
-    assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).left == 0
+    assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).remaining_trials == 0
 
 
 def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
-    def chain(params, view, overrides, watch):
+    def chain(params, view, overrides, on_validation):
         weight = params["model"]["talkingeyes"]["weights"]["head_where"]
         for step in (1, 2, 3):
             steps.append(step)
-            watch(step, {"score": -weight})
+            on_validation(step, {"score": -weight})
         return [weight]
 
-    monkeypatch.setattr(pipelines.sweep, "run_chain", chain)
+    monkeypatch.setattr(pipelines.sweep, "run_pipeline", chain)
     monkeypatch.setattr(
         sys, "argv", ["sweep", "sweep=alive", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=9"]
     )

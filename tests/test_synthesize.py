@@ -20,7 +20,7 @@ from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.run import Workspace
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.plan import SynthesizeSettings
-from talkingeyes.synthesis.voices import converse
+from talkingeyes.synthesis.voices import synthesize_conversation
 from tests.fixtures_corpus import make_tiny_corpus
 
 FEW = ("synthesize.clips=10", "synthesize.takes=1")
@@ -90,16 +90,16 @@ def test_two_processes_make_the_same_bytes(tmp_path, whole):
         ({"longest_s": 601.0}, "synthesize.longest_s: Input should be less than or equal to 600, got 601.0"),
         ({"neutral_share": -0.1}, "synthesize.neutral_share"),
         ({"liveliness": -1.0}, "synthesize.liveliness"),
-        ({"listening_share": 1.5}, "synthesize.listening_share"),
-        ({"acoustics.noise_share": -1}, "synthesize.acoustics.noise_share"),
-        ({"acoustics.decay_least_s": 2.0}, r"decay_most_s should be at least decay_least_s \(2.0\), got 0.6"),
+        ({"dialogue_share": 1.5}, "synthesize.dialogue_share"),
+        ({"acoustics.noise_probability": -1}, "synthesize.acoustics.noise_probability"),
+        ({"acoustics.rt60_min_s": 2.0}, r"rt60_max_s should be at least rt60_min_s \(2.0\), got 0.6"),
         ({"voices": ["en-us+nobody"]}, "voices should be accent.variant, of the accents en-us, .*, got en-us.nobody"),
         ({"voices": ["fr+f1"]}, r"voices should have one for en \(en-us, .*, got fr.f1"),
         ({"further_sources": {"interview": {}}}, "synthesize.further_sources.interview.clips"),
         ({"speakers": 300}, r"clips should be at least speakers \(300\), got 24"),
         ({"languages": ["xx"]}, "languages should be among en, fr, de, es, it, pt, nl, got xx"),
         ({"blinks": "never"}, "synthesize.blinks"),
-        ({"noise.pupil.white_least_px": 9.0}, "white_most_px should be at least"),
+        ({"noise.pupil.white_min_px": 9.0}, "white_max_px should be at least"),
         ({"colour": "red"}, "synthesize.colour"),
     ],
 )
@@ -118,7 +118,7 @@ def test_settings_out_of_range_are_refused_before_anything_is_written(tmp_path, 
 
 def test_other_frame_rates(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.fps=50"])["synthesize"])
-    clip = synthesize.make_sound(tmp_path, settings, synthesize.orders(settings)[3])[0]
+    clip = synthesize.synthesize_sound(tmp_path, settings, synthesize.sound_jobs(settings)[3])[0]
     corpus = Corpus(tmp_path)
     assert len(corpus.truth(clip)) == round(clip.seconds * 50) and corpus.observation(clip).fps == 50.0
 
@@ -135,23 +135,25 @@ def test_no_text_voice_or_sound_is_in_two_splits(corpus):
 
 
 def test_sentences_of_both_people_are_of_the_share_of_their_split():
-    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
-    for split, share in synthesize.TEXT.items():
-        cast = plan.cast_of(settings, plan.sounds(settings)[0])
-        spoken = converse(cast, 8.0, 9.6, np.random.default_rng(SPLITS.index(split)), share)
+    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.dialogue_share=1"])["synthesize"])
+    for split, partition in synthesize.SPLIT_PARTITIONS.items():
+        speaker_voices = plan.dialogue_voices(settings, plan.sounds(settings)[0])
+        spoken = synthesize_conversation(
+            speaker_voices, 8.0, 9.6, np.random.default_rng(SPLITS.index(split)), partition
+        )
         assert len(spoken.sentences) >= 2
-        assert all(text in share for text in spoken.sentences)
+        assert all(text in partition for text in spoken.sentences)
 
 
 def test_shares_of_text_do_not_overlap():
-    shares = sorted((share.start, share.stop) for share in synthesize.TEXT.values())
-    assert set(synthesize.TEXT) == set(SPLITS) and shares[0][0] == 0.0
+    shares = sorted((partition.start, partition.stop) for partition in synthesize.SPLIT_PARTITIONS.values())
+    assert set(synthesize.SPLIT_PARTITIONS) == set(SPLITS) and shares[0][0] == 0.0
     assert all(one[1] <= other[0] for one, other in pairwise(shares))
 
 
 def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
-    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.listening_share=1"])["synthesize"])
-    clip = synthesize.make_sound(tmp_path, settings, synthesize.orders(settings)[0])[0]
+    settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.dialogue_share=1"])["synthesize"])
+    clip = synthesize.synthesize_sound(tmp_path, settings, synthesize.sound_jobs(settings)[0])[0]
     corpus = Corpus(tmp_path)
     own, partner, known = corpus.speech(clip), corpus.partner(clip), corpus.annotation(clip)
     assert partner.shape == own.shape and known.speaking and known.listening and known.partner
@@ -163,7 +165,7 @@ def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
 
 
 def test_the_share_of_listening_and_of_emotions_is_what_was_asked_for():
-    overrides = ["synthesize.clips=2000", "synthesize.listening_share=0.3", "synthesize.neutral_share=0.6"]
+    overrides = ["synthesize.clips=2000", "synthesize.dialogue_share=0.3", "synthesize.neutral_share=0.6"]
     sounds = plan.sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))
     assert np.mean([sound.listening for sound in sounds]) == pytest.approx(0.3, abs=0.05)
     moods = Counter((sound.emotion, sound.intensity) for sound in sounds)
@@ -187,11 +189,11 @@ def test_table_1_is_kept(corpus):
 
 
 def test_noise_and_room_change_the_sound_alone(tmp_path):
-    loud = ["synthesize.acoustics.noise_share=1", "synthesize.acoustics.room_share=1"]
+    loud = ["synthesize.acoustics.noise_probability=1", "synthesize.acoustics.reverb_probability=1"]
     plain, noisy = (SynthesizeSettings(**compose(["synthesize=tiny", *more])["synthesize"]) for more in ([], loud))
-    order = synthesize.orders(plain)[0]
+    job = synthesize.sound_jobs(plain)[0]
     for name, settings in (("plain", plain), ("noisy", noisy), ("again", noisy)):
-        synthesize.make_sound(tmp_path / name, settings, order)
+        synthesize.synthesize_sound(tmp_path / name, settings, job)
     content = {name: files(tmp_path / name) for name in ("plain", "noisy", "again")}
     assert content["noisy"] == content["again"]
     differing = {path.parts[0] for path, data in content["plain"].items() if content["noisy"][path] != data}
@@ -221,12 +223,12 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):
 
 def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(tmp_path):
     workspace = Workspace(tmp_path, {})
-    for made_of, left in (("one", []), ("one", ["half"]), ("other", [])):
-        with pytest.raises(KeyboardInterrupt), workspace.output("synthesize", made_of=made_of) as folder:
+    for fingerprint, left in (("one", []), ("one", ["half"]), ("other", [])):
+        with pytest.raises(KeyboardInterrupt), workspace.output("synthesize", fingerprint=fingerprint) as folder:
             assert sorted(path.name for path in folder.glob("[a-z]*")) == left
             (folder / "half").write_text("")
             raise KeyboardInterrupt
-    with workspace.output("synthesize", made_of="other") as folder:
+    with workspace.output("synthesize", fingerprint="other") as folder:
         assert (folder / "half").exists()
     assert sorted(path.name for path in (tmp_path / "data").rglob("*")) == ["SHA256SUMS", "half", "synthesize"]
 
@@ -234,7 +236,7 @@ def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(t
 def test_a_corpus_too_small_for_its_splits_is_refused():
     settings = SynthesizeSettings(**compose(["synthesize=tiny"])["synthesize"])
     with pytest.raises(InputError, match="every split"):
-        synthesize.orders(settings.model_copy(update={"clips": 4}))
+        synthesize.sound_jobs(settings.model_copy(update={"clips": 4}))
 
 
 def test_paper_is_as_large_as_the_paper_and_of_two_sources():
@@ -254,17 +256,17 @@ def test_paper_is_as_large_as_the_paper_and_of_two_sources():
 
 def test_personal_has_clips_of_every_person_in_every_split():
     settings = SynthesizeSettings(**compose(["synthesize=personal"])["synthesize"])
-    orders = synthesize.orders(settings)
-    people = {speaker: Counter(o.split for o in orders if o.sound.speaker == speaker) for speaker in range(6)}
+    sound_jobs = synthesize.sound_jobs(settings)
+    people = {speaker: Counter(o.split for o in sound_jobs if o.sound.speaker == speaker) for speaker in range(6)}
     unseen = [speaker for speaker, splits in people.items() if splits == {"unseen": 10}]
-    assert len(orders) == 60 and len(unseen) == 1
+    assert len(sound_jobs) == 60 and len(unseen) == 1
     assert all(splits == {"train": 8, "val": 1, "test": 1} for s, splits in people.items() if s not in unseen)
 
 
 def test_every_language_has_speakers(tmp_path):
     settings = SynthesizeSettings(**compose(["synthesize=languages"])["synthesize"])
     texts = {}
-    for order in synthesize.orders(settings)[1:7]:
-        (clip, *_) = synthesize.make_sound(tmp_path, settings, order)
+    for job in synthesize.sound_jobs(settings)[1:7]:
+        (clip, *_) = synthesize.synthesize_sound(tmp_path, settings, job)
         texts[clip.language] = clip.text
     assert set(texts) == {"fr", "de", "es", "it", "pt", "nl"} and len(set(texts.values())) == 6

@@ -15,34 +15,39 @@ from pipelines import critic, rows, table_rows, tables
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.seeds import Measured, Seeded, mean_of_known
+from talkingeyes.evaluation.seeds import ClipStatistic, MultiSeedStatistic, nanmean_statistic
 from talkingeyes.evaluation.tables.declared import TABLES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.order import order
-from talkingeyes.evaluation.tables.page import as_json, found, markdown
-from talkingeyes.evaluation.tables.row import fast, figures_of, spread_rad
-from talkingeyes.models.gaze.canonical import CanonicalSettings, Example, look, relate
+from talkingeyes.evaluation.tables.order import rank_order
+from talkingeyes.evaluation.tables.page import as_json, markdown, table_result
+from talkingeyes.evaluation.tables.row import high_frequency_motion, range_rad, row_metrics
+from talkingeyes.models.gaze.canonical import (
+    CanonicalCorrelationSettings,
+    Example,
+    fit_canonical_correlation,
+    generate_gaze,
+)
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import Call
+from talkingeyes.orchestration.recipe import StageCall
 from talkingeyes.orchestration.run import Report
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.trained import load_generator
-from talkingeyes.training.trained_canonical import CanonicalModelSettings, find, save_canonical
+from talkingeyes.training.trained_canonical import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 
-BOOTSTRAP = BootstrapSettings(draws=200, level=0.95, seed=0)
-CANONICAL = CanonicalSettings(
+BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
+CANONICAL = CanonicalCorrelationSettings(
     speech_components=5,
     lags_frames=(-1, 0, 1),
-    stretch_frames=1,
-    fourier=64,
+    context_frames=1,
+    fourier_features=64,
     kernel_width=1.0,
-    components=6,
+    canonical_components=6,
     ridge=1e-4,
 )
 
 
 def seeds_of(*values):
     """One figure under as many seeds."""
-    return Seeded(tuple(mean_of_known(np.asarray(each, float)) for each in values))
+    return MultiSeedStatistic(tuple(nanmean_statistic(np.asarray(each, float)) for each in values))
 
 
 def test_the_order_counts_pairs_and_says_which_cannot_be_told_apart():
@@ -54,33 +59,33 @@ def test_the_order_counts_pairs_and_says_which_cannot_be_told_apart():
         "c": seeds_of(2 + noise),
         "d": seeds_of(2.001 + 9 * noise),
     }
-    came = order({"a": 0.9, "b": 0.5, "c": 0.4, "d": 0.1, "absent": 7.0}, ours, BOOTSTRAP)
+    came = rank_order({"a": 0.9, "b": 0.5, "c": 0.4, "d": 0.1, "absent": 7.0}, ours, BOOTSTRAP)
     assert came is not None
-    by_names = {(pair.above, pair.below): pair for pair in came.pairs}
+    by_names = {(pair.higher, pair.lower): pair for pair in came.pairs}
     assert set(by_names) == {("a", "b"), ("a", "c"), ("a", "d"), ("b", "c"), ("b", "d"), ("c", "d")}
     assert by_names["a", "b"].agrees
-    assert by_names["a", "b"].clear
+    assert by_names["a", "b"].is_significant
     assert not by_names["b", "c"].agrees
-    assert by_names["b", "c"].clear, "one apart in every clip"
-    assert not by_names["c", "d"].clear
-    assert came.tau == pytest.approx((came.agreeing - (6 - came.agreeing)) / 6)
-    assert not came.same
-    right = order({"a": 3.0, "c": 2.0, "b": 1.0}, ours, BOOTSTRAP)
+    assert by_names["b", "c"].is_significant, "one apart in every clip"
+    assert not by_names["c", "d"].is_significant
+    assert came.tau == pytest.approx((came.agreement_count - (6 - came.agreement_count)) / 6)
+    assert not came.all_agree
+    right = rank_order({"a": 3.0, "c": 2.0, "b": 1.0}, ours, BOOTSTRAP)
     assert right is not None
-    assert (right.same, right.tau) == (True, 1.0)
-    assert order({"a": 1.0, "b": 1.0}, ours, BOOTSTRAP) is None, "equal in the paper: no order"
+    assert (right.all_agree, right.tau) == (True, 1.0)
+    assert rank_order({"a": 1.0, "b": 1.0}, ours, BOOTSTRAP) is None, "equal in the paper: no order"
 
 
 def test_equal_rows_of_ours_agree_with_nothing():
     still = seeds_of(np.zeros(5))
-    came = order({"a": 1.0, "b": 0.5}, {"a": still, "b": still}, BOOTSTRAP)
+    came = rank_order({"a": 1.0, "b": 0.5}, {"a": still, "b": still}, BOOTSTRAP)
     assert came is not None
-    assert (came.agreeing, came.tau, came.pairs[0].clear) == (0, 0.0, False)
+    assert (came.agreement_count, came.tau, came.pairs[0].is_significant) == (0, 0.0, False)
 
 
 def test_seeds_are_averaged_on_the_same_clips():
     alike = seeds_of([1.0] * 5, [3.0] * 5).estimate(BOOTSTRAP)
-    assert (alike.value, alike.least, alike.most) == (2.0, 1.0, 3.0)
+    assert (alike.value, alike.seed_min, alike.seed_max) == (2.0, 1.0, 3.0)
     assert (alike.low, alike.high) == (2.0, 2.0), "the interval is of clips, not of seeds"
     apart = seeds_of(np.arange(5.0), 4 - np.arange(5.0)).estimate(BOOTSTRAP)
     assert (apart.low, apart.high) == (2.0, 2.0), "both seeds on the same draw of clips"
@@ -101,7 +106,7 @@ def test_the_page_has_ours_the_papers_and_the_order():
         name: {"gaze/diversity": seeds_of([value] * 3, [value + 0.1] * 3)}
         for name, value in (("vae", 0.4), ("talkingeyes_paper", 0.1), ("talkingeyes", 0.2))
     }
-    came = found(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
+    came = table_result(TABLE, {**ours, "truth": {"gaze/diversity": seeds_of([0.3])}}, BOOTSTRAP)
     page = markdown(TABLE, {"test": came})
     assert "**0.450**<br><sub>0.450 to 0.450; seeds 0.400 to 0.500</sub><br>paper 0.250" in page
     assert page.index("| Truth |") < page.index("| VAE")
@@ -119,10 +124,10 @@ def test_every_row_is_a_model_with_a_title_and_the_papers_numbers_stand_in_conf(
         alone = compose([f"experiment={name}"])
         text = (repository / "conf" / "experiment" / f"{name}.yaml").read_text()
         assert re.search(r"# Question:.*\n# Command:.*\n# Expected:", text)
-        for row, numbers in table.rows.items():
+        for row, sound_metrics in table.rows.items():
             assert alone["model"][row] == params["model"][row], "equal names, equal models"
             assert row in TITLES
-            for number in numbers or ():
+            for number in sound_metrics or ():
                 assert f"{number:g}" in text or f"{number:.5f}" in text, (name, row, number)
     paper = params["model"]["talkingeyes_paper"]
     for row in ("codes_256", "codes_512", "codes_2048"):
@@ -146,19 +151,19 @@ def test_fast_motion_is_what_is_above_five_hertz():
     head, gaze = np.zeros((1500, 3)), np.zeros((1500, 2, 3))
     head[:, 1] = np.radians(2) * np.sin(2 * np.pi * 1 * times)
     gaze[..., 1] = (np.radians(2) * np.sin(2 * np.pi * 8 * times))[:, None]
-    measured = fast(head, gaze, 25.0)
+    measured = high_frequency_motion(head, gaze, 25.0)
     assert measured["head/fast_share"] < 1e-3
     assert measured["gaze/fast_share"] > 0.999
     # Differences of 25 frames a second are slower than the true speed by sin(x) / x with x = pi 8 / 25.
     x = np.pi * 8 / 25
     expected = 2 * 2 * np.pi * 8 * np.sin(x) / x / np.sqrt(2) / np.sqrt(2)  # of two moving components in four
     assert measured["gaze/fast"] == pytest.approx(expected, rel=0.02)
-    assert fast(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/fast"] == 0.0
+    assert high_frequency_motion(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/fast"] == 0.0
 
 
 def test_the_range_is_the_middle_of_what_turns():
     motion = np.linspace(0, 1, 1001)[None, :, None] * np.array([1.0, 3.0])
-    assert spread_rad(motion) == pytest.approx(0.95 * 2)
+    assert range_rad(motion) == pytest.approx(0.95 * 2)
 
 
 @pytest.fixture(scope="module")
@@ -173,31 +178,36 @@ def workspace(tmp_path_factory):
 def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     figures = {}
     for row in ("truth", "random", "mismatched"):
-        table_rows.measure(Call("table_row", row, (), (), ()), workspace)
+        table_rows.measure_row(StageCall("table_row", row, (), (), ()), workspace)
         figures[row] = json.loads(workspace.data("table_row", row, "figures.json").read_text())
-    random, truth = (figures_of([figures[name]], "test") for name in ("random", "truth"))
+    random, truth = (row_metrics([figures[name]], "test") for name in ("random", "truth"))
     assert random["gaze/l2"].count == 4
     assert len(figures["random"]["long"]["test"]) == table_rows.LONG_MOTIONS
     assert truth["gaze/range_ratio"].estimate(BOOTSTRAP).value == pytest.approx(1.0)
     assert 0 < random["head/fast_share"].estimate(BOOTSTRAP).value < 1
     assert "gaze/diversity" in random
-    both = figures_of([figures["random"], figures["random"]], "unseen")
+    both = row_metrics([figures["random"], figures["random"]], "unseen")
     assert len(both["head/corr"].by_seed) == 2
-    page = found(TABLES["table3"], {"random": random, "truth": truth}, BOOTSTRAP)
+    page = table_result(TABLES["table3"], {"random": random, "truth": truth}, BOOTSTRAP)
     assert page.cells["random"]["gaze/l2"].value == random["gaze/l2"].estimate(BOOTSTRAP).value
 
 
 def test_what_was_measured_is_not_measured_again(tmp_path):
     measured = []
 
-    def measure(call, workspace):
+    def measure_row(call, workspace):
         measured.append(call.item)
         with workspace.output(call.stage, *call.names) as folder:
             (folder / rows.FIGURES).write_text("{}")
         return Report()
 
-    params = {"corpus": "data/synthesize", "store": str(tmp_path / "store"), "evaluate": {"seed": 0}, "machine": {}}
-    kind = rows.Kind("toy_row", (), (), ("evaluate",), measure, (), ("truth",))
+    params = {
+        "corpus": "data/synthesize",
+        "result_store": str(tmp_path / "store"),
+        "evaluate": {"seed": 0},
+        "machine": {},
+    }
+    kind = rows.RowSpec("toy_row", (), (), ("evaluate",), measure_row, (), ("truth",))
     first, again = (rows._row(kind, {}, (params, "truth")) for _ in range(2))
     assert measured == ["truth"]
     assert first == again
@@ -207,22 +217,22 @@ def test_what_was_measured_is_not_measured_again(tmp_path):
 
 
 def test_what_a_model_is_made_of_is_trained_before_it(monkeypatch, tmp_path):
-    params, asked = compose(["experiment=table3", f"store={tmp_path}"]), []
+    params, asked = compose(["experiment=table3", f"result_store={tmp_path}"]), []
 
     class Stop(Exception):
         pass
 
-    def obtain(params, call, upstream):
+    def get_or_run(params, call, upstream):
         asked.append(call.address)
         if call.stage == "sample":
             raise Stop
 
-    monkeypatch.setattr(rows, "_obtain", obtain)
-    kind = rows.Kind("toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("canonical",), ())
+    monkeypatch.setattr(rows, "_obtain", get_or_run)
+    kind = rows.RowSpec("toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("canonical",), ())
     with pytest.raises(Stop):
         rows._row(kind, {}, (params, "canonical"))
     assert asked == ["train@talkingeyes_paper", "train@canonical", "sample@canonical"]
-    assert [call.address for call in rows.shared(params, ["canonical"], critic=True)] == [
+    assert [call.address for call in rows.shared_calls(params, ["canonical"], critic=True)] == [
         "synthesize", "fit", "embed", "pretrain@gaze_frames", "critic",
     ]  # fmt: skip
 
@@ -242,15 +252,15 @@ def related(count, seed, frames=200):
 
 def test_canonical_correlation_finds_what_follows_from_head_and_speech():
     examples = related(12, seed=0)
-    relation = relate(CANONICAL, examples, seed=0)
+    relation = fit_canonical_correlation(CANONICAL, examples, seed=0)
     assert (np.diff(relation.correlations) <= 1e-12).all()
     assert relation.correlations[0] > 0.99
     new = related(3, seed=1)
-    ours = np.concatenate([look(CANONICAL, relation, each.speech, each.head) for each in new])
+    ours = np.concatenate([generate_gaze(CANONICAL, relation, each.speech, each.head) for each in new])
     true = np.concatenate([each.gaze for each in new])
     assert ((ours - true) ** 2).mean() < 0.1 * ((true - true.mean(0)) ** 2).mean()
-    few = relate(CANONICAL.model_copy(update={"components": 1}), examples, seed=0)
-    worse = np.concatenate([look(CANONICAL, few, each.speech, each.head) for each in new])
+    few = fit_canonical_correlation(CANONICAL.model_copy(update={"canonical_components": 1}), examples, seed=0)
+    worse = np.concatenate([generate_gaze(CANONICAL, few, each.speech, each.head) for each in new])
     assert ((worse - true) ** 2).mean() > ((ours - true) ** 2).mean()
 
 
@@ -259,10 +269,10 @@ def test_a_canonical_model_is_a_generator_and_comes_back_from_its_folder(tmp_pat
     clips = [replace(each, speech=each.speech[:, :5]) for each in recordings(6, seed=4)]
     names = json.loads(workspace.data("embed", "embedding.json").read_text())["channels"]
     settings = CanonicalModelSettings(
-        kind="canonical", parts=("head", "gaze"), prior=None, made_of=("random",), gaze=CANONICAL
+        kind="canonical", parts=("head", "gaze"), prior=None, source_models=("random",), gaze=CANONICAL
     )
     normaliser = Normaliser(tuple(names), np.zeros(5, np.float32), np.ones(5, np.float32))
-    model = find(settings, clips, normaliser, seed=0)
+    model = fit_canonical_gaze(settings, clips, normaliser, seed=0)
     save_canonical(tmp_path, settings, model, head)
     generator, speech = load_generator(tmp_path), clips[0].speech
     many, one = generator.generate(speech, [3, 4], 25.0), generator.generate(speech, [4], 25.0)
@@ -270,12 +280,12 @@ def test_a_canonical_model_is_a_generator_and_comes_back_from_its_folder(tmp_pat
     assert np.array_equal(
         many.head, load_generator(workspace.data("train", "random")).generate(speech, [3, 4], 25.0).head
     )
-    assert np.allclose(many.gaze, model.look(speech, many.head))
+    assert np.allclose(many.gaze, model.generate_gaze(speech, many.head))
     assert not np.allclose(many.gaze[0], many.gaze[1]), "another head, another gaze"
     for frames in (1, 3, 40):
         assert generator.generate(speech[:frames], [1], 25.0).gaze.shape == (1, frames, 2, 3)
 
 
 def test_a_measured_statistic_is_one_of_its_clips():
-    assert Measured(lambda drawn: float(drawn.sum()), 4).whole() == 6.0
+    assert ClipStatistic(lambda drawn: float(drawn.sum()), 4).point_estimate() == 6.0
     assert CHANNELS > 5, "the toys have as many channels as the workspace"

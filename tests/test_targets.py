@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from directed import motion, performed
+from directed import motion, perform_toy
 
 from talkingeyes.animation import sight
-from talkingeyes.animation.targets import Place, Target, TargetTrack, load_targets, steady
+from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack, constant_target, load_targets
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.kinematics import space_speed_deg_s
+from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s
 from talkingeyes.physiology import saccades
 
-LAMP, CUP = Place.fixed(0.9, 0.3, 1.2), Place.fixed(-0.15, -0.2, 0.4)
-CAR = Place((8.0, 12.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0)))
+LAMP, CUP = ObjectTrack.fixed(0.9, 0.3, 1.2), ObjectTrack.fixed(-0.15, -0.2, 0.4)
+CAR = ObjectTrack((8.0, 12.0), ((-1.0, 0.0, 2.0), (1.0, 0.2, 2.0)))
 TRACK = TargetTrack(
     (Target(2.0, 4.0, "lamp"), Target(4.0, 6.0, "cup"), Target(8.0, 12.0, "car"), Target(15.0, 16.5, "listener")),
     {"lamp": LAMP, "cup": CUP, "car": CAR},
@@ -29,13 +29,13 @@ def test_lines_of_sight_meet_at_the_target(fps: float) -> None:
     made = motion(fps=fps, targets=TRACK)
     times = np.arange(len(made)) / fps
     for target in TRACK.targets:
-        place = TRACK.place(target.name).at(times)
+        object_track = TRACK.object_track(target.name).at(times)
         on = (times >= target.start_s + 1.0) & (times < target.end_s - 0.05)
-        miss = np.degrees(sight.miss_rad(made.head, made.gaze, place, "world"))
+        miss = np.degrees(sight.gaze_error_rad(made.head, made.gaze, object_track, "world"))
         assert miss[on].max() < 0.25
         landed = (times >= target.start_s + 0.4) & (times < target.end_s - 0.05)  # vergence comes later
-        both = sight.from_between_rad(rotation.gaze_in_space(made.head, made.gaze))
-        beside = np.degrees(np.hypot(*(both - sight.direction_rad(made.head, place)).T))
+        both = sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))
+        beside = np.degrees(np.hypot(*(both - sight.point_direction_rad(made.head, object_track)).T))
         assert beside[landed].max() < 1.0
         off = (times >= target.end_s + 1.0) & (times < target.end_s + 1.5)
         assert target.name == "lamp" or miss[off].max() > 2.0
@@ -43,17 +43,17 @@ def test_lines_of_sight_meet_at_the_target(fps: float) -> None:
 
 def test_eyes_converge_by_the_distance() -> None:
     for distance in (0.3, 0.6, 2.0):
-        track = TargetTrack((Target(1.0, 5.0, "it"),), {"it": Place.fixed(0.0, 0.0, distance)})
+        track = TargetTrack((Target(1.0, 5.0, "it"),), {"it": ObjectTrack.fixed(0.0, 0.0, distance)})
         made = motion(targets=track)
-        sight_rad = rotation.angles_of_gaze(made.gaze) - sight.KAPPA_RAD
+        sight_rad = rotation.gaze_to_angles(made.gaze) - sight.KAPPA_RAD
         vergence = np.degrees(sight_rad[:, 1, 0] - sight_rad[:, 0, 0])[75:120].mean()
         assert vergence == pytest.approx(np.degrees(2 * np.arctan(0.03145 / distance)), rel=0.1)
 
 
 @pytest.mark.parametrize("fps", [60.0, 120.0])
 def test_saccades_to_targets_keep_the_main_sequence(fps: float) -> None:
-    (made,) = performed(fps=fps, targets=TRACK)
-    speed = space_speed_deg_s(made.motion.head, made.motion.gaze, fps)
+    (made,) = perform_toy(fps=fps, targets=TRACK)
+    speed = gaze_in_space_speed_deg_s(made.motion.head, made.motion.gaze, fps)
     checked = 0
     for each in made.events.saccades:
         size = float(np.hypot(*np.subtract(each.end_rad, each.start_rad)))
@@ -76,22 +76,28 @@ def test_between_targets_gaze_is_the_models() -> None:
 
 
 def test_the_head_goes_along_and_eyes_stay_within_their_range() -> None:
-    track = TargetTrack((Target(2.0, 6.0, "door"),), {"door": Place.fixed(3.0, 0.0, 1.0)})  # 72 degrees to the left
+    track = TargetTrack(
+        (Target(2.0, 6.0, "door"),), {"door": ObjectTrack.fixed(3.0, 0.0, 1.0)}
+    )  # 72 degrees to the left
     made = motion(targets=track)
-    head_yaw = np.degrees(rotation.angles_of_gaze(made.head)[75:145, 0])
-    eye_yaw = np.degrees(rotation.angles_of_gaze(made.gaze)[75:145, :, 0])
+    head_yaw = np.degrees(rotation.gaze_to_angles(made.head)[75:145, 0])
+    eye_yaw = np.degrees(rotation.gaze_to_angles(made.gaze)[75:145, :, 0])
     assert 40 < head_yaw.min() < head_yaw.max() < 65
     assert eye_yaw.max() < 29.6
     assert (
-        np.degrees(sight.miss_rad(made.head, made.gaze, track.place("door").at(np.zeros(750)), "world"))[80:145].max()
+        np.degrees(sight.gaze_error_rad(made.head, made.gaze, track.object_track("door").at(np.zeros(750)), "world"))[
+            80:145
+        ].max()
         < 0.3
     )
 
 
 def test_a_target_in_the_heads_frame_goes_with_the_head() -> None:
-    track = TargetTrack((Target(1.0, 20.0, "brim"),), {"brim": Place.fixed(0.05, 0.1, 0.5)}, "head")
+    track = TargetTrack((Target(1.0, 20.0, "brim"),), {"brim": ObjectTrack.fixed(0.05, 0.1, 0.5)}, "head")
     made = motion(targets=track)
-    miss = np.degrees(sight.miss_rad(made.head, made.gaze, track.place("brim").at(np.zeros(len(made))), "head"))
+    miss = np.degrees(
+        sight.gaze_error_rad(made.head, made.gaze, track.object_track("brim").at(np.zeros(len(made))), "head")
+    )
     assert miss[60:490].max() < 0.1
     np.testing.assert_array_equal(made.head, motion().head)
 
@@ -120,9 +126,9 @@ def test_json_and_csv_say_the_same(tmp_path: Path) -> None:
     assert one.targets == other.targets
     assert [(each.start_s, each.end_s) for each in one.targets] == [(1, 2.5), (3, 4), (4, np.inf)]
     for target in one.targets:
-        assert one.place(target.name) == other.place(target.name)
-    assert one.place("car").at(np.array([1.0])).tolist() == [[0, 0, 2]]
-    assert one.place("camera").positions_m[0][2] > 0
+        assert one.object_track(target.name) == other.object_track(target.name)
+    assert one.object_track("car").at(np.array([1.0])).tolist() == [[0, 0, 2]]
+    assert one.object_track("camera").positions_m[0][2] > 0
 
 
 @pytest.mark.parametrize(
@@ -166,8 +172,8 @@ def test_what_is_no_track_is_one_clear_line(tmp_path: Path, text: str) -> None:
 
 
 def test_a_name_alone_is_an_object_all_the_time() -> None:
-    made = motion(targets=steady("camera"))
+    made = motion(targets=constant_target("camera"))
     ahead = np.tile([0.0, 0.0, 1.0], (len(made), 1))
-    assert np.degrees(sight.miss_rad(made.head, made.gaze, ahead, "world")).max() < 0.1
+    assert np.degrees(sight.gaze_error_rad(made.head, made.gaze, ahead, "world")).max() < 0.1
     with pytest.raises(InputError, match="camera, listener or a file"):
-        steady("moon")
+        constant_target("moon")

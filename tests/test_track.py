@@ -17,17 +17,17 @@ from talkingeyes.cli.main import app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.face_points import NAMES
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.face_points import LANDMARK_NAMES
 from talkingeyes.orchestration.config import compose
-from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.tracking import ledger
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
-from talkingeyes.tracking.video import facts, frames
-from talkingeyes.workflows.track import track, track_one
+from talkingeyes.tracking.video import frames, probe_video
+from talkingeyes.workflows.track import track, track_video
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/data/real/video"
 HDTF, VOX = REAL / "hdtf_WDA_KatieHill_000.mp4", REAL / "vox2_681100216.mp4"
@@ -49,7 +49,7 @@ def drawn() -> list[np.ndarray]:
     jaw = np.zeros((DRAWN, 3))
     jaw[:, 0] = 0.12 * np.sin(6 * times_s) ** 2
     motion = Motion.of(25.0, head, np.zeros((DRAWN, 2, 3)), jaw=jaw)
-    pictures = list(Painter(open_head(), FRAMINGS["head"].view(SIDE, SIDE)).draw(motion))
+    pictures = list(HeadRenderer(anny_head(), FRAMINGS["head"].view(SIDE, SIDE)).draw(motion))
     return pictures + pictures[::-1]
 
 
@@ -77,7 +77,7 @@ def videos(drawn: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) ->
     return folder
 
 
-KEEP = {"keep__least_agreement": -1.0, "keep__least_s": 2.0}
+KEEP = {"clip_filter__min_lip_sync": -1.0, "clip_filter__min_duration_s": 2.0}
 
 
 @pytest.fixture(scope="module")
@@ -99,10 +99,10 @@ def test_a_folder_of_videos_becomes_a_corpus(corpus: Path):
     seen, heard = Corpus(corpus).observation(clip), Corpus(corpus).speech(clip)
     assert (clip.speaker, clip.fps, clip.take, clip.seconds) == ("ann", 25.0, 0, 2.4)
     assert len(seen.landmarks) * 640 == len(heard) == 38_400
-    assert seen.landmarks.shape == (60, len(NAMES), 2)
+    assert seen.landmarks.shape == (60, len(LANDMARK_NAMES), 2)
     assert np.isfinite(seen.pupils).mean() > 0.8
     assert Corpus(corpus).annotation(clip).speaking
-    left, right = (seen.landmarks[:, NAMES.index(f"{side}_eye_outer"), 0].mean() for side in ("left", "right"))
+    left, right = (seen.landmarks[:, LANDMARK_NAMES.index(f"{side}_eye_outer"), 0].mean() for side in ("left", "right"))
     assert left > right + 50
 
 
@@ -143,12 +143,12 @@ def test_an_interrupted_run_ends_with_the_same_bytes(corpus: Path, videos: Path,
 def test_a_video_that_breaks_off_again_and_again_is_left_alone(videos: Path, tmp_path: Path):
     source = sources([videos / "blank.mp4"], None)[0]
     chosen = settings(**KEEP)
-    book = track_one(tmp_path, chosen, source)
-    assert (book.done, book.entries) == (True, ())
+    video_journal = track_video(tmp_path, chosen, source)
+    assert (video_journal.done, video_journal.entries) == (True, ())
     path = next((tmp_path / "tracking").rglob("*.jsonl"))
     path.write_text('{"begin": true}\n{"begin": true}\n')
-    assert "broke off 2 times" in track_one(tmp_path, chosen, source).failed
-    assert track_one(tmp_path, chosen, source).done  # and tried again by the next call
+    assert "broke off 2 times" in track_video(tmp_path, chosen, source).failure
+    assert track_video(tmp_path, chosen, source).done  # and tried again by the next call
 
 
 def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
@@ -165,7 +165,7 @@ def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
 
 def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list[np.ndarray], tmp_path: Path):
     video = filmed(tmp_path / "talk.mp4", drawn, 0.8)
-    call = ["track", str(video), "-o", str(tmp_path / "out"), "--set", "keep.least_s=0.5"]
+    call = ["track", str(video), "-o", str(tmp_path / "out"), "--set", "clip_filter.min_duration_s=0.5"]
     planned = CliRunner().invoke(app, [*call, "--plan"], catch_exceptions=False)
     assert "1 videos, 0.00 h, 20 frames" in planned.output
     assert not (tmp_path / "out").exists()
@@ -173,7 +173,7 @@ def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list
     assert "1 clips kept" in done.output
     assert not (tmp_path / "out" / "thumbnails").exists()
     film = next((tmp_path / "out" / "overlay").iterdir())
-    assert (facts(film).width, facts(film).height) == (896, 448)
+    assert (probe_video(film).width, probe_video(film).height) == (896, 448)
     assert len(list(frames(film, 60.0))) == 20
 
 
@@ -183,7 +183,7 @@ def test_rotation_flags_are_obeyed(drawn: list[np.ndarray], tmp_path: Path):
     matrix = content.index(b"tkhd") + 4 + 40  # of version 0: turned a quarter clockwise for display, as phones write it
     content[matrix : matrix + 36] = np.array([0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30], ">i4").tobytes()
     (tmp_path / "b.mp4").write_bytes(content)
-    straight, turned = (next(frames(tmp_path / f"{name}.mp4", 60.0)).picture for name in "ab")
+    straight, turned = (next(frames(tmp_path / f"{name}.mp4", 60.0)).image for name in "ab")
     assert np.abs(np.rot90(straight, -1).astype(int) - turned).mean() < 2
 
 
@@ -197,8 +197,8 @@ def clips() -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The beginnings of two real clips, 224 pixels wide."""
     import cv2
 
-    first = [cv2.resize(frame.picture, (224, 224), interpolation=cv2.INTER_AREA) for frame in frames(HDTF, 60.0)]
-    return first[:60], [frame.picture for frame in frames(VOX, 60.0)][:60]
+    first = [cv2.resize(frame.image, (224, 224), interpolation=cv2.INTER_AREA) for frame in frames(HDTF, 60.0)]
+    return first[:60], [frame.image for frame in frames(VOX, 60.0)][:60]
 
 
 @real
@@ -210,7 +210,9 @@ def test_real_faces_side_by_side_at_29_97_and_truncated(clips: tuple[list[np.nda
     remade(tmp_path / "in/joined.mp4", [*one[:50], *other[:50]], Fraction(25))
     whole = HDTF.read_bytes()
     (tmp_path / "in/truncated.mp4").write_bytes(whole[: len(whole) // 2])
-    tracked = track([tmp_path / "in"], tmp_path / "out", settings(keep__voice=False, keep__least_s=1.5))
+    tracked = track(
+        [tmp_path / "in"], tmp_path / "out", settings(clip_filter__require_voice=False, clip_filter__min_duration_s=1.5)
+    )
     reasons = [row["reason"] for row in rows(tmp_path / "out/rejected.csv") if row["video"] == "pair.mp4"]
     assert any(reason.startswith("more than one face") for reason in reasons)
     assert not any(clip.id.startswith("pair") for clip in tracked.corpus.clips)
@@ -230,7 +232,13 @@ def test_real_clips_keep_their_size_whatever_the_picture(clips: tuple[list[np.nd
     scattered = [np.pad(one, ((300, 200), (100, 500), (0, 0))) for one in clips[0]]
     for name, pictures in {"large": large, "scattered": scattered, "plain": clips[0]}.items():
         remade(tmp_path / f"{name}.mp4", pictures, Fraction(25))
-    tracked = track([tmp_path], tmp_path / "out", settings(keep__voice=False, keep__copy_bits=0.0, keep__least_s=1.5))
+    tracked = track(
+        [tmp_path],
+        tmp_path / "out",
+        settings(
+            clip_filter__require_voice=False, clip_filter__max_duplicate_distance=0.0, clip_filter__min_duration_s=1.5
+        ),
+    )
     seen = {clip.id.partition("-")[0]: tracked.corpus.observation(clip) for clip in tracked.corpus.clips}
     for name in ("large", "scattered"):
         apart = np.linalg.norm(seen[name].landmarks - seen["plain"].landmarks, axis=-1)
@@ -252,7 +260,7 @@ def test_a_truncated_stream_gives_what_is_whole(drawn: list[np.ndarray], tmp_pat
 
 def test_a_ledger_stands_where_its_clip_does(corpus: Path):
     for path in (corpus / "tracking").rglob("*.jsonl"):
-        book = ledger.read(path)
-        assert book.done or book.failed
-        for entry in book.entries:
+        video_journal = ledger.read(path)
+        assert video_journal.done or video_journal.failure
+        for entry in video_journal.entries:
             assert entry.id.startswith(path.stem)

@@ -9,22 +9,22 @@ import pytest
 import yaml
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.face_points import NAMES
-from talkingeyes.head.landmarks import in_camera, landmarks, pupils
+from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmarks import head_to_scene, landmarks, pupils
 from talkingeyes.tracking import ledger
-from talkingeyes.tracking.face_mesh import MESH_POINTS, Face
-from talkingeyes.tracking.framing import at_times, camera_of, crop_of, frame_count, framed, scales
-from talkingeyes.tracking.judgement import Measures, differing, fingerprint, measured, rejection
-from talkingeyes.tracking.ledger import Entry
-from talkingeyes.tracking.mouth import agreement, lip_gap
+from talkingeyes.tracking.face_mesh import MESH_INDICES, DetectedFace
+from talkingeyes.tracking.framing import crop_camera, crop_shot, face_crop, frame_count, pixels_per_mm, resample_at
+from talkingeyes.tracking.judgement import ShotQuality, fingerprint, hamming_distance, measure_shot, rejection_reason
+from talkingeyes.tracking.ledger import ShotRecord
+from talkingeyes.tracking.mouth import lip_gap, lip_sync_score
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.shots import Look, Shot, shots
+from talkingeyes.tracking.shots import Shot, TrackedFrame, shots
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import Frame, upright
-from talkingeyes.tracking.visibility import disparity, turned_away
-from talkingeyes.tracking.yields import Outcome, summary, write_lists
+from talkingeyes.tracking.visibility import disparity, self_occluded
+from talkingeyes.tracking.yields import VideoResult, summary, write_tables
 
-GOOD = Measures(8.0, 0.0, 150.0, 0.3, 0.0, 5.0, 0.0, -15.0, 0.8, 0.4)
+GOOD = ShotQuality(8.0, 0.0, 150.0, 0.3, 0.0, 5.0, 0.0, -15.0, 0.8, 0.4)
 SETTINGS = TrackSettings.model_validate(
     yaml.safe_load((Path(__file__).resolve().parents[1] / "conf/track/default.yaml").read_text())
 )
@@ -36,20 +36,25 @@ def face(frames: int = 200, yaw_rad: float = 0.0, scale: float = 3.0) -> tuple[n
     head = np.stack([0.1 * np.sin(times_s), yaw_rad + 0.1 * np.sin(2 * times_s), 0.03 * np.cos(times_s)], axis=1)
     gaze, lid, jaw = np.zeros((frames, 2, 3)), np.zeros((frames, 2)), np.zeros((frames, 3))
     jaw[:, 0] = 0.1 * np.abs(np.sin(7 * times_s)) ** 2
-    camera = camera_of(SETTINGS.crop)
+    camera = crop_camera(SETTINGS.crop)
     places = [landmarks(gaze, lid, jaw), pupils(gaze)]
-    return tuple(camera.project(in_camera(place, head, np.zeros((frames, 3)))) * scale + 40 for place in places)
+    return tuple(camera.project(head_to_scene(place, head, np.zeros((frames, 3)))) * scale + 40 for place in places)
 
 
 def shot(frames: int = 200, fps: float = 25.0, faces: int = 1, yaw_rad: float = 0.0) -> Shot:
     """Those frames as they come out of a video."""
     marks, eyes = face(frames, yaw_rad)
     random = np.random.default_rng(0)
-    looks = [
-        Look(index / fps, Face(marks[index], eyes[index], faces), 0.3, random.integers(0, 255, (16, 16), np.uint8))
+    tracked_frames = [
+        TrackedFrame(
+            index / fps,
+            DetectedFace(marks[index], eyes[index], faces),
+            0.3,
+            random.integers(0, 255, (16, 16), np.uint8),
+        )
         for index in range(frames)
     ]
-    return Shot(looks, "the video ended", None, np.zeros((8, 8, 3), np.uint8))
+    return Shot(tracked_frames, "the video ended", None, np.zeros((8, 8, 3), np.uint8))
 
 
 class Script:
@@ -59,12 +64,12 @@ class Script:
         self.marks, self.eyes = face(500)
         self.hidden, self.moved, self.forgotten = hidden, moved, 0
 
-    def see(self, picture: np.ndarray, time_s: float) -> Face | None:
+    def detect(self, image: np.ndarray, time_s: float) -> DetectedFace | None:
         index = round(time_s * 25)
         away = 2000.0 if self.moved is not None and index >= self.moved else 0.0
-        return None if index in self.hidden else Face(self.marks[index] + away, self.eyes[index], 1)
+        return None if index in self.hidden else DetectedFace(self.marks[index] + away, self.eyes[index], 1)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         self.forgotten += 1
 
 
@@ -74,14 +79,14 @@ def film(count: int, cut: int | None = None) -> list[Frame]:
 
 
 def lengths(eye: Script, frames: list[Frame], longest_s: float = 20.0) -> list[tuple[int, str]]:
-    settings = SETTINGS.shot.model_copy(update={"longest_s": longest_s})
-    return [(len(found.looks), found.ended) for found in shots(frames, eye, settings)]
+    settings = SETTINGS.shot.model_copy(update={"max_duration_s": longest_s})
+    return [(len(found.tracked_frames), found.end_reason) for found in shots(frames, eye, settings)]
 
 
 def test_every_landmark_of_the_head_has_its_own_point_of_the_mesh():
-    assert set(MESH_POINTS) == set(NAMES)
-    assert len(set(MESH_POINTS.values())) == len(NAMES)
-    assert max(MESH_POINTS.values()) < 468
+    assert set(MESH_INDICES) == set(LANDMARK_NAMES)
+    assert len(set(MESH_INDICES.values())) == len(LANDMARK_NAMES)
+    assert max(MESH_INDICES.values()) < 468
 
 
 def test_shots_end_at_cuts_lost_faces_jumps_and_their_longest_length():
@@ -97,20 +102,20 @@ def test_shots_end_at_cuts_lost_faces_jumps_and_their_longest_length():
 
 
 def test_a_shot_is_the_same_when_tracking_goes_on_from_it():
-    settings = SETTINGS.shot.model_copy(update={"longest_s": 2.0})
+    settings = SETTINGS.shot.model_copy(update={"max_duration_s": 2.0})
     frames = film(140, cut=70)
     whole = list(shots(frames, Script({90, 91, 92, 93, 94, 95, 96}), settings))
     for before, after in pairwise(whole):
-        rest = [frame for frame in frames if frame.time_s >= before.next_s]
+        rest = [frame for frame in frames if frame.time_s >= before.resume_s]
         again = next(shots(rest, Script({90, 91, 92, 93, 94, 95, 96}), settings))
-        assert (again.start_s, again.stop_s, again.ended) == (after.start_s, after.stop_s, after.ended)
+        assert (again.start_s, again.stop_s, again.end_reason) == (after.start_s, after.stop_s, after.end_reason)
 
 
 @pytest.mark.parametrize("yaw_rad", [-0.5, 0.0, 0.5])
 def test_the_crop_has_one_scale_whatever_the_size_and_the_turn(yaw_rad: float):
     marks, _ = face(yaw_rad=yaw_rad, scale=3.0)
-    assert np.median(scales(marks)) == pytest.approx(3 * SETTINGS.crop.scale_px_per_mm, rel=0.05)
-    cropped = crop_of(marks, SETTINGS.crop).onto(marks)
+    assert np.median(pixels_per_mm(marks)) == pytest.approx(3 * SETTINGS.crop.scale_px_per_mm, rel=0.05)
+    cropped = face_crop(marks, SETTINGS.crop).to_crop(marks)
     assert np.allclose(np.median((cropped.min(axis=1) + cropped.max(axis=1)) / 2, axis=0), 112, atol=1)
 
 
@@ -119,22 +124,22 @@ def test_any_rate_becomes_25_by_time_stamps(fps: float):
     moment = np.arange(0, 6, 1 / fps)
     course = np.sin(moment)[:, None, None] * np.ones((1, 3, 2))
     wanted = np.arange(int((moment[-1] - moment[0]) * 25 + 1e-6) + 1) / 25
-    found = at_times(course, moment, wanted, 0.2)
+    found = resample_at(course, moment, wanted, 0.2)
     assert np.allclose(found[:, 0, 0], np.sin(wanted), atol=1 / fps**2)
 
 
 def test_frames_that_are_far_apart_are_not_joined():
     moment = np.array([0.0, 0.04, 0.08, 0.4, 0.44])
-    found = at_times(np.ones((5, 1, 2)), moment, np.arange(12) / 25, 0.2)
+    found = resample_at(np.ones((5, 1, 2)), moment, np.arange(12) / 25, 0.2)
     assert np.isnan(found[3:10]).all()
     assert np.isfinite(found[[0, 1, 2, 10, 11]]).all()
 
 
 def test_an_observation_of_a_frontal_face_hides_nothing_and_one_of_a_turned_face_the_far_eye():
-    seen = framed(shot(), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
-    assert seen.landmarks.shape == (frame_count(shot(), 25.0), len(NAMES), 2)
+    seen = crop_shot(shot(), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
+    assert seen.landmarks.shape == (frame_count(shot(), 25.0), len(LANDMARK_NAMES), 2)
     assert np.isfinite(seen.pupils).all()
-    turned = framed(shot(yaw_rad=0.75), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
+    turned = crop_shot(shot(yaw_rad=0.75), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
     hidden = np.isnan(turned.pupils).any(axis=2)
     assert hidden[:, 0].mean() > 0.5  # turned to the subject's left: the left eye is the far one
     assert not hidden[:, 1].any()
@@ -143,7 +148,7 @@ def test_an_observation_of_a_frontal_face_hides_nothing_and_one_of_a_turned_face
 def test_disparity_grows_with_the_turn_and_knows_the_far_eye():
     middle = [np.median(disparity(face(yaw_rad=yaw_rad)[0])) for yaw_rad in (0.0, 0.2, 0.4, 0.6)]
     assert middle == sorted(middle)
-    away = turned_away(face(yaw_rad=-0.75)[0], SETTINGS.eyes)
+    away = self_occluded(face(yaw_rad=-0.75)[0], SETTINGS.eyes)
     assert away[:, 1].mean() > 0.5
     assert not away[:, 0].any()
 
@@ -153,31 +158,36 @@ def test_disparity_grows_with_the_turn_and_knows_the_far_eye():
     [
         ({}, ""),
         ({"seconds": 2.0}, "too short"),
-        ({"several_faces": 0.9}, "more than one face"),
-        ({"face_px": 30.0}, "too small"),
+        ({"multi_face_ratio": 0.9}, "more than one face"),
+        ({"face_width_px": 30.0}, "too small"),
         ({"sharpness": 0.02}, "too blurred"),
-        ({"hidden_eyes": 0.5}, "an eye is hidden"),
+        ({"hidden_eye_ratio": 0.5}, "an eye is hidden"),
         ({"movement_px": 0.1}, "too still"),
-        ({"repeated": 0.9}, "too still"),
+        ({"duplicate_frame_ratio": 0.9}, "too still"),
         ({"loudest_dbfs": -200.0}, "no voice"),
         ({"speaking": 0.05}, "no voice"),
-        ({"agreement": -0.1}, "not this face's voice"),
+        ({"lip_sync_score": -0.1}, "not this face's voice"),
     ],
 )
 def test_each_rejection_has_its_reason(change: dict[str, float], reason: str):
-    found = rejection(replace(GOOD, **change), SETTINGS.keep)
+    found = rejection_reason(replace(GOOD, **change), SETTINGS.clip_filter)
     assert found.partition(":")[0] == reason
-    assert reason not in ("no voice", "not this face's voice") or not rejection(
-        replace(GOOD, **change), SETTINGS.keep.model_copy(update={"voice": False})
+    assert reason not in ("no voice", "not this face's voice") or not rejection_reason(
+        replace(GOOD, **change), SETTINGS.clip_filter.model_copy(update={"require_voice": False})
     )
 
 
 def test_measures_of_a_shot():
-    of = framed(shot(faces=2), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
-    found = measured(shot(faces=2), of, np.zeros(128_000, np.float32), SETTINGS.eyes)
-    assert (found.several_faces, found.repeated, found.agreement, found.speaking) == (1.0, 0.0, 0.0, 0.0)
+    of = crop_shot(shot(faces=2), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
+    found = measure_shot(shot(faces=2), of, np.zeros(128_000, np.float32), SETTINGS.eyes)
+    assert (found.multi_face_ratio, found.duplicate_frame_ratio, found.lip_sync_score, found.speaking) == (
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     assert found.seconds == 8.0
-    assert found.movement_px > SETTINGS.keep.least_movement_px
+    assert found.movement_px > SETTINGS.clip_filter.min_movement_px
 
 
 def test_a_voice_that_follows_the_lips_agrees_more_than_one_that_does_not():
@@ -187,31 +197,31 @@ def test_a_voice_that_follows_the_lips_agrees_more_than_one_that_does_not():
     gap = np.interp(np.arange(300 * 640) / 640, np.arange(300), open_**2)
     voice = (random.normal(0, 0.1, len(gap)) * gap).astype(np.float32)
     hum = random.normal(0, 0.1, len(gap)).astype(np.float32)
-    assert agreement(marks, voice, 25.0) > 0.4
-    assert agreement(marks, hum, 25.0) < 0.4
-    assert agreement(marks, np.zeros(len(gap), np.float32), 25.0) == 0.0
+    assert lip_sync_score(marks, voice, 25.0) > 0.4
+    assert lip_sync_score(marks, hum, 25.0) < 0.4
+    assert lip_sync_score(marks, np.zeros(len(gap), np.float32), 25.0) == 0.0
 
 
 def test_a_fingerprint_survives_noise_and_scale_and_tells_other_footage():
     marks, _ = face(200)
     random = np.random.default_rng(0)
     again = marks * 0.4 + random.normal(0, 0.05, marks.shape)
-    assert differing(fingerprint(marks), fingerprint(again)) < SETTINGS.keep.copy_bits
+    assert hamming_distance(fingerprint(marks), fingerprint(again)) < SETTINGS.clip_filter.max_duplicate_distance
     other = np.roll(marks, 70, axis=0)
-    assert differing(fingerprint(marks), fingerprint(other)) > 2 * SETTINGS.keep.copy_bits
+    assert hamming_distance(fingerprint(marks), fingerprint(other)) > 2 * SETTINGS.clip_filter.max_duplicate_distance
 
 
 def test_pictures_are_turned_as_the_file_says():
-    picture = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
-    assert upright(picture, 0).shape == (2, 4, 3)
-    assert upright(picture, 90).shape == (4, 2, 3)
-    assert np.array_equal(upright(picture, -90), np.rot90(picture, -1))
-    assert np.array_equal(upright(picture, 180), picture[::-1, ::-1])
+    image = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    assert upright(image, 0).shape == (2, 4, 3)
+    assert upright(image, 90).shape == (4, 2, 3)
+    assert np.array_equal(upright(image, -90), np.rot90(image, -1))
+    assert np.array_equal(upright(image, 180), image[::-1, ::-1])
 
 
-def entry(name: str, reason: str = "") -> Entry:
-    crop = crop_of(face(20)[0], SETTINGS.crop)
-    return Entry(name, 0.0, 7.96, 8.0, "long enough", reason, crop, "ab" * 64, "c0ffee", GOOD)
+def entry(name: str, reason: str = "") -> ShotRecord:
+    crop = face_crop(face(20)[0], SETTINGS.crop)
+    return ShotRecord(name, 0.0, 7.96, 8.0, "long enough", reason, crop, "ab" * 64, "c0ffee", GOOD)
 
 
 def test_a_ledger_forgets_a_cut_line_and_ends_like_one_that_was_not_interrupted(tmp_path: Path):
@@ -221,7 +231,7 @@ def test_a_ledger_forgets_a_cut_line_and_ends_like_one_that_was_not_interrupted(
     ledger.add(path, "begin", True)
     with path.open("a") as file:
         file.write('{"shot": {"id": "v-1", "sta')
-    assert (len(ledger.read(path).entries), ledger.read(path).begun, ledger.read(path).next_s) == (1, 1, 8.0)
+    assert (len(ledger.read(path).entries), ledger.read(path).attempt_count, ledger.read(path).resume_s) == (1, 1, 8.0)
     ledger.add(path, "shot", entry("v-1"))
     ledger.finish(path, 16.0)
     for kind, content in (("begin", True), ("shot", entry("v-0")), ("shot", entry("v-1"))):
@@ -230,7 +240,7 @@ def test_a_ledger_forgets_a_cut_line_and_ends_like_one_that_was_not_interrupted(
     assert path.read_bytes() == straight.read_bytes()
     assert ledger.read(path).done
     ledger.add(tmp_path / "c", "failed", "damaged")
-    assert (ledger.read(tmp_path / "c").failed, ledger.read(tmp_path / "c").done) == ("damaged", False)
+    assert (ledger.read(tmp_path / "c").failure, ledger.read(tmp_path / "c").done) == ("damaged", False)
 
 
 def test_names_and_speakers_come_from_the_path_or_a_map(tmp_path: Path):
@@ -258,14 +268,14 @@ def test_the_yield_counts_everything_once(tmp_path: Path):
     (tmp_path / "v.mp4").touch()
     source = sources([tmp_path / "v.mp4"], None)[0]
     outcomes = [
-        Outcome(source, (entry("a"), entry("b", "too short: 1 s"), entry("c", "a copy of a")), 24.0, ""),
-        Outcome(source, (), 4.0, ""),
-        Outcome(source, (), 0.0, "damaged"),
+        VideoResult(source, (entry("a"), entry("b", "too short: 1 s"), entry("c", "a copy of a")), 24.0, ""),
+        VideoResult(source, (), 4.0, ""),
+        VideoResult(source, (), 0.0, "damaged"),
     ]
     total = summary(outcomes)
     assert (total["videos"], total["videos_failed"], total["shots"], total["clips"]) == (3, 1, 3, 1)
     assert set(total["rejected"]) == {"too short", "a copy of another", "no face was found"}
-    write_lists(tmp_path, outcomes)
+    write_tables(tmp_path, outcomes)
     assert len((tmp_path / "rejected.csv").read_text().splitlines()) == 4
     assert (tmp_path / "retry.csv").read_text().splitlines() == ["video,error", "v.mp4,damaged"]
     assert (tmp_path / "tracked.csv").read_text().splitlines()[1].startswith("a,v.mp4,0.000000,7.960000,")

@@ -11,20 +11,26 @@ import pytest
 
 from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.evaluation.benchmark import looking
-from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.corruptions import CORRUPTIONS, NOTHING, SWAPPED, corrupted
+from talkingeyes.evaluation.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.evaluation.validation import catches, l2, matrix, pool_encoder, takes_of
-from talkingeyes.models.motion_autoencoder import AutoencoderSettings
+from talkingeyes.evaluation.validation import (
+    detected_corruptions,
+    l2,
+    sensitivity_matrix,
+    split_takes,
+    train_pool_encoder,
+)
+from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings
 from talkingeyes.synthesis.pool import pool
 from talkingeyes.training.loop import LoopSettings
 
-SETTINGS = BootstrapSettings(draws=100, level=0.95, seed=0)
+SETTINGS = BootstrapSettings(n_resamples=100, confidence_level=0.95, seed=0)
 ENCODER = EncoderSettings(
     window_s=2.56,
     hop_s=1.28,
-    network=AutoencoderSettings(step_frames=4, width=64, latent=6, kl_weight=1.0),
+    network=MotionAutoencoderSettings(step_frames=4, width=64, latent=6, kl_weight=1.0),
     loop=LoopSettings(
         steps=100,
         batch=32,
@@ -72,26 +78,26 @@ MUST_NOT = {
 @pytest.fixture(scope="module")
 def takes():
     """16 speakers of 2 sounds of 12 s: a take to compare with, one to judge."""
-    return takes_of(pool(16, 2, 2, 12.0, 25.0, seed=0))
+    return split_takes(pool(16, 2, 2, 12.0, 25.0, seed=0))
 
 
 @pytest.fixture(scope="module")
 def found(takes):
     """The matrix of what sums over clips tell."""
-    return matrix(takes, SETTINGS)
+    return sensitivity_matrix(takes, SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def several():
     """8 speakers of 2 sounds, two takes to compare with and two to judge."""
-    return takes_of(pool(8, 2, 4, 12.0, 25.0, seed=0))
+    return split_takes(pool(8, 2, 4, 12.0, 25.0, seed=0))
 
 
 @pytest.fixture(scope="module")
 def found_of_several(several):
     """The matrix of what samples together and the encoder tell, of a few faults."""
-    encoder = pool_encoder(pool(12, 2, 1, 12.0, 25.0, seed=1), ENCODER, seed=0)
-    return matrix(several, SETTINGS, encoder, corruptions=[BY_NAME[name] for name in MUST_OF_SEVERAL])
+    encoder = train_pool_encoder(pool(12, 2, 1, 12.0, 25.0, seed=1), ENCODER, seed=0)
+    return sensitivity_matrix(several, SETTINGS, encoder, corruptions=[BY_NAME[name] for name in MUST_OF_SEVERAL])
 
 
 MUST_OF_SEVERAL = {
@@ -103,67 +109,67 @@ MUST_OF_SEVERAL = {
 
 @pytest.mark.parametrize("name", MUST_OF_SEVERAL)
 def test_samples_together_and_the_encoder_catch_what_they_are_there_for(found_of_several, name: str) -> None:
-    caught = {measure for measure, cells in found_of_several.items() if name in catches(cells)}
+    caught = {metric for metric, cells in found_of_several.items() if name in detected_corruptions(cells)}
     assert set(MUST_OF_SEVERAL[name]) <= caught
 
 
 def test_the_mean_pose_wins_l2_and_the_nearest_sample(several, found_of_several) -> None:
     """L2 ranks a constant above the truth, and so does any distance to the nearest sample; the energy score not."""
-    assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, NOTHING)
-    assert found_of_several["samples/nearest_head"]["mean pose"].won
-    assert not found_of_several["samples/energy_head"]["mean pose"].won
+    assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, UNCORRUPTED)
+    assert found_of_several["samples/nearest_head"]["mean pose"].rated_better
+    assert not found_of_several["samples/energy_head"]["mean pose"].rated_better
 
 
 @pytest.mark.parametrize("name", MUST)
 def test_each_fault_is_caught(found, name: str) -> None:
-    assert set(MUST[name]) <= {measure for measure, cells in found.items() if name in catches(cells)}
+    assert set(MUST[name]) <= {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
 
 
 @pytest.mark.parametrize("name", MUST_NOT)
 def test_no_fault_moves_what_it_leaves_alone(found, name: str) -> None:
-    assert not set(MUST_NOT[name]) & {measure for measure, cells in found.items() if name in catches(cells)}
+    assert not set(MUST_NOT[name]) & {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
 
 
 def test_every_measure_ranks_the_truth_above_some_fault(found) -> None:
     """A measure that catches nothing in this pool is one that the page names."""
-    blind = {name for name, cells in found.items() if not catches(cells)}
+    blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
     assert blind <= {"likeness/turn", "eye/pitch_skew"}
 
 
 def test_true_takes_are_told_apart_no_oftener_than_by_chance(found) -> None:
-    false = [name for name, cells in found.items() if cells[NOTHING.name].effect > 1]
+    false = [name for name, cells in found.items() if cells[UNCORRUPTED.name].effect_size > 1]
     assert len(false) <= 0.1 * len(found), false
 
 
 def test_averted_curves_of_true_takes_agree_and_those_of_late_motion_do_not() -> None:
     """They need 400 onsets and offsets: a pool of its own, looked at by their observer alone."""
-    takes = takes_of(pool(75, 1, 2, 16.0, 25.0, seed=0))
-    judged = [motions[0] for motions in takes.judged]
+    takes = split_takes(pool(75, 1, 2, 16.0, 25.0, seed=0))
+    evaluated = [motions[0] for motions in takes.evaluated]
     sets = [
         [motions[0] for motions in takes.reference],
-        judged,
-        corrupted(judged, takes.speakers, BY_NAME["late"], 1.0, 0),
-        corrupted(judged, takes.speakers, BY_NAME["frozen"], 1.0, 0),
+        evaluated,
+        apply_corruption(evaluated, takes.speakers, BY_NAME["late"], 1.0, 0),
+        apply_corruption(evaluated, takes.speakers, BY_NAME["frozen"], 1.0, 0),
     ]
     true, other, late, frozen = (_totals(each) for each in sets)
     for name in ("onset/shape", "offset/shape"):
-        measure = next(each for each in MEASURES if each.name == name)
-        assert true[measure.of][0] >= measure.least
-        shape = [float(measure.against(each, true)[0]) for each in (other, late, frozen)]
+        metric = next(each for each in METRICS if each.name == name)
+        assert true[metric.of][0] >= metric.min_count
+        shape = [float(metric.compare(each, true)[0]) for each in (other, late, frozen)]
         assert shape[0] > 0.5
         assert max(shape[1:]) < shape[0] - 0.2, name
 
 
 def _totals(motions):
-    sums = [looking.CURVES.observe(motion) for motion in motions]
+    sums = [looking.CURVES.extract(motion) for motion in motions]
     return {name: np.sum([each[name] for each in sums], axis=0)[None] for name in sums[0]}
 
 
 @pytest.mark.parametrize("corruption", CORRUPTIONS, ids=lambda each: each.name)
 def test_a_fault_of_no_strength_is_none_and_the_same_seed_is_the_same_fault(takes, corruption) -> None:
-    motions, speakers = [sounds[0] for sounds in takes.judged[:6]], takes.speakers[:6]
-    nothing = corrupted(motions, speakers, corruption, 0.0, seed=0)
-    once, again = (corrupted(motions, speakers, corruption, 1.0, seed=0) for _ in range(2))
+    motions, speakers = [sounds[0] for sounds in takes.evaluated[:6]], takes.speakers[:6]
+    nothing = apply_corruption(motions, speakers, corruption, 0.0, seed=0)
+    once, again = (apply_corruption(motions, speakers, corruption, 1.0, seed=0) for _ in range(2))
     for before, same, one, two in zip(motions, nothing, once, again, strict=True):
         for field in ("head", "gaze", "lid", "valid"):
             assert getattr(same, field) == pytest.approx(getattr(before, field), abs=1e-9), field
@@ -178,10 +184,10 @@ def test_a_fault_of_no_strength_is_none_and_the_same_seed_is_the_same_fault(take
 
 
 def test_faults_do_what_they_say(takes) -> None:
-    motion = takes.judged[0][0]
+    motion = takes.evaluated[0][0]
 
     def made(name: str):
-        return corrupted([motion], ["a"], BY_NAME[name], 1.0, seed=0)[0]
+        return apply_corruption([motion], ["a"], BY_NAME[name], 1.0, seed=0)[0]
 
     space = gaze_in_space(motion.head, motion.gaze)
     assert gaze_in_space(made("mirrored sides").head, made("mirrored sides").gaze) == pytest.approx(
@@ -198,7 +204,7 @@ def test_faults_do_what_they_say(takes) -> None:
 
 
 def test_swapped_motion_is_another_speakers(takes) -> None:
-    motions, speakers = [sounds[0] for sounds in takes.judged], takes.speakers
-    for motion, speaker in zip(corrupted(motions, speakers, SWAPPED, 1.0, 0), speakers, strict=True):
+    motions, speakers = [sounds[0] for sounds in takes.evaluated], takes.speakers
+    for motion, speaker in zip(apply_corruption(motions, speakers, SWAPPED, 1.0, 0), speakers, strict=True):
         owner = next(i for i, each in enumerate(motions) if np.array_equal(each.head, motion.head))
         assert speakers[owner] != speaker

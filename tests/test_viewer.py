@@ -17,20 +17,20 @@ from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.apps.viewer.assets import NAMES, asset
-from talkingeyes.apps.viewer.head_file import FIXED, pose_rows
-from talkingeyes.apps.viewer.scene import outline, traces
+from talkingeyes.apps.viewer.head_file import POSE_COLUMNS, pose_rows
+from talkingeyes.apps.viewer.scene import traces, waveform_peaks
 from talkingeyes.apps.viewer.server import viewer_app
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
-from talkingeyes.core.rotation import gaze_of_angles
+from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.formats.writers.glb import joint_offsets
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import pose_of
-from talkingeyes.workflows.view import scene_of
-from tests.browser import CHROMIUM, browsing
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.workflows.view import build_scene
+from tests.browser import CHROMIUM, open_browser
 from tests.toy_workspace import toy_workspace
 
 FPS, FRAMES = 25.0, 50
@@ -39,7 +39,7 @@ FPS, FRAMES = 25.0, 50
 def motion(seed: int) -> Motion:
     random = np.random.default_rng(seed)
     head = np.cumsum(random.normal(0, 0.01, (FRAMES, 3)), axis=0)
-    gaze = gaze_of_angles(np.cumsum(random.normal(0, 0.02, (FRAMES, 2, 2)), axis=0))
+    gaze = angles_to_gaze(np.cumsum(random.normal(0, 0.02, (FRAMES, 2, 2)), axis=0))
     return Motion.of(FPS, head, gaze, jaw=np.full((FRAMES, 3), [0.1, 0, 0]), lid=random.uniform(0, 1, (FRAMES, 2)))
 
 
@@ -56,42 +56,46 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_rows_hold_the_pose_that_the_head_has(place: Path) -> None:
-    head, shown = open_head(), motion(3)
-    rows, pose = pose_rows(head, shown), pose_of(head, shown)
-    assert rows.shape == (FRAMES, FIXED + len(head.expression_names))
+    head, shown = anny_head(), motion(3)
+    rows, pose = pose_rows(head, shown), motion_to_pose(head, shown)
+    assert rows.shape == (FRAMES, POSE_COLUMNS + len(head.expression_names))
     assert rows.dtype == np.dtype("<f4")
     assert np.allclose(rows[:, :3] - joint_offsets(head)[0], pose.translation, atol=1e-6)
     for place_, vectors in enumerate((pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1])):
         turned = Rotation.from_quat(rows[:, 3 + 4 * place_ : 7 + 4 * place_]).as_matrix()
         assert np.allclose(turned, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-5)
-    assert np.allclose(rows[:, FIXED:], pose.expression, atol=1e-6)
+    assert np.allclose(rows[:, POSE_COLUMNS:], pose.expression, atol=1e-6)
 
 
 def test_the_page_is_told_of_truth_samples_words_and_sound(place: Path) -> None:
-    scene = scene_of(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
-    page = TestClient(viewer_app(scene, open_head()))
+    scene = build_scene(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
+    page = TestClient(viewer_app(scene, anny_head()))
     told = page.get("/scene.json").json()
-    assert [(take["name"], take["truth"]) for take in told["takes"]] == [("true", True), ("a", False), ("b", False)]
+    assert [(viewer_motion["name"], viewer_motion["truth"]) for viewer_motion in told["takes"]] == [
+        ("true", True),
+        ("a", False),
+        ("b", False),
+    ]
     assert told["words"] == [[0.2, 0.6, "good"], [0.7, 1.2, "morning"]]
     assert (told["seconds"], told["sound"]) == (2.0, True)
     assert told["takes"][1]["blinks"] == [[0.5, 0.85]]
     assert np.allclose(told["takes"][2]["traces"]["gaze_yaw_deg"], traces(motion(1))["gaze_yaw_deg"], atol=0.01)
     rows = np.frombuffer(page.get("/poses/2").content, "<f4").reshape(FRAMES, -1)
-    assert np.array_equal(rows, pose_rows(open_head(), Motion.load(Path("b.npz"))))
+    assert np.array_equal(rows, pose_rows(anny_head(), Motion.load(Path("b.npz"))))
     assert page.get("/sound.wav").content[:4] == b"RIFF"
     assert page.get("/head.glb").content[:4] == b"glTF"
     assert "style.css" in page.get("/").text
 
 
 def test_angles_left_and_up_are_positive() -> None:
-    looking = Motion.of(FPS, np.zeros((1, 3)), gaze_of_angles(np.radians([[[10.0, 5.0], [10.0, 5.0]]])))
+    looking = Motion.of(FPS, np.zeros((1, 3)), angles_to_gaze(np.radians([[[10.0, 5.0], [10.0, 5.0]]])))
     found = traces(looking)
     assert (round(found["gaze_yaw_deg"][0], 3), round(found["gaze_pitch_deg"][0], 3)) == (10.0, 5.0)
     assert found["head_yaw_deg"][0] == 0
 
 
 def test_the_outline_follows_the_loudness() -> None:
-    peaks = outline(np.concatenate([np.full(8000, 0.01), np.full(8000, 0.2)]))
+    peaks = waveform_peaks(np.concatenate([np.full(8000, 0.01), np.full(8000, 0.2)]))
     assert len(peaks) == 100
     assert set(peaks[:50]) == {0.05}
     assert set(peaks[51:]) == {1.0}
@@ -100,16 +104,16 @@ def test_the_outline_follows_the_loudness() -> None:
 def test_a_clip_of_a_corpus_brings_its_sound_words_and_truth(tmp_path: Path) -> None:
     workspace = toy_workspace(tmp_path)
     clip = next(path for path in (tmp_path / "data/sample/random").rglob("*.npz"))
-    scene = scene_of([clip], corpus=workspace.corpus)
+    scene = build_scene([clip], corpus=workspace.corpus)
     samples = Samples.load(clip)
-    assert [take.truth for take in scene.takes] == [True] + [False] * len(samples.head)
-    assert scene.takes[2].name == f"{clip.stem}, sample 1"
-    assert np.array_equal(scene.takes[2].motion.head, samples.head[1])
+    assert [viewer_motion.truth for viewer_motion in scene.viewer_motions] == [True] + [False] * len(samples.head)
+    assert scene.viewer_motions[2].name == f"{clip.stem}, sample 1"
+    assert np.array_equal(scene.viewer_motions[2].motion.head, samples.head[1])
     assert scene.sound is not None
 
 
 def test_only_own_files_are_served(place: Path) -> None:
-    page = TestClient(viewer_app(scene_of(["a.npz"]), open_head()), raise_server_exceptions=False)
+    page = TestClient(viewer_app(build_scene(["a.npz"]), anny_head()), raise_server_exceptions=False)
     for name in (
         "a.npz",
         "../a.npz",
@@ -124,7 +128,7 @@ def test_only_own_files_are_served(place: Path) -> None:
     assert page.post("/scene.json").status_code == 405
     answer = page.get("/", headers={"host": "elsewhere.example"})
     assert answer.status_code == 400
-    invited = TestClient(viewer_app(scene_of(["a.npz"]), open_head(), "studio.example"))
+    invited = TestClient(viewer_app(build_scene(["a.npz"]), anny_head(), "studio.example"))
     assert invited.get("/", headers={"host": "studio.example:8010"}).status_code == 200
     assert "default-src 'self'" in page.get("/").headers["content-security-policy"]
 
@@ -171,7 +175,7 @@ def test_a_port_that_is_taken_is_one_line(place: Path) -> None:
     from talkingeyes.workflows.view import view
 
     with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="port: should be free"):
-        view(["a.npz"], port=taken.getsockname()[1], started=lambda _: None)
+        view(["a.npz"], port=taken.getsockname()[1], on_start=lambda _: None)
 
 
 def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,36 +216,36 @@ STATE = "JSON.stringify(document.body.dataset)"
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
 def test_heads_play_in_step_in_a_browser(address: str, tmp_path: Path) -> None:
-    with browsing(tmp_path / "profile") as browser:
+    with open_browser(tmp_path / "profile") as browser:
         browser.open(f"{address}#at=0.8&rays=1")
-        browser.until("document.body.dataset.state == 'paused'")
+        browser.wait_for("document.body.dataset.state == 'paused'")
         assert json.loads(browser.value(STATE))["frames"] == "20,20,20"
         assert browser.value("document.querySelectorAll('.take').length") == 3
         assert browser.value("document.querySelector('.take').classList.contains('truth')")
         still = browser.value("document.getElementById('heads').toDataURL()")
         assert len(set(still)) > 40
         browser.value("document.getElementById('forth').click()")
-        browser.until("document.body.dataset.frames == '21,21,21'")
+        browser.wait_for("document.body.dataset.frames == '21,21,21'")
         assert browser.value("document.getElementById('heads').toDataURL()") != still
         browser.value("document.getElementById('back').click()")
-        browser.until("document.body.dataset.frames == '20,20,20'")
+        browser.wait_for("document.body.dataset.frames == '20,20,20'")
         browser.value(
             "(speed => { speed.value = '0.5'; speed.onchange({target: speed}); })(document.getElementById('speed'))"
         )
         browser.value("document.getElementById('play').click()")
-        browser.until("document.body.dataset.state == 'playing'")
+        browser.wait_for("document.body.dataset.state == 'playing'")
         assert browser.value("document.getElementById('sound').playbackRate") == 0.5
-        browser.until("Number(document.body.dataset.now) > 1")
+        browser.wait_for("Number(document.body.dataset.now) > 1")
         frames = json.loads(browser.value(STATE))["frames"].split(",")
         assert len(set(frames)) == 1  # in step
-        browser.until("document.body.dataset.state == 'paused' && document.body.dataset.now == '2.000'")
+        browser.wait_for("document.body.dataset.state == 'paused' && document.body.dataset.now == '2.000'")
         box = browser.value("JSON.stringify(document.getElementById('whole').getBoundingClientRect())")
         left = json.loads(box)
         for kind in ("mousePressed", "mouseReleased"):
             at = {"x": left["x"] + left["width"] / 4, "y": left["y"] + 5}
             browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **at)
-        browser.until("document.body.dataset.frames == '12,12,12'")  # a quarter of two seconds
-        browser.picture(tmp_path / "page.png")
+        browser.wait_for("document.body.dataset.frames == '12,12,12'")  # a quarter of two seconds
+        browser.screenshot(tmp_path / "page.png")
     assert (tmp_path / "page.png").stat().st_size > 50_000
 
 

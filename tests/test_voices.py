@@ -12,13 +12,19 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import EMOTIONS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
-from talkingeyes.synthesis.accents import ACCENTS, MOODS, VARIANTS, Voice, draw_voice, in_mood
+from talkingeyes.synthesis.accents import ACCENTS, EMOTION_PROSODY, VARIANTS, Voice, apply_emotion, sample_voice
 from talkingeyes.synthesis.phrases import NUCLEUS
 from talkingeyes.synthesis.text import Filler, Pause, Script, Sentence, Word, write_script
-from talkingeyes.synthesis.voices import Cast, Spoken, converse, speak, speak_about
+from talkingeyes.synthesis.voices import (
+    DialogueVoices,
+    SynthesizedSpeech,
+    speak,
+    synthesize_conversation,
+    synthesize_monologue,
+)
 
 pytest.importorskip("espeakng_loader")
-VOICES = [draw_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
+VOICES = [sample_voice(np.random.default_rng([1, i]), "en" if i % 4 else "fr") for i in range(12)]
 
 
 def script_of(*parts: Word | Filler | Pause) -> Script:
@@ -30,7 +36,7 @@ def words_of(text: str) -> list[Word]:
     return [Word(word) for word in text.split()]
 
 
-def level_db(spoken: Spoken, start_s: float, end_s: float) -> float:
+def level_db(spoken: SynthesizedSpeech, start_s: float, end_s: float) -> float:
     sound = spoken.sound[round(start_s * SAMPLE_RATE) : round(end_s * SAMPLE_RATE)]
     return float(10 * np.log10(np.mean(sound.astype(float) ** 2) + 1e-12))
 
@@ -50,25 +56,25 @@ def pitch_hz(sound: Float[ndarray, " N"]) -> float:
 
 
 @pytest.fixture(scope="module")
-def spoken() -> list[tuple[Script, Spoken]]:
+def spoken() -> list[tuple[Script, SynthesizedSpeech]]:
     scripts = [write_script(voice.language, 8.0, np.random.default_rng([2, i])) for i, voice in enumerate(VOICES)]
     return [(script, speak(script, voice)) for script, voice in zip(scripts, VOICES, strict=True)]
 
 
-def test_same_script_and_voice_give_the_same_bytes_in_any_order(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_same_script_and_voice_give_the_same_bytes_in_any_order(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for (script, first), voice in reversed(list(zip(spoken, VOICES, strict=True))):
         again = speak(script, voice)
         assert again.sound.tobytes() == first.sound.tobytes()
         assert again.annotation == first.annotation
 
 
-def test_same_bytes_in_worker_processes(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_same_bytes_in_worker_processes(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     items = [(script, voice) for (script, _), voice in zip(spoken, VOICES, strict=True)]
     for other, (_, first) in zip(Parallel(n_jobs=2)(delayed(speak)(*item) for item in items), spoken, strict=True):
         assert other.sound.tobytes() == first.sound.tobytes()
 
 
-def test_sound_is_whole_frames_at_one_level_without_clipping(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_sound_is_whole_frames_at_one_level_without_clipping(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for _, each in spoken:
         assert each.sound.dtype == np.float32
         assert len(each.sound) % 640 == 0
@@ -79,7 +85,7 @@ def test_sound_is_whole_frames_at_one_level_without_clipping(spoken: list[tuple[
         assert 10 * np.log10(np.mean(np.concatenate(speech).astype(float) ** 2)) == pytest.approx(-23, abs=1.5)
 
 
-def test_pauses_are_the_scripts_and_silent(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_pauses_are_the_scripts_and_silent(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for script, each in spoken:
         pauses = [part for part in script.parts if isinstance(part, Pause)]
         assert [pause.label for pause in each.annotation.pauses] == [pause.kind for pause in pauses]
@@ -88,7 +94,7 @@ def test_pauses_are_the_scripts_and_silent(spoken: list[tuple[Script, Spoken]]) 
             assert level_db(each, span.start_s + 0.005, span.end_s - 0.005) < -70
 
 
-def test_stressed_vowels_are_loud_and_edges_silent(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_stressed_vowels_are_loud_and_edges_silent(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for _, each in spoken:
         first, last = each.annotation.speaking[0].start_s, each.annotation.speaking[-1].end_s
         assert 0.2 <= first <= 0.61 and 0.2 <= each.seconds - last <= 0.65
@@ -98,7 +104,7 @@ def test_stressed_vowels_are_loud_and_edges_silent(spoken: list[tuple[Script, Sp
         assert min(stressed) > -35 and np.median(stressed) > -26
 
 
-def test_words_and_phonemes_are_complete_and_in_order(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_words_and_phonemes_are_complete_and_in_order(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for script, each in spoken:
         said = re.findall(r"[\w'-]+", script.text)
         assert re.findall(r"[\w'-]+", " ".join(word.label for word in each.annotation.words)) == said
@@ -140,7 +146,7 @@ def test_runs_of_speech_end_at_pauses_of_a_quarter_second() -> None:
     assert 0.15 < annotation.fillers[0].end_s - annotation.fillers[0].start_s < 0.8
 
 
-def test_joins_do_not_click(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_joins_do_not_click(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for _, each in spoken:
         for pause in each.annotation.pauses:
             for edge in (round(pause.start_s * SAMPLE_RATE), round(pause.end_s * SAMPLE_RATE)):
@@ -163,7 +169,7 @@ def test_moods_bend_a_voice_the_way_of_the_literature() -> None:
 
     def against_plain(emotion: str, intensity: int) -> tuple[float, float, float]:
         """Rate, pitch and level over those of the plain voice."""
-        each = speak(script, in_mood(voice, emotion, intensity))
+        each = speak(script, apply_emotion(voice, emotion, intensity))
         spans = (spoken.annotation.sentences[0] for spoken in (plain, each))
         usual_s, own_s = (span.end_s - span.start_s for span in spans)
         level = float(np.abs(each.sound).mean() * len(each.sound) / np.abs(plain.sound).sum() * usual_s / own_s)
@@ -174,21 +180,21 @@ def test_moods_bend_a_voice_the_way_of_the_literature() -> None:
     weak, medium = against_plain("sad", 1), against_plain("sad", 2)
     assert sad[0] < medium[0] < weak[0] < 1.01 and sad[2] < medium[2] < weak[2] < 1.01
     happy = against_plain("happy", 3)
-    assert happy[1] > 1.08 and in_mood(voice, "happy", 3).pitch_range > voice.pitch_range
-    assert in_mood(voice, "neutral", 0) == voice
-    assert set(MOODS) == set(EMOTIONS)
+    assert happy[1] > 1.08 and apply_emotion(voice, "happy", 3).pitch_range > voice.pitch_range
+    assert apply_emotion(voice, "neutral", 0) == voice
+    assert set(EMOTION_PROSODY) == set(EMOTIONS)
 
 
 def test_unknown_emotion_is_refused() -> None:
     with pytest.raises(InputError, match=r"one of neutral, happy, .*, got 'bored'"):
-        in_mood(VOICES[0], "bored", 1)
+        apply_emotion(VOICES[0], "bored", 1)
 
 
 def test_two_people_speak_by_turns() -> None:
     for number in range(4):
         random = np.random.default_rng([9, number])
-        cast = Cast(draw_voice(random, "en"), draw_voice(random, "en"))
-        each = converse(cast, 20.0, 24.0, random)
+        speaker_voices = DialogueVoices(sample_voice(random, "en"), sample_voice(random, "en"))
+        each = synthesize_conversation(speaker_voices, 20.0, 24.0, random)
         assert each.partner is not None and each.partner_script is not None
         assert 20.0 <= each.seconds <= 24.0 and each.partner.shape == each.sound.shape
         known = each.annotation
@@ -201,11 +207,11 @@ def test_two_people_speak_by_turns() -> None:
 
 
 def test_long_talk_keeps_to_its_length() -> None:
-    each = converse(Cast(VOICES[1]), 58.0, 62.0, np.random.default_rng(3))
+    each = synthesize_conversation(DialogueVoices(VOICES[1]), 58.0, 62.0, np.random.default_rng(3))
     assert 58.0 <= each.seconds <= 62.0 and each.partner is None and not each.annotation.listening
 
 
-def test_sentences_have_times_and_kinds(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_sentences_have_times_and_kinds(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     for script, each in spoken:
         spans = each.annotation.sentences
         assert [span.label for span in spans] == [sentence.kind for sentence in script.sentences]
@@ -214,7 +220,7 @@ def test_sentences_have_times_and_kinds(spoken: list[tuple[Script, Spoken]]) -> 
             assert any(span.start_s <= word.start_s and word.end_s <= span.end_s + 1e-9 for span in spans)
 
 
-def test_prominence_is_of_stressed_vowels_and_goes_by_loudness(spoken: list[tuple[Script, Spoken]]) -> None:
+def test_prominence_is_of_stressed_vowels_and_goes_by_loudness(spoken: list[tuple[Script, SynthesizedSpeech]]) -> None:
     loud, prominent = [], []
     for _, each in spoken:
         phonemes = each.annotation.phonemes
@@ -229,7 +235,7 @@ def test_prominence_is_of_stressed_vowels_and_goes_by_loudness(spoken: list[tupl
 @pytest.mark.parametrize("language", ACCENTS)
 def test_every_language_is_spoken(language: str) -> None:
     random = np.random.default_rng(6)
-    each = converse(Cast(draw_voice(random, language)), 8.0, 9.6, random)
+    each = synthesize_conversation(DialogueVoices(sample_voice(random, language)), 8.0, 9.6, random)
     said = re.findall(r"[\w'-]+", each.text)
     assert re.findall(r"[\w'-]+", " ".join(word.label for word in each.annotation.words)) == said
     assert sum(p.stressed for p in each.annotation.phonemes) >= 4
@@ -237,7 +243,7 @@ def test_every_language_is_spoken(language: str) -> None:
 
 def test_drawn_voices_are_many() -> None:
     random = np.random.default_rng(4)
-    voices = [draw_voice(random, "en") for _ in range(300)]
+    voices = [sample_voice(random, "en") for _ in range(300)]
     assert len({voice.name for voice in voices}) >= 299
     assert len({voice.espeak_voice for voice in voices}) > 80
 
@@ -245,7 +251,7 @@ def test_drawn_voices_are_many() -> None:
 def test_speak_about_keeps_to_the_length() -> None:
     random = np.random.default_rng(5)
     for voice in VOICES[:6]:
-        script, each = speak_about(voice, 8.0, 9.6, random)
+        script, each = synthesize_monologue(voice, 8.0, 9.6, random)
         assert 8.0 <= each.seconds <= 9.6
         assert each.text == script.text
 
@@ -259,4 +265,4 @@ def test_unknown_voice_is_refused_in_one_line(name: str) -> None:
 
 def test_unknown_language_is_refused() -> None:
     with pytest.raises(InputError, match="one of en, fr, de, es, it, pt, nl, got 'xx'"):
-        draw_voice(np.random.default_rng(0), "xx")
+        sample_voice(np.random.default_rng(0), "xx")

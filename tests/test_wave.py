@@ -17,12 +17,12 @@ from talkingeyes.audio.encoder_transformers import TransformersEncoder, Transfor
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.models.wave import WaveEncoder, WaveSettings
+from talkingeyes.models.wave import WaveformEncoder, WaveformEncoderSettings
 from talkingeyes.training import checkpoint
 from talkingeyes.training.loop import train
-from talkingeyes.training.telling import Beside, Teller
-from talkingeyes.training.trained import load_generator, needs, network_config
-from talkingeyes.training.translation import TranslationSettings, TranslationTask
+from talkingeyes.training.telling import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.trained import load_generator, network_config, required_inputs
+from talkingeyes.training.translation import MotionTask, MotionTaskSettings
 
 FRAMES = 100
 
@@ -41,17 +41,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def wave(folder: Path, **changes: Any) -> WaveSettings:
-    settings = {"checkpoint": str(folder), "trained_layers": 1, "window_s": 10.0, "overlap_s": 0.5}
-    return WaveSettings.model_validate(settings | changes)
+def waveform_encoder(folder: Path, **changes: Any) -> WaveformEncoderSettings:
+    settings = {"checkpoint": str(folder), "trainable_layers": 1, "window_s": 10.0, "overlap_s": 0.5}
+    return WaveformEncoderSettings.model_validate(settings | changes)
 
 
-def sounds(root: Path, clips: list[Recording]) -> Beside:
+def sounds(root: Path, clips: list[Recording]) -> ConditioningPaths:
     """A corpus with the sound of every clip."""
     corpus, random = Corpus(root), np.random.default_rng(0)
     for each in clips:
         corpus.write_sound(each.clip.sound, 0.1 * random.standard_normal(len(each) * 640), Annotation())
-    return Beside(corpus, root)
+    return ConditioningPaths(corpus, root)
 
 
 def test_it_says_what_the_frozen_encoder_of_embed_says(folder: Path) -> None:
@@ -59,10 +59,12 @@ def test_it_says_what_the_frozen_encoder_of_embed_says(folder: Path) -> None:
         TransformersSettings(kind="wav2vec2", checkpoint=str(folder), layer=2, window_s=10.0, overlap_s=0.5)
     )
     sound = np.random.default_rng(1).standard_normal(50 * 640).astype(np.float32)
-    encoder = WaveEncoder(wave(folder), None).eval()
+    encoder = WaveformEncoder(waveform_encoder(folder), None).eval()
     with torch.no_grad():
         ours = encoder(torch.from_numpy(sound)[None], 50)[0].numpy()
-        parts = WaveEncoder(wave(folder, window_s=1.0, overlap_s=0.2), None).eval()(torch.from_numpy(sound)[None], 50)
+        parts = WaveformEncoder(waveform_encoder(folder, window_s=1.0, overlap_s=0.2), None).eval()(
+            torch.from_numpy(sound)[None], 50
+        )
     np.testing.assert_allclose(ours, frozen(sound, 25.0), atol=1e-4)
     assert parts.shape == (1, 50, 32)
     assert torch.isfinite(parts).all()
@@ -70,17 +72,18 @@ def test_it_says_what_the_frozen_encoder_of_embed_says(folder: Path) -> None:
 
 def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, tmp_path: Path) -> None:
     clips = recordings(4, seed=1, frames=FRAMES), recordings(1, seed=2, frames=FRAMES)
-    beside = sounds(tmp_path, [*clips[0], *clips[1]])
+    conditioning_paths = sounds(tmp_path, [*clips[0], *clips[1]])
     node = translation("vae", steps=12, batch=4, validate_every=4).model_dump(mode="json")
-    node["speech"] |= {"channels": [], "wave": wave(folder).model_dump()}
-    settings = TranslationSettings.model_validate(node | {"watched_clips": 1})
-    task = TranslationTask(settings, 0, *clips, NORMALISER, None, beside)
+    node["speech"] |= {"channels": [], "waveform_encoder": waveform_encoder(folder).model_dump()}
+    settings = MotionTaskSettings.model_validate(node | {"validation_clips": 1})
+    task = MotionTask(settings, 0, *clips, NORMALISER, None, conditioning_paths)
     before = {name: each.clone() for name, each in task.module.state_dict().items()}
     history = train(task, settings.loop, "wave")
     assert history[-1]["loss/total"] < history[0]["loss/total"]
     moved = {name for name, each in task.module.state_dict().items() if not torch.equal(each, before[name])}
-    of_network = {name.removeprefix("wave.network.") for name in before if name.startswith("wave.network.")}
-    learnt = {name.removeprefix("wave.network.") for name in moved if name.startswith("wave.network.")}
+    prefix = "waveform_encoder.network."
+    of_network = {name.removeprefix(prefix) for name in before if name.startswith(prefix)}
+    learnt = {name.removeprefix(prefix) for name in moved if name.startswith(prefix)}
     assert learnt
     assert all(name.startswith("encoder.layers.1.") for name in learnt)
     # Keys' biases cancel in the softmax, so that their gradient is nothing but rounding.
@@ -93,9 +96,9 @@ def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, 
         again = load_generator(tmp_path)
     finally:
         away.rename(folder)
-    assert needs(again) == {"sound"}
+    assert required_inputs(again) == {"sound"}
     one = clips[1][0]
-    told = Teller({"sound"}, [], (), beside).whole(one.clip, FRAMES)
+    told = ConditioningProvider({"sound"}, [], (), conditioning_paths).clip_inputs(one.clip, FRAMES)
     direct = task.module.generate(torch.from_numpy(one.speech), [5], None, told)
     np.testing.assert_allclose(again.generate(one.speech, [5], 25.0, told).gaze, direct.gaze.numpy(), atol=1e-5)
     with pytest.raises(InputError, match=r"^speech.wave: .*got none$"):
@@ -104,14 +107,16 @@ def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, 
 
 def test_windows_carry_their_own_sound(tmp_path: Path) -> None:
     (one,) = recordings(1, seed=1, frames=FRAMES)
-    beside = sounds(tmp_path, [one])
-    whole = beside.corpus.speech(one.clip)
-    found = Teller({"sound"}, [], (), beside).window(replace(one.clip), slice(20, 60), False)["sound"]
-    np.testing.assert_array_equal(found, whole[20 * 640 : 60 * 640])
+    conditioning_paths = sounds(tmp_path, [one])
+    clip_inputs = conditioning_paths.corpus.speech(one.clip)
+    found = ConditioningProvider({"sound"}, [], (), conditioning_paths).window(replace(one.clip), slice(20, 60), False)[
+        "sound"
+    ]
+    np.testing.assert_array_equal(found, clip_inputs[20 * 640 : 60 * 640])
 
 
 def test_wrong_settings_are_one_line(folder: Path) -> None:
-    with pytest.raises(InputError, match=r"^speech.wave.trained_layers: should be at most 2, got 3$"):
-        WaveEncoder(wave(folder, trained_layers=3), None)
+    with pytest.raises(InputError, match=r"^speech.waveform_encoder.trainable_layers: should be at most 2, got 3$"):
+        WaveformEncoder(waveform_encoder(folder, trainable_layers=3), None)
     with pytest.raises(InputError, match=r"^speech.wave.checkpoint: should be a local folder or a hub name"):
-        WaveEncoder(wave(folder / "nothing"), None)
+        WaveformEncoder(waveform_encoder(folder / "nothing"), None)

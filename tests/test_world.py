@@ -10,11 +10,11 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.orchestration.config import compose
-from talkingeyes.physiology.blinks import PAPER, PHYSIO
+from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL
 from talkingeyes.synthesis import plan
-from talkingeyes.synthesis.speakers import Style, draw_style
-from talkingeyes.synthesis.take import Take, perform
-from talkingeyes.synthesis.voices import speak_about
+from talkingeyes.synthesis.speakers import SpeakerStyle, sample_style
+from talkingeyes.synthesis.take import Take, sample_take
+from talkingeyes.synthesis.voices import synthesize_monologue
 
 SETTINGS = plan.SynthesizeSettings(**compose(["synthesize=default"])["synthesize"])
 FPS = 25.0
@@ -26,7 +26,7 @@ class Played:
 
     annotation: Annotation
     seconds: float
-    style: Style
+    style: SpeakerStyle
     take: Take
     motion: Motion
 
@@ -37,7 +37,7 @@ def spoken():
     made = []
     for sound in plan.sounds(SETTINGS)[:20]:
         voice = plan.speaker_of(SETTINGS, sound).voice
-        made.append(speak_about(voice, 8.0, 9.6, plan.generator(0, "sound", sound.index))[1])
+        made.append(synthesize_monologue(voice, 8.0, 9.6, plan.generator(0, "sound", sound.index))[1])
     return [(each.annotation, each.seconds) for each in made]
 
 
@@ -46,12 +46,12 @@ def played(spoken):
     """20 speakers, two sounds each, two takes each."""
     drawn = []
     for number in range(20):
-        style = draw_style(plan.generator(0, "speaker", number))
+        style = sample_style(plan.generator(0, "speaker", number))
         for sound in (number, (number + 7) % 20):
             annotation, seconds = spoken[sound]
             for take in range(2):
                 random = plan.generator(0, "motion", 100 * number + sound, take)
-                made = perform(annotation, style, seconds, random, PHYSIO)
+                made = sample_take(annotation, style, seconds, random, PHYSIOLOGICAL)
                 drawn.append(Played(annotation, seconds, style, made, made.motion(FPS, round(seconds * FPS))))
     return drawn
 
@@ -72,7 +72,9 @@ def shifts(played):
 def averted(each):
     """Whether gaze is averted at each frame."""
     times = np.arange(len(each.motion)) / FPS
-    return np.any([(times >= look.start_s) & (times < look.end_s) & look.averted for look in each.take.looks], axis=0)
+    return np.any(
+        [(times >= look.start_s) & (times < look.end_s) & look.averted for look in each.take.gaze_intervals], axis=0
+    )
 
 
 def speaking(each):
@@ -81,14 +83,14 @@ def speaking(each):
 
 
 def test_gaze_in_space_is_mostly_still(played):
-    space = [rotation.conjugate(rotation.gaze_in_space(each.motion.head, each.motion.gaze)) for each in played]
+    space = [rotation.cyclopean_gaze(rotation.gaze_in_space(each.motion.head, each.motion.gaze)) for each in played]
     speed = np.concatenate([speed_deg_s(each) for each in space])
     blinking = np.concatenate([(each.motion.lid > 0.1).any(axis=1)[1:] for each in played])
     assert 0.85 <= (speed[~blinking] < 2.5).mean() <= 0.95
 
 
 def test_eye_speed_and_spread(played):
-    angles = [rotation.angles_of_gaze(each.motion.gaze[:, 0]) for each in played]
+    angles = [rotation.gaze_to_angles(each.motion.gaze[:, 0]) for each in played]
     assert 12 <= np.mean([speed_deg_s(each).mean() for each in angles]) <= 20
     yaw, pitch = np.degrees(np.mean([each.std(axis=0) for each in angles], axis=0))
     assert 3 <= yaw <= 8 and 2 <= pitch <= 6
@@ -100,11 +102,11 @@ def test_eye_speed_and_spread(played):
 def test_eyes_converge_move_together_and_have_no_torsion(played):
     converged = []
     for each in played:
-        angles = rotation.angles_of_gaze(each.motion.gaze) - np.array(each.style.kappa)
+        angles = rotation.gaze_to_angles(each.motion.gaze) - np.array(each.style.kappa)
         converged.append(np.degrees(angles[:, 1, 0] - angles[:, 0, 0]).mean())
         assert np.abs(each.motion.gaze[..., 2]).max() < 1e-12
     assert 1.5 <= np.mean(converged) <= 4
-    velocity = np.concatenate([np.diff(rotation.angles_of_gaze(e.motion.gaze), axis=0) for e in played])
+    velocity = np.concatenate([np.diff(rotation.gaze_to_angles(e.motion.gaze), axis=0) for e in played])
     assert np.corrcoef(velocity[:, 0, 0], velocity[:, 1, 0])[0, 1] >= 0.97
     assert np.corrcoef(velocity[:, 0, 1], velocity[:, 1, 1])[0, 1] >= 0.99
 
@@ -176,13 +178,13 @@ def test_takes_differ_in_all_but_jaw(played):
 
 def test_the_same_seed_is_the_same_take(spoken):
     annotation, seconds = spoken[0]
-    style = draw_style(np.random.default_rng(0))
-    first, second = (perform(annotation, style, seconds, np.random.default_rng(4), PHYSIO) for _ in range(2))
+    style = sample_style(np.random.default_rng(0))
+    first, second = (sample_take(annotation, style, seconds, np.random.default_rng(4), PHYSIOLOGICAL) for _ in range(2))
     assert first.events == second.events
     assert np.array_equal(first.motion(60.0, 500).gaze, second.motion(60.0, 500).gaze)
 
 
 def test_silence_can_be_performed_too():
-    take = perform(Annotation(), draw_style(np.random.default_rng(0)), 8.0, np.random.default_rng(1), PAPER)
+    take = sample_take(Annotation(), sample_style(np.random.default_rng(0)), 8.0, np.random.default_rng(1), PAPER)
     motion = take.motion(25.0, 200)
-    assert np.array_equal(motion.jaw, np.zeros((200, 3))) and len(take.looks) > 0
+    assert np.array_equal(motion.jaw, np.zeros((200, 3))) and len(take.gaze_intervals) > 0

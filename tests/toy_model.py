@@ -10,14 +10,14 @@ import soundfile
 from toy import recordings
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
-from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.models.baselines import BaselineSettings, build_bank
 from talkingeyes.training.trained import save_baseline
 
 EMBED = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
     "prosody": {
-        "f0_lowest_hz": 60.0,
-        "f0_highest_hz": 450.0,
+        "f0_min_hz": 60.0,
+        "f0_max_hz": 450.0,
         "aperiodicity": 0.25,
         "energy_window_s": 0.05,
         "energy_floor_dbfs": -80.0,
@@ -35,7 +35,7 @@ def toy_model(folder: Path) -> Path:
     clips = recordings(6, seed=1)
     random = np.random.default_rng(0)
     features = [random.standard_normal((len(clip.head), len(channels))).astype(np.float32) for clip in clips]
-    bank = bank_of(features, [clip.head for clip in clips], [clip.gaze for clip in clips])
+    bank = build_bank(features, [clip.head for clip in clips], [clip.gaze for clip in clips])
     settings = BaselineSettings.model_validate(
         {"kind": "similar", "parts": ["head", "gaze"], "prior": None, "neighbours": 3}
     )

@@ -15,8 +15,8 @@ from toy import CHANNELS, recordings
 from toy_workspace import _section
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.orchestration.run import SUMS, Workspace, sums
+from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, checksums
 
 SPLITS = {"train": 9, "val": 1, "test": 2, "unseen": 2}
 # Called as the stage's command calls it, without a record in MLflow.
@@ -28,7 +28,7 @@ RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
 def toy_training(root: Path, dropout: float = 0.0, **changes: Any) -> Workspace:
     """Codebook `codes`, models `mean` and `joint`, the critic; `changes` are of every loop."""
     critic: Any = _section(Path(__file__).resolve().parents[1], "critic")
-    joint = translation("categorical", **changes).model_dump(mode="json") | {"prior": "codes", "watched_clips": 1}
+    joint = translation("categorical", **changes).model_dump(mode="json") | {"prior": "codes", "validation_clips": 1}
     baseline = {"kind": "mean", "parts": ["head", "gaze"], "prior": None, "neighbours": 1}
     params = {
         "corpus": "data/synthesize",
@@ -68,8 +68,8 @@ def _write_data(data: Path) -> None:
         for index, each in enumerate(recordings(count, seed)):
             clip = replace(each.clip, split=split, speaker=f"{split}-{index % 3}")
             clips.append(clip)
-            np.save(sharded_for_writing(embed / "speech", clip.sound, ".npy"), each.speech)
-            Motion.of(25.0, each.head, each.gaze).save(sharded_for_writing(fit / "motion", clip.id, ".npz"))
+            np.save(make_shard_path(embed / "speech", clip.sound, ".npy"), each.speech)
+            Motion.of(25.0, each.head, each.gaze).save(make_shard_path(fit / "motion", clip.id, ".npz"))
     corpus.write_index(clips)
     names = [str(index) for index in range(CHANNELS)]
     content = {"fps": 25.0, "channels": names, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
@@ -77,4 +77,4 @@ def _write_data(data: Path) -> None:
     (fit / "blinks.json").write_text("{}")
     (fit / "speakers.json").write_text("{}")
     for folder in (embed, fit):
-        (folder / SUMS).write_text(sums(folder))
+        (folder / CHECKSUMS_FILE).write_text(checksums(folder))

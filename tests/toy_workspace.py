@@ -13,8 +13,8 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.store import Corpus, sharded_for_writing
-from talkingeyes.models.baselines import BaselineSettings, bank_of
+from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.models.baselines import BaselineSettings, build_bank
 from talkingeyes.orchestration.run import Workspace
 from talkingeyes.training.trained import save_baseline
 
@@ -38,14 +38,14 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     embed = root / "data" / "embed"
     for clip in clips:
         motion = _motion(random)
-        motion.save(sharded_for_writing(corpus.root / "truth", clip.id, ".npz"))
+        motion.save(make_shard_path(corpus.root / "truth", clip.id, ".npz"))
         jittered = Motion.of(FPS, motion.head + random.normal(0, 1e-3, (FRAMES, 3)), motion.gaze)
-        jittered.save(sharded_for_writing(root / "data" / "fit" / "motion", clip.id, ".npz"))
+        jittered.save(make_shard_path(root / "data" / "fit" / "motion", clip.id, ".npz"))
         if clip.take == 0:
             speech = random.normal(size=(FRAMES, CHANNELS)).astype(np.float32)
             noise = random.uniform(-0.1, 0.1, FRAMES * 640).astype(np.float32)
             corpus.write_sound(clip.sound, noise, Annotation())
-            np.save(sharded_for_writing(embed / "speech", clip.sound, ".npy"), speech)
+            np.save(make_shard_path(embed / "speech", clip.sound, ".npy"), speech)
             if clip.split != "train":
                 _samples(random, still=True).save(_sample_path(root, "mean", clip))
                 _samples(random, still=False).save(_sample_path(root, "random", clip))
@@ -59,7 +59,7 @@ def train_random(made: Workspace) -> None:
     clips = recordings(4, seed=2, frames=300)
     names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
     speech = [each.speech[:, : len(names)] for each in clips]
-    bank = bank_of(speech, [each.head for each in clips], [each.gaze for each in clips])
+    bank = build_bank(speech, [each.head for each in clips], [each.gaze for each in clips])
     settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
     with made.output("train", "random") as folder:
         save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
@@ -103,4 +103,4 @@ def _samples(random: np.random.Generator, still: bool) -> Samples:
 
 
 def _sample_path(root: Path, model: str, clip: Clip) -> Path:
-    return sharded_for_writing(root / "data" / "sample" / model, clip.id, ".npz")
+    return make_shard_path(root / "data" / "sample" / model, clip.id, ".npz")

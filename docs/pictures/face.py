@@ -15,19 +15,25 @@ from PIL import Image, ImageDraw
 
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
-from talkingeyes.orchestration.run import quiet
-from talkingeyes.physiology.articulation import APEX, Mouth, MouthHabit, mouth
-from talkingeyes.physiology.face import FACE_SHAPES, FEELINGS, SHARE_OF_INTENSITY, Face, expression
-from talkingeyes.rendering.render import Painter
+from talkingeyes.head.anny import anny_head
+from talkingeyes.orchestration.run import configure_environment
+from talkingeyes.physiology.articulation import APEX, ArticulationStyle, MouthMotion, mouth
+from talkingeyes.physiology.face import (
+    EMOTION_EXPRESSIONS,
+    FACE_SHAPES,
+    INTENSITY_STRENGTH,
+    FacialBehaviour,
+    expression,
+)
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 
 SOUNDS = ("a", "m", "a", "b", "o", "p", "u", "s", "i", "f", "a", "S", "u:", "w", "E", "l")
 SOUND_S, SIZE_PX = 0.14, 180
-FELT = tuple(name for name in FEELINGS if name != "neutral")
+FELT = tuple(name for name in EMOTION_EXPRESSIONS if name != "neutral")
 
 
-def shown(face: Face, spoken: Mouth, times_s: np.ndarray) -> Motion:
+def shown(face: FacialBehaviour, spoken: MouthMotion, times_s: np.ndarray) -> Motion:
     """Frames of a face that looks ahead."""
     count = len(times_s)
     return Motion.of(
@@ -35,7 +41,7 @@ def shown(face: Face, spoken: Mouth, times_s: np.ndarray) -> Motion:
         np.zeros((count, 3)),
         np.zeros((count, 2, 3)),
         jaw=spoken.jaw,
-        lid=np.full((count, 2), face.share * face.feeling.lid),
+        lid=np.full((count, 2), face.share * face.emotion_expression.lid),
         expression=expression(face, spoken, times_s, np.ones(count)),
         expression_names=FACE_SHAPES,
     )
@@ -43,9 +49,9 @@ def shown(face: Face, spoken: Mouth, times_s: np.ndarray) -> Motion:
 
 def sheet(motions: Sequence[Motion], labels: Sequence[str], columns: int, path: Path) -> None:
     """All frames in rows, labelled."""
-    head = open_head()
-    painter = Painter(head, FRAMINGS["face"].on(head.eye_centres).view(SIZE_PX, SIZE_PX))
-    frames = [frame for motion in motions for frame in painter.draw(motion)]
+    head = anny_head()
+    renderer = HeadRenderer(head, FRAMINGS["face"].centred_on(head.eye_centres).view(SIZE_PX, SIZE_PX))
+    frames = [frame for motion in motions for frame in renderer.draw(motion)]
     image = Image.new("RGB", (SIZE_PX * columns, SIZE_PX * -(-len(frames) // columns)))
     for place, (frame, label) in enumerate(zip(frames, labels, strict=True)):
         tile = Image.fromarray(frame)
@@ -59,18 +65,23 @@ def main() -> None:
     folder = Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).resolve().parent
     phonemes = [Phoneme(i * SOUND_S, (i + 1) * SOUND_S, symbol) for i, symbol in enumerate(SOUNDS)]
     apexes_s = (np.arange(len(SOUNDS)) + APEX) * SOUND_S
-    sheet([shown(Face(), mouth(phonemes, apexes_s, MouthHabit()), apexes_s)], SOUNDS, 8, folder / "face-sounds.png")
+    sheet(
+        [shown(FacialBehaviour(), mouth(phonemes, apexes_s, ArticulationStyle()), apexes_s)],
+        SOUNDS,
+        8,
+        folder / "face-sounds.png",
+    )
     silent_s = np.zeros(1)
-    felt = [(name, share) for share in SHARE_OF_INTENSITY[1:] for name in FELT]
-    habits = [MouthHabit(jaw_rest_rad=share * FEELINGS[name].jaw_rest_rad) for name, share in felt]
+    felt = [(name, share) for share in INTENSITY_STRENGTH[1:] for name in FELT]
+    habits = [ArticulationStyle(jaw_rest_rad=share * EMOTION_EXPRESSIONS[name].jaw_rest_rad) for name, share in felt]
     motions = [
-        shown(Face(name, share), mouth((), silent_s, habit), silent_s)
+        shown(FacialBehaviour(name, share), mouth((), silent_s, habit), silent_s)
         for (name, share), habit in zip(felt, habits, strict=True)
     ]
-    labels = [f"{name} {SHARE_OF_INTENSITY.index(share)}" for name, share in felt]
+    labels = [f"{name} {INTENSITY_STRENGTH.index(share)}" for name, share in felt]
     sheet(motions, labels, len(FELT), folder / "face-emotions.png")
 
 
 if __name__ == "__main__":
-    quiet()
+    configure_environment()
     main()

@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from matplotlib import pyplot as plt
 
-from talkingeyes.corpus.poses import head_of
+from talkingeyes.corpus.poses import head_rotations
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.normals import incidence, summed
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.normals import incidence, normals_from_incidence
 from talkingeyes.head.sag import FaceSurface
-from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.pgface import PGFaceSettings, pgface_network, read_shapes, windows
+from talkingeyes.training.pgface import PGFaceTaskSettings, cut_windows, pgface_network, read_shape_recording
 
 PITCHES_DEG = (-18.0, 0.0, 18.0)
 SIZE, LEAST_OPEN = 420, 0.9
@@ -29,22 +29,22 @@ def main() -> None:
     """One frame with the mouth open, three pitches."""
     data, out = Path(sys.argv[1]), Path(sys.argv[2] if len(sys.argv) > 2 else "docs/pictures/pgface.png")
     checkpoint = load(data / "train" / "pgface")
-    settings = PGFaceSettings.model_validate(checkpoint.config["model"])
-    network, surface = pgface_network(checkpoint), FaceSurface(open_head())
+    settings = PGFaceTaskSettings.model_validate(checkpoint.config["model"])
+    network, surface = pgface_network(checkpoint), FaceSurface(anny_head())
     clip = Corpus(data / "synthesize").select("test", take=0)[0]
-    recording = read_shapes(data / "fit", data / "embed", clip, settings.poses)
-    told = settings.network.told - 1
+    recording = read_shape_recording(data / "fit", data / "embed", clip, settings.poses)
+    output_frame = settings.network.output_frame - 1
     opening = recording.motion.jaw[: len(recording) - settings.network.window, 0]
-    start = int(np.argmax(opening >= np.quantile(opening, LEAST_OPEN))) - told
-    speech, pose = windows([recording], [(0, max(start, 0))], settings.network.window, 0)
+    start = int(np.argmax(opening >= np.quantile(opening, LEAST_OPEN))) - output_frame
+    speech, pose = cut_windows([recording], [(0, max(start, 0))], settings.network.window, 0)
     shapes, lawful = [], []
     for pitch_deg in PITCHES_DEG:
         held = pose.clone()
         held[..., 0] += np.radians(pitch_deg)
         with torch.no_grad():
             shapes.append(network.shapes(network(speech, held))[0].numpy())
-        head = head_of(held[0, told : told + 1].numpy().astype(np.float64))
-        frame = max(start, 0) + told
+        head = head_rotations(held[0, output_frame : output_frame + 1].numpy().astype(np.float64))
+        frame = max(start, 0) + output_frame
         lawful.append(surface.shapes(surface.factors(recording.motion.cut(frame, frame + 1), head))[0])
     draw(surface, shapes, out)
     for pitch_deg, made, true in zip(PITCHES_DEG, shapes, lawful, strict=True):
@@ -59,17 +59,17 @@ def main() -> None:
 def draw(surface: FaceSurface, shapes: list[np.ndarray], out: Path) -> None:
     """The faces, and under them how far each vertex is from the face at pitch 0."""
     model = surface.model
-    painter = Painter(model, FRAMINGS["face"].on(model.eye_centres).view(SIZE, SIZE))
+    renderer = HeadRenderer(model, FRAMINGS["face"].centred_on(model.eye_centres).view(SIZE, SIZE))
     around = incidence(model.faces, len(model.template))
     figure, axes = plt.subplots(2, 3, figsize=(9, 6.4), layout="constrained")
     for column, (pitch_deg, shape) in enumerate(zip(PITCHES_DEG, shapes, strict=True)):
         vertices = model.template.astype(np.float32).copy()
         vertices[surface.vertices] = shape
-        normals = summed(vertices[None], model.faces, around)
+        normals = normals_from_incidence(vertices[None], model.faces, around)
         brows = model.vertices_of("brow")
         if len(brows):
             normals[:, brows] = model.brows.of(normals)
-        axes[0, column].imshow(painter.picture(vertices, normals[0].astype(np.float32)))
+        axes[0, column].imshow(renderer.picture(vertices, normals[0].astype(np.float32)))
         axes[0, column].set_title(f"pitch {pitch_deg:+.0f}°")
         apart = np.linalg.norm(shape - shapes[1], axis=1) * 1000
         points = axes[1, column].scatter(*shape[:, :2].T, c=apart, s=4, vmin=0, vmax=1.5, cmap="viridis")

@@ -15,8 +15,8 @@ CURVES = {
     "loss/motion": "motion loss",
     "loss/adversarial": "adversarial loss (generator)",
     "loss/rival_total": "loss of the rival",
-    "alive/range": "range on val (truth 1)",
-    "alive/speed": "speed on val (truth 1)",
+    "free_running/range": "range on val (truth 1)",
+    "free_running/speed": "speed on val (truth 1)",
 }
 
 

@@ -12,8 +12,8 @@ import tempfile
 from pathlib import Path
 
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.store import Corpus, sharded
-from tests.browser import browsing
+from talkingeyes.corpus.store import Corpus, shard_path
+from tests.browser import open_browser
 
 MOMENT_S, SAMPLES, SIZE = 4.4, 2, (1500, 1010)
 
@@ -21,17 +21,17 @@ MOMENT_S, SAMPLES, SIZE = 4.4, 2, (1500, 1010)
 def main(data: Path) -> None:
     """The first clip of the test split."""
     clip = Corpus(data / "synthesize").select("test", take=0)[0].id
-    drawn = Samples.load(sharded(data / "sample" / "talkingeyes", clip, ".npz"))
+    drawn = Samples.load(shard_path(data / "sample" / "talkingeyes", clip, ".npz"))
     with tempfile.TemporaryDirectory() as folder:
         few = Path(folder, f"{clip}.npz")
         Samples(drawn.fps, drawn.head[:SAMPLES], drawn.gaze[:SAMPLES]).save(few)
         command = [sys.executable, "-m", "talkingeyes.cli.main", "view", str(few), "--corpus", str(data / "synthesize")]
         server = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
         assert server.stdout is not None
-        with server, browsing(Path(folder, "profile"), *SIZE) as browser:
+        with server, open_browser(Path(folder, "profile"), *SIZE) as browser:
             browser.open(f"{server.stdout.readline().split(' ')[0]}#at={MOMENT_S}&rays=1")
-            browser.until("document.body.dataset.state == 'paused'", seconds=120)
-            browser.picture(Path(__file__).with_name("view.png"))
+            browser.wait_for("document.body.dataset.state == 'paused'", seconds=120)
+            browser.screenshot(Path(__file__).with_name("view.png"))
             server.terminate()
 
 

@@ -6,7 +6,8 @@
     m.save("speech.npz")
     te.export(m, "speech.glb")
 
-docs/python.md has the rest; docs/architecture.md says what stands where. Names are found on first use, for torch takes seconds.
+More examples are in docs/python.md, the structure is in docs/architecture.md. Names are imported on first use, because
+torch takes seconds to import.
 """
 
 import sys
@@ -15,33 +16,33 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.direction import Direction as Direction
+    from talkingeyes.animation.direction import Controls as Controls
     from talkingeyes.animation.direction import Liveliness as Liveliness
-    from talkingeyes.animation.perform import Performance as Performance
+    from talkingeyes.animation.perform import Animation as Animation
     from talkingeyes.animation.targets import load_targets as load_targets
     from talkingeyes.core.errors import InputError as InputError
     from talkingeyes.core.motion import Events as Events
     from talkingeyes.core.motion import Motion as Motion
     from talkingeyes.workflows.animate import animate as animate
-    from talkingeyes.workflows.animate import animate_into as animate_into
     from talkingeyes.workflows.animate import animate_samples as animate_samples
+    from talkingeyes.workflows.animate import animate_to_folder as animate_to_folder
     from talkingeyes.workflows.convert import export as export
-    from talkingeyes.workflows.direct import direct as direct
+    from talkingeyes.workflows.direct import make_controls as make_controls
     from talkingeyes.workflows.pack import pack as pack
     from talkingeyes.workflows.render import render as render
     from talkingeyes.workflows.speak import speak as speak
 
-_HOMES = {
-    "Direction": "animation.direction",
+_MODULES = {
+    "Controls": "animation.direction",
     "Events": "core.motion",
     "InputError": "core.errors",
     "Liveliness": "animation.direction",
     "Motion": "core.motion",
-    "Performance": "animation.perform",
+    "Animation": "animation.perform",
     "animate": "workflows.animate",
-    "animate_into": "workflows.animate",
+    "animate_to_folder": "workflows.animate",
     "animate_samples": "workflows.animate",
-    "direct": "workflows.direct",
+    "make_controls": "workflows.direct",
     "export": "workflows.convert",
     "load_targets": "animation.targets",
     "pack": "workflows.pack",
@@ -50,18 +51,18 @@ _HOMES = {
 }
 
 __all__ = [
-    "Direction",
+    "Animation",
+    "Controls",
     "Events",
     "InputError",
     "Liveliness",
     "Motion",
-    "Performance",
     "animate",
-    "animate_into",
     "animate_samples",
-    "direct",
+    "animate_to_folder",
     "export",
     "load_targets",
+    "make_controls",
     "pack",
     "render",
     "speak",
@@ -70,16 +71,16 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """A name of the list on first use."""
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
 
 
 class _Package(ModuleType):
     """Keeps a name of the list what it is: an import of the room `export` would put that in the function's place."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in _HOMES:
+        if name not in _MODULES:
             super().__setattr__(name, value)
 
 

@@ -14,32 +14,32 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Direction
-from talkingeyes.animation.perform import Performance, Performer
+from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.perform import Animation, Animator
 
-SECOND = 1
+SECOND_SEED = 1
 
 
 @dataclass(frozen=True)
 class Dialogue:
     """One conversation: what each of the two does, at the same times."""
 
-    first: Performance
-    second: Performance
+    first: Animation
+    second: Animation
 
 
-def converse(
-    performer: Performer,
+def animate_dialogue(
+    animator: Animator,
     sounds: Sequence[Float[ndarray, " _"]],
     samples: int,
     seed: int,
     fps: float,
-    directions: tuple[Direction, Direction] = (Direction(), Direction()),
+    controls_by_speaker: tuple[Controls, Controls] = (Controls(), Controls()),
 ) -> list[Dialogue]:
     """`samples` dialogues of two sounds (16 kHz) that begin together; the shorter one is silent in the end."""
     frames = max(len(sound) for sound in sounds)
     one, other = (np.pad(sound, (0, frames - len(sound))) for sound in sounds)
-    second_seed = int(np.random.SeedSequence([seed, SECOND]).generate_state(1)[0])
-    first = performer.perform(one, samples, seed, fps, replace(directions[0], partner=other))
-    second = performer.perform(other, samples, second_seed, fps, replace(directions[1], partner=one))
+    second_seed = int(np.random.SeedSequence([seed, SECOND_SEED]).generate_state(1)[0])
+    first = animator.perform(one, samples, seed, fps, replace(controls_by_speaker[0], partner=other))
+    second = animator.perform(other, samples, second_seed, fps, replace(controls_by_speaker[1], partner=one))
     return [Dialogue(*pair) for pair in zip(first, second, strict=True)]

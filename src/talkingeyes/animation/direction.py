@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.parts import AS_MODELLED, Parts
+from talkingeyes.animation.parts import NO_OVERRIDES, PartOverrides
 from talkingeyes.animation.targets import TargetTrack
 from talkingeyes.core.errors import InputError
-from talkingeyes.fitting.manner import Manner
-from talkingeyes.models.face.style import Style, StyleKey
+from talkingeyes.fitting.manner import MotionStyle
+from talkingeyes.models.face.style import FaceStyle, StyleKey
 
-MOST_LIVELY = 3.0
-NEUTRAL_FACE = (StyleKey(0.0, Style(None, "neutral", 0)),)
+MAX_LIVELINESS = 3.0
+NEUTRAL_FACE = (StyleKey(0.0, FaceStyle(None, "neutral", 0)),)
 
 
 @dataclass(frozen=True)
@@ -36,36 +36,39 @@ class Liveliness:
 
 
 @dataclass(frozen=True)
-class Direction:
+class Controls:
     """What is asked for.
 
-    `blinks` names the profile of their rate (physio, paper or corpus), `targets` what gaze goes to and when, `contact`
-    the share of time that gaze is at the listener (0 to 1; None: as the model does), `partner` the sound (16 kHz) of
-    whom the subject talks with, `person` who moves, of the speakers whom the model was told in training (None: one of
-    them, by the seed), `style` whose habits are imposed: a speaker kept with the model, or measured ones.
-    `as_drawn`: head and gaze are the model's alone, without what performance.oculomotor adds (to compare models).
-    `face` is the style of the face from moments on (emotion, intensity, speaker), `parts` what is replaced or off.
+    `blinks` names the profile of their rate (physio, paper or corpus), `targets` what gaze goes to and when,
+    `eye_contact` the share of time that gaze is at the listener (0 to 1; None: as the model does), `partner` the sound
+    (16 kHz) of whom the subject talks with, `person` who moves, of the speakers whom the model was told in training
+    (None: one of them, by the seed), `style` whose habits are imposed: a speaker kept with the model, or measured ones.
+    `no_postprocessing`: head and gaze are the model's alone, without what performance.oculomotor adds (to compare
+    models). `face` is the style of the face from moments on (emotion, intensity, speaker), `parts` what is replaced or
+    off.
     """
 
     blinks: str = "physio"
     targets: TargetTrack | None = None
-    contact: float | None = None
+    eye_contact: float | None = None
     liveliness: Liveliness = Liveliness()
     partner: Float[ndarray, " N"] | None = None
     person: str | None = None
-    style: Manner | str | None = None
-    as_drawn: bool = False
+    style: MotionStyle | str | None = None
+    no_postprocessing: bool = False
     face: tuple[StyleKey, ...] = NEUTRAL_FACE
-    parts: Parts = AS_MODELLED
+    parts: PartOverrides = NO_OVERRIDES
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a number out of bounds."""
-        if self.contact is not None and not 0.0 <= self.contact <= 1.0:
-            raise InputError(f"contact: should be 0 (gaze averted) to 1 (at the listener), got {self.contact:g}")
+        if self.eye_contact is not None and not 0.0 <= self.eye_contact <= 1.0:
+            raise InputError(
+                f"eye_contact: should be 0 (gaze averted) to 1 (at the listener), got {self.eye_contact:g}"
+            )
         for each in fields(Liveliness):
             value = getattr(self.liveliness, each.name)
-            if not (math.isfinite(value) and 0.0 <= value <= MOST_LIVELY):
-                raise InputError(f"liveliness of {each.name}: should be 0 (none) to {MOST_LIVELY:g}, got {value:g}")
+            if not (math.isfinite(value) and 0.0 <= value <= MAX_LIVELINESS):
+                raise InputError(f"liveliness of {each.name}: should be 0 (none) to {MAX_LIVELINESS:g}, got {value:g}")
         if not self.face:
             raise InputError("face: should have at least one style, got none")
         if self.partner is not None and not np.isfinite(self.partner).all():

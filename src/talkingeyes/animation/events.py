@@ -21,7 +21,7 @@ from talkingeyes.physiology import saccades
 
 
 @dataclass(frozen=True)
-class Performed:
+class HeadAndGaze:
     """Head and eye-in-head rotation vectors of T frames."""
 
     head: Float[ndarray, "T 3"]
@@ -30,11 +30,11 @@ class Performed:
 
 def resample(
     head: Float[ndarray, "T 3"],
-    space_rad: Float[ndarray, "T 2 2"],
+    gaze_in_space_rad: Float[ndarray, "T 2 2"],
     found: tuple[Saccade, ...],
     fps: float,
     new_fps: float,
-) -> Performed:
+) -> HeadAndGaze:
     """The same motion at another frame rate. Its duration stays, so T becomes T * new_fps / fps."""
     times = np.arange(len(head)) / fps
     new_times = np.arange(int(len(head) * new_fps / fps + 1e-9)) / new_fps
@@ -42,15 +42,15 @@ def resample(
     new_head = (
         CubicSpline(times, head)(np.minimum(new_times, times[-1])) if len(head) > 1 else head[new_times.astype(int)]
     )
-    smooth = space_rad - staircase(found, times)[:, None]
+    smooth = gaze_in_space_rad - saccade_staircase(found, times)[:, None]
     between = np.stack(
         [np.interp(new_times, times, smooth[:, eye, axis]) for eye in (0, 1) for axis in (0, 1)], axis=-1
     ).reshape(-1, 2, 2)
-    new_space = between + staircase(found, new_times)[:, None]
-    return Performed(new_head, rotation.eye_in_head(new_head, new_space))
+    new_space = between + saccade_staircase(found, new_times)[:, None]
+    return HeadAndGaze(new_head, rotation.eye_in_head(new_head, new_space))
 
 
-def staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+def saccade_staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
     """The sum of what all saccades have added until each time."""
     moving, landed = np.zeros((len(times_s), 2)), np.zeros((len(times_s) + 1, 2))
     for each in found:

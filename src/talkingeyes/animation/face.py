@@ -30,36 +30,36 @@ from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import motion_names
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
-from talkingeyes.models.face.style import Style, StyleKey
-from talkingeyes.physiology.face import FEELINGS, SHARE_OF_INTENSITY
-from talkingeyes.training.face_trained import FADE_S, FaceGenerator, gives_face, load_face_generator
+from talkingeyes.models.face.style import FaceStyle, StyleKey
+from talkingeyes.physiology.face import EMOTION_EXPRESSIONS, INTENSITY_STRENGTH
+from talkingeyes.training.face_trained import STYLE_FADE_S, TrainedFaceGenerator, is_face_model, load_face_generator
 
-FOLDER = "probtalk3d"
+FACE_MODEL_FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")
-PIECE_S, OVERLAP_S, SEAM_S = 120.0, 6.0, 0.5
-STREAM = 4  # of the seeds of a sample: 0 to 3 are those of head, gaze and what directs them
+CHUNK_S, OVERLAP_S, CROSSFADE_S = 120.0, 6.0, 0.5
+SEED_STREAM = 4  # of the seeds of a sample: 0 to 3 are those of head, gaze and what directs them
 
 
 @dataclass(frozen=True)
-class FacePerformer:
+class FaceAnimator:
     """A trained model of the face with its speech encoder."""
 
-    generator: FaceGenerator
+    generator: TrainedFaceGenerator
     encoder: SpeechEncoder
 
     @classmethod
-    def load(cls, folder: Path, settings: EmbedSettings, encoder: SpeechEncoder) -> FacePerformer:
+    def load(cls, folder: Path, settings: EmbedSettings, encoder: SpeechEncoder) -> FaceAnimator:
         """From a folder of the train stage; an encoder of these settings is there already.
 
         Raises InputError if it is no model of the open head's face.
         """
-        if not gives_face(folder):
+        if not is_face_model(folder):
             raise InputError(f"{folder}: should be a model of the face, such as probtalk3d, got one of other parts")
-        head = open_head()
-        generator = load_face_generator(folder, FaceBasis(head.name, motion_names(head)))
+        head = anny_head()
+        generator = load_face_generator(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
             own = EmbedSettings.model_validate(json.loads((folder / "embedding.json").read_text())["settings"])
         except (OSError, ValueError, KeyError) as error:
@@ -69,39 +69,41 @@ class FacePerformer:
     def check(self, style: Sequence[StyleKey]) -> None:
         """Raises InputError (one line, with the choices) for a speaker whom the model does not know."""
         for key in style:
-            self.generator.vocabulary.vector(key.style)
+            self.generator.vocabulary.style_vector(key.style)
 
     def perform(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed: int, samples: int, fps: float
     ) -> FaceSamples:
         """Faces at the model's rate; sample i of a seed is the same however many are asked for."""
-        piece, overlap = round(PIECE_S * fps), round(OVERLAP_S * fps)
-        faces = self._piece(embedding[:piece], style, (seed, samples, 0), fps)
+        piece, overlap = round(CHUNK_S * fps), round(OVERLAP_S * fps)
+        faces = self._chunk(embedding[:piece], style, (seed, samples, 0), fps)
         for number, start in enumerate(range(piece - overlap, len(embedding) - overlap, piece - overlap), start=1):
             later = [replace(key, onset_s=key.onset_s - start / fps) for key in style]
-            following = self._piece(embedding[start : start + piece], later, (seed, samples, number), fps)
-            faces = faded(faces, following, start, overlap)
+            following = self._chunk(embedding[start : start + piece], later, (seed, samples, number), fps)
+            faces = crossfade(faces, following, start, overlap)
         return faces
 
-    def _piece(
-        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], drawn: tuple[int, int, int], fps: float
+    def _chunk(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed_parts: tuple[int, int, int], fps: float
     ) -> FaceSamples:
-        """`drawn`: the seed, how many samples, and which piece."""
-        seed, samples, number = drawn
-        streams = [np.random.SeedSequence([seed, index, STREAM, number]) for index in range(samples)]
+        """`seed_parts`: the seed, how many samples, and which piece."""
+        seed, samples, number = seed_parts
+        streams = [np.random.SeedSequence([seed, index, SEED_STREAM, number]) for index in range(samples)]
         return self.generator.generate(embedding, style, [int(each.generate_state(1)[0]) for each in streams], fps)
 
 
-def beside(model: Path) -> Path | None:
+def find_face_model(model: Path) -> Path | None:
     """The folder of the model of the face that stands beside a model of head and gaze, if there is one."""
-    folder = model.absolute().parent / FOLDER  # not resolved: runs of experiments show results of a store as links
+    folder = (
+        model.absolute().parent / FACE_MODEL_FOLDER
+    )  # not resolved: runs of experiments show results of a store as links
     return folder if folder.is_dir() and folder != model.absolute() else None
 
 
-def faded(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) -> FaceSamples:
+def crossfade(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) -> FaceSamples:
     """Faces, then those that follow from frame `start` on; in the middle of the overlap one becomes the other."""
     both = min(overlap, following.jaw.shape[1])
-    ramp = (np.arange(both) - (both - 1) / 2) / (SEAM_S * faces.fps) + 0.5
+    ramp = (np.arange(both) - (both - 1) / 2) / (CROSSFADE_S * faces.fps) + 0.5
     share = np.clip(ramp, 0.0, 1.0)[None, :, None]
 
     def joined(one: Float[ndarray, "S T C"], other: Float[ndarray, "S U C"]) -> Float[ndarray, "S V C"]:
@@ -118,15 +120,15 @@ def faded(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) 
 def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[StyleKey]) -> Motion:
     """A motion whose `lid` holds blinks alone, with a face: jaw, expression, and how far its emotion opens the lids."""
     times_s = np.arange(len(motion)) / motion.fps
-    expression = np.clip(between(faces.expression[sample], faces.fps, times_s), 0.0, 1.0)
+    expression = np.clip(interpolate_pchip(faces.expression[sample], faces.fps, times_s), 0.0, 1.0)
     closure = np.clip(motion.lid.mean(axis=1), 0.0, 1.0)
     for column, name in enumerate(faces.expression_names):
         if name.startswith(AROUND_EYES):
             expression[:, column] *= 1.0 - closure
-    raised = felt_lid(style, times_s)[:, None]
+    raised = emotion_lid_closure(style, times_s)[:, None]
     return replace(
         motion,
-        jaw=between(faces.jaw[sample], faces.fps, times_s),
+        jaw=interpolate_pchip(faces.jaw[sample], faces.fps, times_s),
         expression=expression,
         expression_names=faces.expression_names,
         head_model=faces.head_model,
@@ -134,20 +136,22 @@ def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[S
     )
 
 
-def felt_lid(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+def emotion_lid_closure(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
     """How far emotions close the lids (below 0: open them) at each time, blended in as the style is."""
     ordered = sorted(style, key=lambda key: key.onset_s)
     found = np.full(len(times_s), _lid(ordered[0].style))
     for key in ordered[1:]:
-        found += np.clip((times_s - key.onset_s) / FADE_S, 0.0, 1.0) * (_lid(key.style) - found)
+        found += np.clip((times_s - key.onset_s) / STYLE_FADE_S, 0.0, 1.0) * (_lid(key.style) - found)
     return found
 
 
-def _lid(style: Style) -> float:
-    return SHARE_OF_INTENSITY[style.intensity] * FEELINGS[style.emotion].lid
+def _lid(style: FaceStyle) -> float:
+    return INTENSITY_STRENGTH[style.intensity] * EMOTION_EXPRESSIONS[style.emotion].lid
 
 
-def between(values: Float[ndarray, "F C"], fps: float, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+def interpolate_pchip(
+    values: Float[ndarray, "F C"], fps: float, times_s: Float[ndarray, " T"]
+) -> Float[ndarray, "T C"]:
     """Values between frames, never beyond those of the two frames around; after the last frame, the last."""
     if len(values) < 2 or not values.shape[1]:
         return np.repeat(values[:1], len(times_s), axis=0)

@@ -25,30 +25,30 @@ from numpy import ndarray
 
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import Blink, Events, Motion, Saccade
+from talkingeyes.core.motion import JSON_NAMES, Blink, Events, Motion, Saccade
 from talkingeyes.physiology import blinks, saccades
 
 SCHEMA = "talkingeyes.events/1"
-KINDS = ("saccades", "blinks")  # that can be edited
-KEPT = ("head_moves", "refocuses")  # that cannot: head and vergence play as they are
+EDITABLE_KINDS = ("saccades", "blinks")  # that can be edited
+FIXED_KINDS = ("head_movements", "vergence_movements")  # that cannot: they play as they are
 DIGITS = 6
-USUAL_BLINK = {"closing_s": 0.085, "hold_s": 0.025, "opening_s": 0.21, "depth": 1.0}
+DEFAULT_BLINK = {"closing_s": 0.085, "hold_s": 0.025, "opening_s": 0.21, "depth": 1.0}
 
 Key = TypeVar("Key", Saccade, Blink)
 
 
 @dataclass(frozen=True)
-class Keys:
+class EventKeys:
     """The keys as edited, and as they were; in order of onset. A saccade of `new` may lack start, duration and skew."""
 
-    now: Events
+    current: Events
     original: Events
 
 
 def save_keys(path: Path, events: Events, fps: float) -> None:
     """Write keys that nobody has edited yet, a line each."""
-    now = [f'"{kind}": {_lines(events, kind)}' for kind in (*KINDS, *KEPT)]
-    parts = [f'"schema": "{SCHEMA}"', f'"fps": {fps}', *now, f'"original": {{{", ".join(now)}}}']
+    current = [f'"{JSON_NAMES.get(kind, kind)}": {_lines(events, kind)}' for kind in (*EDITABLE_KINDS, *FIXED_KINDS)]
+    parts = [f'"schema": "{SCHEMA}"', f'"fps": {fps}', *current, f'"original": {{{", ".join(current)}}}']
     path.write_text("{\n" + ",\n".join(parts) + "\n}\n")
 
 
@@ -59,7 +59,7 @@ def _lines(events: Events, kind: str) -> str:
     return "[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]"
 
 
-def load_keys(path: Path) -> Keys:
+def load_keys(path: Path) -> EventKeys:
     """Read keys. Raises InputError, which names the key that is wrong."""
     try:
         content = json.loads(path.read_text())
@@ -71,12 +71,13 @@ def load_keys(path: Path) -> Keys:
             raise InputError(
                 f"{path}: should hold the original keys too, as `animate` and `export -f events` write them, got none"
             )
-        changed = [kind for kind in KEPT if content.get(kind, []) != before.get(kind, [])]
+        fixed = (JSON_NAMES[kind] for kind in FIXED_KINDS)
+        changed = [name for name in fixed if content.get(name, []) != before.get(name, [])]
         if changed:
             raise InputError(
-                f"{path}: {' and '.join(KINDS)} can be edited, got other {changed[0]} than the original ones"
+                f"{path}: {' and '.join(EDITABLE_KINDS)} can be edited, got other {changed[0]} than the original ones"
             )
-        return Keys(_events(path, content), _events(path, before))
+        return EventKeys(_events(path, content), _events(path, before))
     except (OSError, ValueError, KeyError, TypeError) as error:
         if isinstance(error, InputError):
             raise
@@ -90,25 +91,25 @@ def load_original(path: Path) -> Events:
     return load_keys(path).original if "original" in content else found
 
 
-def edited(motion: Motion, keys: Keys) -> Motion:
+def apply_key_edits(motion: Motion, keys: EventKeys) -> Motion:
     """The motion with the keys as they are now."""
     times = np.arange(len(motion)) / motion.fps
     space = rotation.gaze_in_space(motion.head, motion.gaze)
-    shift = _shift(keys, rotation.conjugate(space), times)
+    shift = _shift(keys, rotation.cyclopean_gaze(space), times)
     moved = np.flatnonzero(shift.any(axis=1))
     gaze = motion.gaze.copy()
     gaze[moved] = rotation.eye_in_head(motion.head[moved], space[moved] + shift[moved, None])
-    return replace(motion, gaze=gaze, lid=lids(motion.lid, keys, times))
+    return replace(motion, gaze=gaze, lid=edit_lids(motion.lid, keys, times))
 
 
-def _shift(keys: Keys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+def _shift(keys: EventKeys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
     """S(t; edited) - S(t; original), built up saccade by saccade."""
-    gone = [each for each in keys.original.saccades if each not in keys.now.saccades]
+    gone = [each for each in keys.original.saccades if each not in keys.current.saccades]
     kept = set(keys.original.saccades)
     shift = np.zeros((len(times), 2))
     for each in gone:
         shift += _without(each, gaze_rad, times)
-    for each in keys.now.saccades:
+    for each in keys.current.saccades:
         before = np.array([np.interp(each.onset_s, times, column) for column in shift.T])
         if each in kept:  # it goes where it went, from wherever it now starts
             if before.any():
@@ -116,7 +117,7 @@ def _shift(keys: Keys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarray, " 
             continue
         start = np.array([np.interp(each.onset_s, times, column) for column in (gaze_rad + shift).T])
         step = np.subtract(each.end_rad, start)
-        shift += _step(_lawful(each, step), step, times)
+        shift += _step(_fill_main_sequence(each, step), step, times)
     return np.where(np.abs(shift) < 1e-12, 0.0, shift)
 
 
@@ -138,7 +139,7 @@ def _step(saccade: Saccade, step: Float[ndarray, " 2"], times: Float[ndarray, " 
     return np.asarray(done[:, None] * step)
 
 
-def _lawful(saccade: Saccade, step: Float[ndarray, " 2"]) -> Saccade:
+def _fill_main_sequence(saccade: Saccade, step: Float[ndarray, " 2"]) -> Saccade:
     """With duration and skew of the main sequence, where the key leaves them open (0)."""
     amplitude = float(np.linalg.norm(step))
     return replace(
@@ -148,9 +149,9 @@ def _lawful(saccade: Saccade, step: Float[ndarray, " 2"]) -> Saccade:
     )
 
 
-def lids(lid: Float[ndarray, "T 2"], keys: Keys, times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    gone = [each for each in keys.original.blinks if each not in keys.now.blinks]
-    new = [each for each in keys.now.blinks if each not in keys.original.blinks]
+def edit_lids(lid: Float[ndarray, "T 2"], keys: EventKeys, times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
+    gone = [each for each in keys.original.blinks if each not in keys.current.blinks]
+    new = [each for each in keys.current.blinks if each not in keys.original.blinks]
     found = lid.copy()
     for each in gone:
         first, stop = np.searchsorted(times, [each.onset_s, blinks.end_s(each)])
@@ -164,7 +165,7 @@ def lids(lid: Float[ndarray, "T 2"], keys: Keys, times: Float[ndarray, " T"]) ->
 
 
 def _events(path: Path, content: Mapping[str, Any]) -> Events:
-    found = {kind: [_key(path, kind, row) for row in content[kind]] for kind in KINDS}
+    found = {kind: [_key(path, kind, row) for row in content[kind]] for kind in EDITABLE_KINDS}
     for kind, keys in found.items():
         keys.sort(key=lambda each: float(each.onset_s))
         for first, second in itertools.pairwise(keys):
@@ -174,7 +175,10 @@ def _events(path: Path, content: Mapping[str, Any]) -> Events:
 
 
 def _key(path: Path, kind: str, row: Mapping[str, Any]) -> Any:
-    known = {"saccades": ("onset_s", "end_rad", "start_rad", "duration_s", "skew"), "blinks": ("onset_s", *USUAL_BLINK)}
+    known = {
+        "saccades": ("onset_s", "end_rad", "start_rad", "duration_s", "skew"),
+        "blinks": ("onset_s", *DEFAULT_BLINK),
+    }
     strange = [name for name in row if name not in known[kind]]
     if strange or "onset_s" not in row or (kind == "saccades" and "end_rad" not in row):
         needed = "onset_s and end_rad" if kind == "saccades" else "onset_s"
@@ -184,7 +188,9 @@ def _key(path: Path, kind: str, row: Mapping[str, Any]) -> Any:
     if not np.isfinite(numbers).all() or min(times) < 0:
         raise InputError(f"{path}: a key of {kind} should hold finite numbers, times from 0 s, got {dict(row)}")
     if kind == "blinks":
-        return Blink(**{"onset_s": float(row["onset_s"]), **{k: float(row.get(k, v)) for k, v in USUAL_BLINK.items()}})
+        return Blink(
+            **{"onset_s": float(row["onset_s"]), **{k: float(row.get(k, v)) for k, v in DEFAULT_BLINK.items()}}
+        )
     start, end = (tuple(float(value) for value in row.get(name, (0.0, 0.0))) for name in ("start_rad", "end_rad"))
     if len(start) != 2 or len(end) != 2:
         raise InputError(f"{path}: start_rad and end_rad should be yaw and pitch, got {dict(row)}")

@@ -20,45 +20,47 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.speaking import speaking
 from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
-from talkingeyes.core.motion import HeadMove
+from talkingeyes.core.motion import HeadMovement
 from talkingeyes.synthesis import gestures
-from talkingeyes.synthesis.conversation import TIMINGS
-from talkingeyes.synthesis.speakers import LOOK_LISTENING, draw_style
+from talkingeyes.synthesis.conversation import AVERSION_TIMINGS
+from talkingeyes.synthesis.speakers import LOOK_LISTENING, sample_style
 
 # The partner has the turn until this long after speaking, unless the subject begins before.
 TURN_S = 1.0
-LEAST_TURN_S = 0.6
+MIN_TURN_S = 0.6
 # Turns that are taken from the partner begin averted in so many cases, and in the others as the model has it: in all
 # that is seven of ten on the sounds of train, as Kendon found for long utterances; the model alone has .46.
-SURELY_AVERTED, LONG_TURN_S = 0.55, 2.0
+AVERSION_PROBABILITY, LONG_TURN_S = 0.55, 2.0
 
 
 @dataclass(frozen=True)
-class Listening:
+class ListeningBehaviour:
     """When each of the two speaks and who has the turn; the share of listening time that gaze is at the partner.
 
-    `averted` is when gaze is away from the partner, whatever the model has, because the turn is taken.
+    `aversions` is when gaze is away from the partner, whatever the model has, because the turn is taken.
     """
 
     annotation: Annotation
-    look: float
-    nods: tuple[HeadMove, ...]
-    averted: tuple[Span, ...]
+    gaze_fraction: float
+    nods: tuple[HeadMovement, ...]
+    aversions: tuple[Span, ...]
 
 
-def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " M"], seeds: Sequence[int]) -> Listening:
+def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " M"], seeds: Sequence[int]) -> ListeningBehaviour:
     """What a person does about a partner's speech (16 kHz, beginning at the same time as the own)."""
     random = np.random.default_rng(seeds)
-    annotation = turns(own, partner)
-    style = draw_style(random)
-    look = float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98))
+    annotation = detect_turns(own, partner)
+    style = sample_style(random)
+    gaze_fraction = float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98))
     nods = tuple(gestures.backchannels(annotation, style, random))
-    return Listening(annotation, look, nods, tuple(_averted(taken(annotation), random)))
+    return ListeningBehaviour(
+        annotation, gaze_fraction, nods, tuple(_sample_aversions(turn_starts(annotation), random))
+    )
 
 
-def turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
+def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
     """Who speaks when, by level alone, and the stretches in which the partner has the turn."""
-    mine, theirs = _spoken(own), _spoken(partner)
+    mine, theirs = _detect_speech(own), _detect_speech(partner)
     held: list[Span] = []
     for span in theirs:
         if held and span.start_s - held[-1].end_s <= TURN_S:
@@ -66,29 +68,29 @@ def turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotatio
         else:
             held.append(span)
     free = [rest for span in held for rest in _without(Span(span.start_s, span.end_s + TURN_S / 2), mine)]
-    listens = tuple(span for span in free if span.end_s - span.start_s >= LEAST_TURN_S)
+    listens = tuple(span for span in free if span.end_s - span.start_s >= MIN_TURN_S)
     return Annotation(speaking=mine, listening=listens, partner=theirs)
 
 
-def taken(annotation: Annotation) -> list[float]:
+def turn_starts(annotation: Annotation) -> list[float]:
     """When the subject begins long turns that follow the partner's."""
     listens, found = annotation.listening, []
-    for index, heard in enumerate(listens):
+    for index, partner_span in enumerate(listens):
         following_s = listens[index + 1].start_s if index + 1 < len(listens) else np.inf
-        own = [span for span in annotation.speaking if heard.end_s <= span.start_s < following_s]
+        own = [span for span in annotation.speaking if partner_span.end_s <= span.start_s < following_s]
         if own and own[-1].end_s - own[0].start_s >= LONG_TURN_S:
             found.append(own[0].start_s)
     return found
 
 
-def _averted(starts_s: Sequence[float], random: np.random.Generator) -> list[Span]:
+def _sample_aversions(starts_s: Sequence[float], random: np.random.Generator) -> list[Span]:
     """From before some of the starts until after them, as people plan what they say (Andrist et al. 2013)."""
-    law = TIMINGS["planning"]
-    spans = [Span(start + random.normal(*law.start_s), start + random.normal(*law.end_s)) for start in starts_s]
-    return [span for span in spans if random.random() < SURELY_AVERTED]
+    timing = AVERSION_TIMINGS["planning"]
+    spans = [Span(start + random.normal(*timing.start_s), start + random.normal(*timing.end_s)) for start in starts_s]
+    return [span for span in spans if random.random() < AVERSION_PROBABILITY]
 
 
-def _spoken(sound: Float[ndarray, " N"]) -> tuple[Span, ...]:
+def _detect_speech(sound: Float[ndarray, " N"]) -> tuple[Span, ...]:
     """Where a sound speaks; nowhere if it is silent, which `speaking` would not know."""
     return () if not len(sound) or loudest_dbfs(sound) < SILENT_DBFS else speaking(sound).speaking
 

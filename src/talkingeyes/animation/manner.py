@@ -14,69 +14,81 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.course import Course, fixations, reaimed, scaled, split, without
-from talkingeyes.animation.retime import retimed
+from talkingeyes.animation.course import (
+    GazeTrajectory,
+    fixations,
+    remove_saccades,
+    scale_gaze,
+    shift_fixations,
+    split_fixations,
+)
+from talkingeyes.animation.retime import resample_motion
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.fitting.manner import Manner, measured
+from talkingeyes.fitting.manner import MotionStyle, measure_style
 from talkingeyes.physiology import saccades
 
 # No more than so many times larger than the model's: a still clip has no motion to scale up.
-MOST_GAIN = 8.0
-LEAST_RANGE_RAD = float(np.radians(0.05))
+MAX_GAIN = 8.0
+MIN_RANGE_RAD = float(np.radians(0.05))
 MEASURED_FPS = 25.0
-LEAST_FIXATION_S = 0.2
+MIN_FIXATION_S = 0.2
 SCAN_DEG = (1.2, 6.0)
 
 
-def manner_of(clip: Motion) -> Manner:
+def measure_clip_style(clip: Motion) -> MotionStyle:
     """The habits in a reference clip of any frame rate; saccades are counted at 25 a second, as the model has them."""
-    return measured(retimed(clip, Events(), MEASURED_FPS))
+    return measure_style(resample_motion(clip, Events(), MEASURED_FPS))
 
 
-def in_manner(course: Course, manner: Manner, seeds: Sequence[int]) -> Course:
+def apply_style(trajectory: GazeTrajectory, motion_style: MotionStyle, seeds: Sequence[int]) -> GazeTrajectory:
     """The course with a person's mean pose, ranges and rate of saccades."""
-    course = _at_rate(course, manner.saccades_per_min, seeds)
-    together, centre = course.together_rad, course.together_rad.mean(axis=0)
-    gain = _gain(np.array(manner.gaze_sd_rad), together.std(axis=0))
-    course = scaled(course, centre, gain, np.array(manner.gaze_mean_rad))
-    mean = course.head.mean(axis=0)
-    turn = _gain(np.array(manner.head_sd_rad), course.head.std(axis=0))
-    return replace(course, head=np.array(manner.head_mean_rad) + turn * (course.head - mean))
+    trajectory = _set_saccade_rate(trajectory, motion_style.saccades_per_min, seeds)
+    together, centre = trajectory.cyclopean_rad, trajectory.cyclopean_rad.mean(axis=0)
+    gain = _gain(np.array(motion_style.gaze_sd_rad), together.std(axis=0))
+    trajectory = scale_gaze(trajectory, centre, gain, np.array(motion_style.gaze_mean_rad))
+    mean = trajectory.head.mean(axis=0)
+    turn = _gain(np.array(motion_style.head_sd_rad), trajectory.head.std(axis=0))
+    return replace(trajectory, head=np.array(motion_style.head_mean_rad) + turn * (trajectory.head - mean))
 
 
 def _gain(wanted: Float[ndarray, " C"], had: Float[ndarray, " C"]) -> Float[ndarray, " C"]:
-    return np.asarray(np.clip(wanted / np.maximum(had, LEAST_RANGE_RAD), 0.0, MOST_GAIN))
+    return np.asarray(np.clip(wanted / np.maximum(had, MIN_RANGE_RAD), 0.0, MAX_GAIN))
 
 
-def _at_rate(course: Course, per_min: float, seeds: Sequence[int]) -> Course:
+def _set_saccade_rate(trajectory: GazeTrajectory, per_min: float, seeds: Sequence[int]) -> GazeTrajectory:
     """As many saccades a minute: the smallest are left out, the next one takes their step; or more look about."""
-    wanted = round(per_min * course.seconds / 60.0)
-    return _with_fewer(course, wanted) if wanted < len(course.saccades) else _with_more(course, wanted, seeds)
-
-
-def _with_fewer(course: Course, wanted: int) -> Course:
-    return without(
-        course, np.argsort(np.hypot(*course.steps_rad.T), kind="stable")[: len(course.saccades) - wanted].tolist()
+    wanted = round(per_min * trajectory.seconds / 60.0)
+    return (
+        _remove_smallest(trajectory, wanted)
+        if wanted < len(trajectory.saccades)
+        else _add_small_saccades(trajectory, wanted, seeds)
     )
 
 
-def _with_more(course: Course, wanted: int, seeds: Sequence[int]) -> Course:
+def _remove_smallest(trajectory: GazeTrajectory, wanted: int) -> GazeTrajectory:
+    return remove_saccades(
+        trajectory,
+        np.argsort(np.hypot(*trajectory.steps_rad.T), kind="stable")[: len(trajectory.saccades) - wanted].tolist(),
+    )
+
+
+def _add_small_saccades(trajectory: GazeTrajectory, wanted: int, seeds: Sequence[int]) -> GazeTrajectory:
     """The longest fixations are cut, in the middle or thereabouts, by a small saccade, as long as one can be."""
     random = np.random.default_rng(seeds)
-    found = fixations(course, course.together_rad)
+    found = fixations(trajectory, trajectory.cyclopean_rad)
     longest = [(float(start - end), float(start)) for start, end in zip(found.start_s, found.end_s, strict=True)]
     heapq.heapify(longest)
     onsets: set[float] = set()
-    while len(course.saccades) + len(onsets) < wanted and -longest[0][0] >= 2 * LEAST_FIXATION_S:
+    while len(trajectory.saccades) + len(onsets) < wanted and -longest[0][0] >= 2 * MIN_FIXATION_S:
         length, start = heapq.heappop(longest)
         onset = start - float(random.uniform(0.35, 0.65)) * length
         onsets.add(onset)
         heapq.heappush(longest, (start - onset, start))
         heapq.heappush(longest, (length + onset - start, onset))
-    new = split(course, sorted(onsets))
+    new = split_fixations(trajectory, sorted(onsets))
     offsets = np.zeros((len(new.saccades) + 1, 2))
     for index, each in enumerate(new.saccades):
         if each.onset_s in onsets:
-            size = saccades.draw_amplitudes_rad(1, random, *SCAN_DEG)
-            offsets[index + 1] = size * saccades.draw_directions(1, random)[0]
-    return reaimed(new, offsets)
+            size = saccades.sample_amplitudes_rad(1, random, *SCAN_DEG)
+            offsets[index + 1] = size * saccades.sample_directions(1, random)[0]
+    return shift_fixations(new, offsets)

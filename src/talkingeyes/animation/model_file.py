@@ -28,13 +28,15 @@ from typing import Any
 from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.model/1"
-KEY = "talkingeyes"
+METADATA_KEY = "talkingeyes"
 SUFFIX = ".safetensors"
-NAME = re.compile(r"\w[\w.-]*/\w[\w.-]*")  # FOLDER/FILE: nothing that leads out of the place it is unpacked to
+MEMBER_PATTERN = re.compile(
+    r"\w[\w.-]*/\w[\w.-]*"
+)  # FOLDER/FILE: nothing that leads out of the place it is unpacked to
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedMetadata:
     """The metadata of a packed model."""
 
     models: tuple[str, ...]
@@ -43,7 +45,7 @@ class Packed:
 
 
 @contextlib.contextmanager
-def opened(model: Path) -> Iterator[Path]:
+def open_model(model: Path) -> Iterator[Path]:
     """A folder with the model: the one that was named, or that of a packed file while the block lasts.
 
     Raises InputError if it is neither; errors from inside the block name the file.
@@ -53,7 +55,7 @@ def opened(model: Path) -> Iterator[Path]:
         return
     if not model.exists():
         raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
-    packed = read_packed(model)
+    packed = read_packed_metadata(model)
     _check_encoder(model, packed.encoder)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
         first = _unpack(model, packed, Path(place))
@@ -63,17 +65,17 @@ def opened(model: Path) -> Iterator[Path]:
             raise InputError(str(error).replace(str(first), str(model))) from None
 
 
-def read_packed(path: Path) -> Packed:
+def read_packed_metadata(path: Path) -> PackedMetadata:
     """What a packed model says of itself. Raises InputError if it is damaged or another file."""
     import safetensors
 
     try:
         with safetensors.safe_open(path, "np") as file:
             metadata = file.metadata() or {}
-        said = json.loads(metadata.get(KEY, "{}"))
-        if said.get("schema") != SCHEMA:
-            raise InputError(f"{path}: should be a model of `talkingeyes pack` ({SCHEMA}), got {said.get('schema')}")
-        packed = Packed(tuple(said["models"]), dict(said["files"]), dict(said["encoder"]))
+        header = json.loads(metadata.get(METADATA_KEY, "{}"))
+        if header.get("schema") != SCHEMA:
+            raise InputError(f"{path}: should be a model of `talkingeyes pack` ({SCHEMA}), got {header.get('schema')}")
+        packed = PackedMetadata(tuple(header["models"]), dict(header["files"]), dict(header["encoder"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, safetensors.SafetensorError) as error:
         if isinstance(error, InputError):
             raise
@@ -81,12 +83,12 @@ def read_packed(path: Path) -> Packed:
             f"{path}: should be a folder of the train stage or a file of `talkingeyes pack`, got what cannot be read "
             f"({' '.join(str(error).split())[:120]})"
         ) from None
-    if not packed.models or not all(NAME.fullmatch(f"{model}/x") for model in packed.models):
+    if not packed.models or not all(MEMBER_PATTERN.fullmatch(f"{model}/x") for model in packed.models):
         raise InputError(f"{path}: models should be plain names, got {list(packed.models)}")
     return packed
 
 
-def _unpack(path: Path, packed: Packed, place: Path) -> Path:
+def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     """Write the folders of a packed model; gives the first."""
     from safetensors.torch import load_file, save_file
 
@@ -95,7 +97,7 @@ def _unpack(path: Path, packed: Packed, place: Path) -> Path:
         file, _, name = key.partition(":")
         tensors.setdefault(file, {})[name] = tensor
     for name in (*packed.files, *tensors):
-        if not NAME.fullmatch(name) or name.split("/")[0] not in packed.models:
+        if not MEMBER_PATTERN.fullmatch(name) or name.split("/")[0] not in packed.models:
             raise InputError(f"{path}: holds {name!r}, which belongs to none of its models")
     for model in packed.models:
         (place / model).mkdir()
@@ -121,9 +123,9 @@ def _weights_sha256(kind: str) -> str | None:
     """The digest of weights that a package ships; None where they come from elsewhere, or there are none."""
     if kind != "moonshine":
         return None
-    from talkingeyes.audio.encoder_moonshine import MODEL, packaged
+    from talkingeyes.audio.encoder_moonshine import MODEL, package_file
 
-    return hashlib.sha256(packaged(MODEL).read_bytes()).hexdigest()
+    return hashlib.sha256(package_file(MODEL).read_bytes()).hexdigest()
 
 
 def _check_encoder(path: Path, encoder: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from talkingeyes.animation.retime import retimed
+from talkingeyes.animation.retime import resample_motion
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -27,42 +27,42 @@ PARTS = ("head", "gaze", "blinks", "face")
 
 
 @dataclass(frozen=True)
-class Parts:
+class PartOverrides:
     """Which parts are switched off, and which are taken from other motions."""
 
-    without: tuple[str, ...] = ()
-    replaced: Mapping[str, Motion] = field(default_factory=dict)
+    disabled: tuple[str, ...] = ()
+    replacements: Mapping[str, Motion] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a part that there is not, or that is both replaced and switched off."""
-        for name in (*self.without, *self.replaced):
+        for name in (*self.disabled, *self.replacements):
             if name not in PARTS:
                 raise InputError(f"parts: should be among {', '.join(PARTS)}, got {name}")
-        both = [name for name in self.without if name in self.replaced]
+        both = [name for name in self.disabled if name in self.replacements]
         if both:
             raise InputError(f"parts: {both[0]} should be replaced or switched off, got both")
 
     @property
-    def models_own(self) -> bool:
+    def is_default(self) -> bool:
         """Whether all parts are the models'."""
-        return not self.without and not self.replaced
+        return not self.disabled and not self.replacements
 
-    def models_give(self, part: str) -> bool:
+    def is_generated(self, part: str) -> bool:
         """Whether a part is a model's."""
-        return part not in self.without and part not in self.replaced
+        return part not in self.disabled and part not in self.replacements
 
 
-AS_MODELLED = Parts()
+NO_OVERRIDES = PartOverrides()
 
 
-def recast_motion(motion: Motion, parts: Parts) -> Motion:
+def override_motion(motion: Motion, parts: PartOverrides) -> Motion:
     """The motion with its parts replaced or switched off, but for blinks that are switched off: those are not drawn.
 
     Raises InputError (one line) for a motion that is shorter than the speech.
     """
-    donors = {name: _fitted(name, donor, motion) for name, donor in parts.replaced.items()}
-    if "face" in donors:
-        face = donors["face"]
+    sources = {name: _resample_source(name, source, motion) for name, source in parts.replacements.items()}
+    if "face" in sources:
+        face = sources["face"]
         motion = replace(
             motion,
             jaw=face.jaw,
@@ -70,42 +70,42 @@ def recast_motion(motion: Motion, parts: Parts) -> Motion:
             expression_names=face.expression_names,
             head_model=face.head_model,
         )
-    elif "face" in parts.without:
+    elif "face" in parts.disabled:
         frames = len(motion)
         motion = replace(motion, jaw=np.zeros((frames, 3)), expression=np.zeros((frames, 0)), expression_names=())
-    if "blinks" in donors:
-        motion = replace(motion, lid=donors["blinks"].lid)
-    if "head" in donors or "head" in parts.without:
-        head = donors["head"].head if "head" in donors else np.zeros((len(motion), 3))
-        moved = donors["head"].translation if "head" in donors else np.zeros((len(motion), 3))
+    if "blinks" in sources:
+        motion = replace(motion, lid=sources["blinks"].lid)
+    if "head" in sources or "head" in parts.disabled:
+        head = sources["head"].head if "head" in sources else np.zeros((len(motion), 3))
+        moved = sources["head"].translation if "head" in sources else np.zeros((len(motion), 3))
         space = rotation.gaze_in_space(motion.head, motion.gaze)
         motion = replace(
-            motion, head=head, translation=moved, gaze=eye_head.within_range(rotation.eye_in_head(head, space))
+            motion, head=head, translation=moved, gaze=eye_head.clamp_to_eye_range(rotation.eye_in_head(head, space))
         )
-    if "gaze" in donors or "gaze" in parts.without:
-        gaze = donors["gaze"].gaze if "gaze" in donors else np.zeros((len(motion), 2, 3))
+    if "gaze" in sources or "gaze" in parts.disabled:
+        gaze = sources["gaze"].gaze if "gaze" in sources else np.zeros((len(motion), 2, 3))
         motion = replace(motion, gaze=gaze)
     return motion
 
 
-def recast_events(events: Events, motion: Motion, parts: Parts) -> Events:
+def override_events(events: Events, motion: Motion, parts: PartOverrides) -> Events:
     """The events that a recast motion still shows: saccades are found anew where the eyes are another's."""
-    if "gaze" in parts.without:
+    if "gaze" in parts.disabled:
         events = replace(events, saccades=())
-    elif "gaze" in parts.replaced:
+    elif "gaze" in parts.replacements:
         space = rotation.gaze_in_space(motion.head, motion.gaze).mean(axis=1)
         events = replace(events, saccades=find_saccades(space, motion.fps))
-    if not parts.models_give("blinks"):
+    if not parts.is_generated("blinks"):
         events = replace(events, blinks=())
     return events
 
 
-def _fitted(name: str, donor: Motion, motion: Motion) -> Motion:
+def _resample_source(name: str, source: Motion, motion: Motion) -> Motion:
     """A motion at the frame rate and the length of the performance."""
-    space = rotation.gaze_in_space(donor.head, donor.gaze).mean(axis=1)
-    same = retimed(donor, Events(saccades=find_saccades(space, donor.fps)), motion.fps)
+    space = rotation.gaze_in_space(source.head, source.gaze).mean(axis=1)
+    same = resample_motion(source, Events(saccades=find_saccades(space, source.fps)), motion.fps)
     if len(same) < len(motion):
         raise InputError(
-            f"replace {name}: should last as long as the speech, {motion.seconds:.2f} s, got {donor.seconds:.2f} s"
+            f"replace {name}: should last as long as the speech, {motion.seconds:.2f} s, got {source.seconds:.2f} s"
         )
     return same.cut(0, len(motion))

@@ -18,37 +18,43 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.course import Course
-from talkingeyes.animation.direct import Asked, blinks_of, blinks_per_min, blinks_with, directed
-from talkingeyes.animation.direction import NEUTRAL_FACE, Direction
+from talkingeyes.animation.course import GazeTrajectory
+from talkingeyes.animation.direct import (
+    ResolvedControls,
+    apply_controls,
+    blinks_per_min,
+    gaze_evoked_blinks,
+    spontaneous_blinks,
+)
+from talkingeyes.animation.direction import NEUTRAL_FACE, Controls
 from talkingeyes.animation.events import resample
-from talkingeyes.animation.face import FacePerformer, beside, with_face
+from talkingeyes.animation.face import FaceAnimator, find_face_model, with_face
 from talkingeyes.animation.keys import save_keys
-from talkingeyes.animation.listening import listening, turns
-from talkingeyes.animation.model_file import opened
-from talkingeyes.animation.oculomotor import accompanied
-from talkingeyes.animation.parts import recast_events, recast_motion
+from talkingeyes.animation.listening import detect_turns, listening
+from talkingeyes.animation.model_file import open_model
+from talkingeyes.animation.oculomotor import add_head_contribution
+from talkingeyes.animation.parts import override_events, override_motion
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
-from talkingeyes.fitting.manner import SPEAKERS_FILE, Manner, load_speakers
-from talkingeyes.models.condition.conditioner import Given
+from talkingeyes.fitting.manner import SPEAKERS_FILE, MotionStyle, load_speakers
+from talkingeyes.models.condition.conditioner import ConditioningInputs
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.steps import find_saccades
-from talkingeyes.training.telling import of_samples, somebody
-from talkingeyes.training.trained import Generator, load_generator, needs, speakers_of
+from talkingeyes.training.telling import pad_or_trim, random_speaker
+from talkingeyes.training.trained import TrainedGenerator, load_generator, required_inputs, training_speakers
 
-SHUT = 0.5
-PERSON = 5  # beside a seed: for who moves
-MODELS_OWN = Direction()
+SHUT_CLOSURE = 0.5
+SPEAKER_SEED = 5  # beside a seed: for who moves
+DEFAULT_CONTROLS = Controls()
 
 
 @dataclass(frozen=True)
-class Performance:
+class Animation:
     """A motion and the events it is made of."""
 
     motion: Motion
@@ -62,29 +68,29 @@ class Performance:
 
 
 @dataclass(frozen=True)
-class Performer:
+class Animator:
     """A trained model with the speech encoder that it was trained on."""
 
     encoder: SpeechEncoder
-    generator: Generator
+    generator: TrainedGenerator
     fps: float
     # By name: of the paper, of physiology, of the corpus that the model was trained on.
     blink_profiles: Mapping[str, BlinkProfile] = field(default_factory=lambda: blinks.PROFILES)
     # By name: the habits of the speakers that it was trained on.
-    speakers: Mapping[str, Manner] = field(default_factory=dict)
-    face: FacePerformer | None = None
+    speakers: Mapping[str, MotionStyle] = field(default_factory=dict)
+    face: FaceAnimator | None = None
 
     @classmethod
-    def load(cls, model: Path, face: Path | None = None) -> Performer:
+    def load(cls, model: Path, face: Path | None = None) -> Animator:
         """From a folder of the train stage or a packed file. Raises InputError if it is missing or damaged.
 
         `face` is the folder of a model of the face; by default that which stands beside the model, if there is one.
         """
-        with opened(model) as folder:
-            return cls._of_folder(folder, face or beside(folder))
+        with open_model(model) as folder:
+            return cls._of_folder(folder, face or find_face_model(folder))
 
     @classmethod
-    def _of_folder(cls, model: Path, face: Path | None) -> Performer:
+    def _of_folder(cls, model: Path, face: Path | None) -> Animator:
         generator = load_generator(model)
         try:
             embedding = json.loads((model / "embedding.json").read_text())
@@ -98,13 +104,13 @@ class Performer:
             fps, profiles = float(embedding["fps"]), blinks.PROFILES | own
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{model}: not a trained model ({error}); `make repro` trains one") from None
-        of_face = FacePerformer.load(face, settings, encoder) if face else None
+        of_face = FaceAnimator.load(face, settings, encoder) if face else None
         return cls(encoder, generator, fps, profiles, speakers, of_face)
 
     @property
     def persons(self) -> tuple[str, ...]:
         """Whom the model can be told to move as."""
-        return speakers_of(self.generator) if "speaker" in needs(self.generator) else ()
+        return training_speakers(self.generator) if "speaker" in required_inputs(self.generator) else ()
 
     def perform(
         self,
@@ -112,153 +118,170 @@ class Performer:
         samples: int,
         seed: int,
         fps: float,
-        direction: Direction = MODELS_OWN,
-    ) -> list[Performance]:
+        controls: Controls = DEFAULT_CONTROLS,
+    ) -> list[Animation]:
         """`samples` performances of 16 kHz speech; sample i of a seed is the same however many are asked for.
 
         Raises InputError for a profile of blinks, a person or a style that the model does not have.
         """
-        self._check(direction)
+        self._check(controls)
         embedding = self.encoder(sound, self.fps)
-        return self._all(embedding, sound, samples, seed, fps, direction)
+        return self._generate_all(embedding, sound, samples, seed, fps, controls)
 
-    def perform_embedded(
+    def generate_from_embedding(
         self,
         embedding: Float[ndarray, "T C"],
         samples: int,
         seed: int,
         fps: float,
-        direction: Direction = MODELS_OWN,
+        controls: Controls = DEFAULT_CONTROLS,
         sound: Float[ndarray, " N"] | None = None,
-    ) -> list[Performance]:
+    ) -> list[Animation]:
         """The same for speech that is embedded already.
 
         Without the sound nobody knows who speaks when: blinks do not heed phrases, and there can be no partner. There
         is no face either, where the model of the face has another encoder.
         """
-        self._check(direction)
-        if direction.partner is not None and sound is None:
+        self._check(controls)
+        if controls.partner is not None and sound is None:
             raise InputError("partner: should come with the sound of the speech itself, got embedded speech")
-        return self._all(embedding, np.zeros(0) if sound is None else sound, samples, seed, fps, direction)
+        return self._generate_all(embedding, np.zeros(0) if sound is None else sound, samples, seed, fps, controls)
 
-    def _check(self, direction: Direction) -> None:
-        if direction.blinks not in self.blink_profiles:
-            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {direction.blinks}")
-        if isinstance(direction.style, str) and direction.style not in self.speakers:
+    def _check(self, controls: Controls) -> None:
+        if controls.blinks not in self.blink_profiles:
+            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
+        if isinstance(controls.style, str) and controls.style not in self.speakers:
             known = ", ".join(self.speakers) or "a measured one (the model keeps no speakers)"
-            raise InputError(f"style: should be one of {known}, got {direction.style}")
-        if direction.person is not None and direction.person not in self.persons:
+            raise InputError(f"style: should be one of {known}, got {controls.style}")
+        if controls.person is not None and controls.person not in self.persons:
             known = ", ".join(self.persons) or "asked of a model that is told who moves"
-            raise InputError(f"person: should be one of {known}, got {direction.person}")
+            raise InputError(f"person: should be one of {known}, got {controls.person}")
         if self.face:
-            self.face.check(direction.face)
-        elif direction.face != NEUTRAL_FACE:
+            self.face.check(controls.face)
+        elif controls.face != NEUTRAL_FACE:
             raise InputError("emotion and speaker: should be asked of a model of the face (probtalk3d), got none")
 
-    def _all(
+    def _generate_all(
         self,
         embedding: Float[ndarray, "T C"],
         sound: Float[ndarray, " N"],
         samples: int,
         seed: int,
         fps: float,
-        direction: Direction,
-    ) -> list[Performance]:
-        style = direction.style
-        manner = self.speakers[style] if isinstance(style, str) else style
-        person = self._person(direction, seed)
-        drawn = self._drawn(embedding, sound, sample_seeds(seed, samples), person)
-        faces = self._faces(embedding, sound, samples, seed, direction)
-        less = self._blinks_less(person)
-        spoken = turns(sound, np.zeros(0)) if len(sound) else None
-        performances = []
+        controls: Controls,
+    ) -> list[Animation]:
+        style = controls.style
+        motion_style = self.speakers[style] if isinstance(style, str) else style
+        person = self._person(controls, seed)
+        sampled = self._sample_motion(embedding, sound, sample_seeds(seed, samples), person)
+        faces = self._faces(embedding, sound, samples, seed, controls)
+        rank = self._blink_rate_rank(person)
+        own_speech = detect_turns(sound, np.zeros(0)) if len(sound) else None
+        animations = []
         for index in range(samples):
-            heard = None if direction.partner is None else listening(sound, direction.partner, [seed, index, 3])
-            one = self._one(drawn, index, seed, fps, Asked(direction, manner, less, heard, spoken))
-            motion = with_face(one.motion, faces, index, direction.face) if faces else one.motion
-            motion = recast_motion(motion, direction.parts)
-            performances.append(Performance(motion, recast_events(one.events, motion, direction.parts)))
-        return performances
+            heard = None if controls.partner is None else listening(sound, controls.partner, [seed, index, 3])
+            one = self._generate_one(
+                sampled, index, seed, fps, ResolvedControls(controls, motion_style, rank, heard, own_speech)
+            )
+            motion = with_face(one.motion, faces, index, controls.face) if faces else one.motion
+            motion = override_motion(motion, controls.parts)
+            animations.append(Animation(motion, override_events(one.events, motion, controls.parts)))
+        return animations
 
-    def _person(self, asked: Direction, seed: int) -> str | None:
+    def _person(self, requested: Controls, seed: int) -> str | None:
         """Samples are takes of one person: who is asked for, by name or by style, or one whom the seed draws."""
         if not self.persons:
             return None
-        for name in (asked.person, asked.style):
+        for name in (requested.person, requested.style):
             if name in self.persons:
                 return str(name)
-        return self.persons[somebody(self.persons, [seed, PERSON])]
+        return self.persons[random_speaker(self.persons, [seed, SPEAKER_SEED])]
 
-    def _blinks_less(self, person: str | None) -> float | None:
+    def _blink_rate_rank(self, person: str | None) -> float | None:
         """The share of the speakers who blink less often than a person, who counts half."""
         if person is None or person not in self.speakers:
             return None
         rates, own = [each.blinks_per_min for each in self.speakers.values()], self.speakers[person].blinks_per_min
         return float(np.mean([0.5 * (rate <= own) + 0.5 * (rate < own) for rate in rates]))
 
-    def _drawn(
+    def _sample_motion(
         self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], seeds: list[int], person: str | None
     ) -> Samples:
         """Head and gaze; a model is told who moves and given the waveform, if it asks for them."""
-        given, wanted = Given(), needs(self.generator)
+        conditioning, wanted = ConditioningInputs(), required_inputs(self.generator)
         if person is not None:
-            given = replace(given, speaker=torch.tensor([self.persons.index(person)]))
+            conditioning = replace(conditioning, speaker=torch.tensor([self.persons.index(person)]))
         if "sound" in wanted:
             if not len(sound):
                 raise InputError("speech.wave: a model that hears the waveform needs the sound, got embedded speech")
-            heard = of_samples(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
-            given = replace(given, sound=torch.from_numpy(heard)[None])
-        return self.generator.generate(embedding, seeds, self.fps, given)
+            heard = pad_or_trim(sound, round(len(embedding) * SAMPLE_RATE / self.fps))
+            conditioning = replace(conditioning, sound=torch.from_numpy(heard)[None])
+        return self.generator.generate(embedding, seeds, self.fps, conditioning)
 
     def _faces(
-        self, embedding: Float[ndarray, "T C"], sound: Float[ndarray, " N"], samples: int, seed: int, asked: Direction
+        self,
+        embedding: Float[ndarray, "T C"],
+        sound: Float[ndarray, " N"],
+        samples: int,
+        seed: int,
+        requested: Controls,
     ) -> FaceSamples | None:
         """What the model of the face gives, if there is one and it is asked."""
-        if self.face is None or not asked.parts.models_give("face"):
+        if self.face is None or not requested.parts.is_generated("face"):
             return None
         if self.face.encoder is not self.encoder:
             if not len(sound):
                 return None
             embedding = self.face.encoder(sound, self.fps)
-        return self.face.perform(embedding, asked.face, seed, samples, self.fps)
+        return self.face.perform(embedding, requested.face, seed, samples, self.fps)
 
-    def _one(self, drawn: Samples, index: int, seed: int, fps: float, asked: Asked) -> Performance:
-        head, gaze = drawn.head[index], drawn.gaze[index]
+    def _generate_one(
+        self, sampled: Samples, index: int, seed: int, fps: float, requested: ResolvedControls
+    ) -> Animation:
+        head, gaze = sampled.head[index], sampled.gaze[index]
         random = np.random.default_rng([seed, index])
         space = rotation.gaze_in_space(head, gaze)
-        if not asked.direction.as_drawn:
-            head = accompanied(self._own(head, space)).head
-        course = self._course(head, space, asked, [seed, index])
+        if not requested.controls.no_postprocessing:
+            head = add_head_contribution(self._model_trajectory(head, space)).head
+        trajectory = self._trajectory(head, space, requested, [seed, index])
         blinked: tuple[Blink, ...] = ()
-        if asked.direction.parts.models_give("blinks"):
-            profile = self.blink_profiles[asked.direction.blinks]
-            rate = blinks_per_min(profile, asked, random)
-            brought = blinks_with(profile, course, rate, random)
-            spontaneous = blinks_of(profile, asked, course.seconds, rate, brought, random)
-            blinked = blinks.without_overlap(brought, spontaneous)
-            course = self._course(head, held_over(spontaneous, space, self.fps), asked, [seed, index])
-        return played(course, blinked, fps)
+        if requested.controls.parts.is_generated("blinks"):
+            profile = self.blink_profiles[requested.controls.blinks]
+            rate = blinks_per_min(profile, requested, random)
+            evoked = gaze_evoked_blinks(profile, trajectory, rate, random)
+            spontaneous = spontaneous_blinks(profile, requested, trajectory.seconds, rate, evoked, random)
+            blinked = blinks.drop_overlapping(evoked, spontaneous)
+            trajectory = self._trajectory(
+                head, hold_over_blinks(spontaneous, space, self.fps), requested, [seed, index]
+            )
+        return render_trajectory(trajectory, blinked, fps)
 
-    def _course(
-        self, head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2 2"], asked: Asked, seeds: Sequence[int]
-    ) -> Course:
-        return directed(self._own(head, space_rad), asked, seeds)
+    def _trajectory(
+        self,
+        head: Float[ndarray, "T 3"],
+        gaze_in_space_rad: Float[ndarray, "T 2 2"],
+        requested: ResolvedControls,
+        seeds: Sequence[int],
+    ) -> GazeTrajectory:
+        return apply_controls(self._model_trajectory(head, gaze_in_space_rad), requested, seeds)
 
-    def _own(self, head: Float[ndarray, "T 3"], space_rad: Float[ndarray, "T 2 2"]) -> Course:
-        return Course(self.fps, head, space_rad, find_saccades(space_rad.mean(1), self.fps))
+    def _model_trajectory(
+        self, head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"]
+    ) -> GazeTrajectory:
+        return GazeTrajectory(self.fps, head, gaze_in_space_rad, find_saccades(gaze_in_space_rad.mean(1), self.fps))
 
 
-def played(course: Course, blinked: Sequence[Blink], fps: float) -> Performance:
+def render_trajectory(trajectory: GazeTrajectory, blinked: Sequence[Blink], fps: float) -> Animation:
     """A course and its blinks at a frame rate."""
-    if fps == course.fps:
-        head, eye = course.head, rotation.eye_in_head(course.head, course.space_rad)
+    if fps == trajectory.fps:
+        head, eye = trajectory.head, rotation.eye_in_head(trajectory.head, trajectory.gaze_in_space_rad)
     else:
-        performed = resample(course.head, course.space_rad, course.saccades, course.fps, fps)
-        head, eye = performed.head, performed.gaze
+        resampled = resample(trajectory.head, trajectory.gaze_in_space_rad, trajectory.saccades, trajectory.fps, fps)
+        head, eye = resampled.head, resampled.gaze
     closure = blinks.closure(blinked, np.arange(len(head)) / fps)
-    eye = eye_head.within_range(eye)  # gaze that is held over a blink stays in space while the head turns
+    eye = eye_head.clamp_to_eye_range(eye)  # gaze that is held over a blink stays in space while the head turns
     motion = Motion.of(fps, head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
-    return Performance(motion, Events(saccades=course.saccades, blinks=tuple(blinked)))
+    return Animation(motion, Events(saccades=trajectory.saccades, blinks=tuple(blinked)))
 
 
 def sample_seeds(seed: int, samples: int) -> list[int]:
@@ -266,9 +289,11 @@ def sample_seeds(seed: int, samples: int) -> list[int]:
     return [int(np.random.SeedSequence([seed, index]).generate_state(1)[0]) for index in range(samples)]
 
 
-def held_over(blinked: Sequence[Blink], space_rad: Float[ndarray, "T 2 2"], fps: float) -> Float[ndarray, "T 2 2"]:
+def hold_over_blinks(
+    blinked: Sequence[Blink], gaze_in_space_rad: Float[ndarray, "T 2 2"], fps: float
+) -> Float[ndarray, "T 2 2"]:
     """Gaze stays where it was while the lids are shut."""
-    shut = blinks.closure(blinked, np.arange(len(space_rad)) / fps) >= SHUT
+    shut = blinks.closure(blinked, np.arange(len(gaze_in_space_rad)) / fps) >= SHUT_CLOSURE
     shut[:1] = False
-    source = np.maximum.accumulate(np.where(shut, 0, np.arange(len(space_rad))))
-    return np.asarray(space_rad[source])
+    source = np.maximum.accumulate(np.where(shut, 0, np.arange(len(gaze_in_space_rad))))
+    return np.asarray(gaze_in_space_rad[source])

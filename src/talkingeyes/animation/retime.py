@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation.events import resample
-from talkingeyes.animation.keys import Keys, lids
+from talkingeyes.animation.keys import EventKeys, edit_lids
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
@@ -23,7 +23,7 @@ from talkingeyes.physiology import blinks
 FPS_BOUNDS = (10.0, 240.0)
 
 
-def retimed(motion: Motion, events: Events, fps: float) -> Motion:
+def resample_motion(motion: Motion, events: Events, fps: float) -> Motion:
     """The motion at `fps`; its length in seconds stays."""
     if not FPS_BOUNDS[0] <= fps <= FPS_BOUNDS[1]:
         raise InputError(f"fps: should be {FPS_BOUNDS[0]:g} to {FPS_BOUNDS[1]:g}, got {fps:g}")
@@ -32,16 +32,16 @@ def retimed(motion: Motion, events: Events, fps: float) -> Motion:
     times = np.arange(len(motion)) / motion.fps
     new_times = np.arange(int(len(motion) * fps / motion.fps + 1e-9)) / fps
     space = rotation.gaze_in_space(motion.head, motion.gaze)
-    played = resample(motion.head, space, events.saccades, motion.fps, fps)
-    opened = lids(motion.lid, Keys(Events(), Events(blinks=events.blinks)), times)
+    resampled = resample(motion.head, space, events.saccades, motion.fps, fps)
+    opened = edit_lids(motion.lid, EventKeys(Events(), Events(blinks=events.blinks)), times)
     shut = blinks.closure(events.blinks, new_times)[:, None]
     lid = _between(opened, times, new_times)
     nearest = np.minimum(np.rint(new_times * motion.fps).astype(int), len(motion) - 1)
     return replace(
         motion,
         fps=fps,
-        head=played.head,
-        gaze=played.gaze,
+        head=resampled.head,
+        gaze=resampled.gaze,
         lid=np.where(shut > 0, lid + (1.0 - lid) * shut, lid),
         translation=_between(motion.translation, times, new_times),
         jaw=_between(motion.jaw, times, new_times),

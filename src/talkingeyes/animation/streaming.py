@@ -23,25 +23,25 @@ from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.animation.direction import Liveliness
-from talkingeyes.animation.model_file import opened
-from talkingeyes.animation.perform import SHUT, held_over, sample_seeds
+from talkingeyes.animation.model_file import open_model
+from talkingeyes.animation.perform import SHUT_CLOSURE, hold_over_blinks, sample_seeds
 from talkingeyes.audio.encoder import EmbedSettings
-from talkingeyes.audio.live import LiveProsody
+from talkingeyes.audio.live import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
-from talkingeyes.models.speech_to_motion import Generated, SpeechToMotion
-from talkingeyes.models.streaming import MotionStream, Streamed, joined
+from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
+from talkingeyes.models.streaming import MotionStream, StreamingModules, concat_motions
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.training.trained import NetworkGenerator, load_generator
 
-GREATEST_LATENCY_S = 0.4
+MAX_LATENCY_S = 0.4
 
 
 @dataclass(frozen=True)
-class Frames:
+class StreamFrames:
     """Consecutive frames of a stream, the first of them number `first`: head, eye-in-head and lids as in Motion."""
 
     first: int
@@ -54,18 +54,18 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class LiveWish:
+class LiveControls:
     """What a person asks of a stream: the profile of its blinks, and how lively it is (performance.direction)."""
 
     blinks: str = "physio"
     liveliness: Liveliness = field(default_factory=Liveliness)
 
 
-AS_IT_IS = LiveWish()
+DEFAULT_LIVE_CONTROLS = LiveControls()
 
 
 @dataclass(frozen=True)
-class _Shaped:
+class _HeadAndGaze:
     """Head, and gaze in space."""
 
     head: Float[ndarray, "T 3"]
@@ -84,7 +84,7 @@ class LiveModel:
     @classmethod
     def load(cls, model: Path) -> LiveModel:
         """From a folder of the train stage or a packed file. Raises InputError if it is not one for streams."""
-        with opened(model) as folder:
+        with open_model(model) as folder:
             generator = load_generator(folder)
             try:
                 content = json.loads((folder / "embedding.json").read_text())
@@ -103,79 +103,85 @@ class LiveModel:
 
     def check(self, model: Path) -> None:
         """Raises InputError for a model that hears too far ahead, or what no stream can tell it."""
-        if not self.heard or set(self.heard) - set(LiveProsody.channels):
-            raise InputError(f"{model}: a model for streams should hear {', '.join(LiveProsody.channels)} alone")
-        if self.latency_s > GREATEST_LATENCY_S:
-            raise InputError(f"{model}: should look at most {GREATEST_LATENCY_S:g} s ahead, got {self.latency_s:.3f} s")
+        if not self.speech_channels or set(self.speech_channels) - set(StreamingProsody.channels):
+            raise InputError(f"{model}: a model for streams should hear {', '.join(StreamingProsody.channels)} alone")
+        if self.latency_s > MAX_LATENCY_S:
+            raise InputError(f"{model}: should look at most {MAX_LATENCY_S:g} s ahead, got {self.latency_s:.3f} s")
 
     @property
     def latency_s(self) -> float:
         """How much sound after a frame must have come before the frame is given."""
         return (
-            Streamed.of(self.network).frames_ahead / self.fps
-            + LiveProsody(self.embedding, self.fps).ahead / SAMPLE_RATE
+            StreamingModules.of(self.network).lookahead_frames / self.fps
+            + StreamingProsody(self.embedding, self.fps).lookahead_samples / SAMPLE_RATE
         )
 
-    def stream(self, seed: int, wish: LiveWish = AS_IT_IS) -> Stream:
+    def stream(self, seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS) -> LiveStream:
         """A new stream; the same seed and sound give the same frames. Raises InputError for unknown blinks."""
-        return Stream(self, seed, wish)
+        return LiveStream(self, seed, controls)
 
-    def whole(self, sound: Float[ndarray, " N"], seed: int, wish: LiveWish = AS_IT_IS) -> Motion:
+    def whole(self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS) -> Motion:
         """What a stream of the sound gives, by the model's ordinary generation of a whole speech."""
-        features = LiveProsody(self.embedding, self.fps).whole(sound)
+        features = StreamingProsody(self.embedding, self.fps).whole(sound)
         (own_seed,) = sample_seeds(seed, 1)
-        found = self.shaped(self.network.generate(self.embedded(features), [own_seed]), wish)
-        blinked = self.blinks_of(seed, wish)
-        eye = eye_head.within_range(rotation.eye_in_head(found.head, held_over(blinked, found.space, self.fps)))
+        found = self.apply_liveliness(self.network.generate(self.embed(features), [own_seed]), controls)
+        blinked = self.sample_hour_of_blinks(seed, controls)
+        eye = eye_head.clamp_to_eye_range(
+            rotation.eye_in_head(found.head, hold_over_blinks(blinked, found.space, self.fps))
+        )
         closure = blinks.closure(blinked, np.arange(len(found.head)) / self.fps)
         return Motion.of(self.fps, found.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
 
-    def embedded(self, features: Float[ndarray, "T 3"]) -> Float[Tensor, "T C"]:
+    def embed(self, features: Float[ndarray, "T 3"]) -> Float[Tensor, "T C"]:
         """The embedding that the network expects; channels that it does not hear are left at zero."""
         speech = self.network.speech
         embedding = torch.zeros(len(features), len(speech.mean))
-        embedding[:, speech.heard] = torch.from_numpy(features[:, [LiveProsody.channels.index(n) for n in self.heard]])
+        embedding[:, speech.channel_indices] = torch.from_numpy(
+            features[:, [StreamingProsody.channels.index(n) for n in self.speech_channels]]
+        )
         return embedding
 
     @property
-    def heard(self) -> tuple[str, ...]:
+    def speech_channels(self) -> tuple[str, ...]:
         """The channels that the network hears."""
         return self.network.settings.speech.channels or ()
 
-    def shaped(self, generated: Generated, wish: LiveWish) -> _Shaped:
+    def apply_liveliness(self, generated: GeneratedMotion, controls: LiveControls) -> _HeadAndGaze:
         """As lively as is wished: the head about its mean pose, gaze of both eyes together about straight ahead."""
         head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
         space = rotation.gaze_in_space(head, gaze)
-        lively = wish.liveliness
+        lively = controls.liveliness
         if lively.head != 1:
-            mean = Streamed.of(self.network).head.normal.mean.numpy()
+            mean = StreamingModules.of(self.network).head.normal.mean.numpy()
             head = mean + lively.head * (head - mean)
         if lively.gaze != 1:
             space = space + (lively.gaze - 1) * space.mean(axis=1, keepdims=True)
-        return _Shaped(head, space)
+        return _HeadAndGaze(head, space)
 
-    def blinks_of(self, seed: int, wish: LiveWish) -> tuple[Blink, ...]:
+    def sample_hour_of_blinks(self, seed: int, controls: LiveControls) -> tuple[Blink, ...]:
         """The blinks of an hour, so that they do not depend on how long the speech turns out to be."""
-        if wish.blinks not in self.blink_profiles:
-            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {wish.blinks}")
-        profile, random = self.blink_profiles[wish.blinks], np.random.default_rng([seed, 0])
-        rate = blinks.draw_rate_per_min(profile, random) * wish.liveliness.blinks
-        return blinks.draw_blinks(profile, LONGEST_S, random, rate_per_min=rate) if rate else ()
+        if controls.blinks not in self.blink_profiles:
+            raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
+        profile, random = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
+        rate = blinks.sample_blink_rate(profile, random) * controls.liveliness.blinks
+        return blinks.sample_blinks(profile, LONGEST_S, random, rate_per_min=rate) if rate else ()
 
 
-class Stream:
+class LiveStream:
     """The state of one stream: sound that no frame needs any more is forgotten, so memory does not grow."""
 
-    def __init__(self, model: LiveModel, seed: int, wish: LiveWish) -> None:
-        self._model, self._wish = model, wish
-        self._blinks = deque(model.blinks_of(seed, wish))
+    def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
+        self._model, self._controls = model, controls
+        self._blinks = deque(model.sample_hour_of_blinks(seed, controls))
         self._motion = MotionStream(model.network, sample_seeds(seed, 1)[0])
-        self._prosody = LiveProsody(model.embedding, model.fps, together=Streamed.of(model.network).gaze.step_frames)
+        self._prosody = StreamingProsody(
+            model.embedding, model.fps, block_frames=StreamingModules.of(model.network).gaze.step_frames
+        )
         self._samples, self._frames = 0, 0
-        self._held: Float[ndarray, "2 2"] | None = None
+        self._held_gaze: Float[ndarray, "2 2"] | None = None
         self._ended = False
 
-    def push(self, chunk: Float[ndarray, " N"]) -> Frames:
+    def push(self, chunk: Float[ndarray, " N"]) -> StreamFrames:
         """Hear the next 16 kHz samples; the frames that can be given now, perhaps none.
 
         Raises InputError for NaN, for more than an hour, and after the end.
@@ -187,34 +193,34 @@ class Stream:
         self._samples += len(chunk)
         if self._samples > LONGEST_S * SAMPLE_RATE:
             raise InputError(f"sound: a stream should last at most {LONGEST_S:.0f} s, got more")
-        patch = self._prosody.together
+        patch = self._prosody.block_frames
         features = self._prosody.push(chunk)
-        parts = [self._given(features[first : first + patch]) for first in range(0, len(features), patch)]
-        return self._played(parts)
+        parts = [self._push_features(features[first : first + patch]) for first in range(0, len(features), patch)]
+        return self._add_blinks(parts)
 
-    def finish(self) -> Frames:
+    def finish(self) -> StreamFrames:
         """The rest: all frames of the sound have been given then."""
         self._ended = True
         features = self._prosody.finish()
-        return self._played([self._given(features), self._motion.finish()])
+        return self._add_blinks([self._push_features(features), self._motion.finish()])
 
-    def _given(self, features: Float[ndarray, "T 3"]) -> Generated:
-        return self._motion.push(self._model.embedded(features))
+    def _push_features(self, features: Float[ndarray, "T 3"]) -> GeneratedMotion:
+        return self._motion.push(self._model.embed(features))
 
-    def _played(self, parts: list[Generated]) -> Frames:
+    def _add_blinks(self, parts: list[GeneratedMotion]) -> StreamFrames:
         """With blinks, and gaze held while the lids are shut."""
         if not parts:
-            return Frames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        shaped = self._model.shaped(joined(parts), self._wish)
+            return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
+        apply_liveliness = self._model.apply_liveliness(concat_motions(parts), self._controls)
         first = self._frames
-        self._frames += len(shaped.head)
+        self._frames += len(apply_liveliness.head)
         closure = self._closure(np.arange(first, self._frames) / self._model.fps)
         for frame, shut in enumerate(closure):
-            if shut < SHUT or self._held is None:
-                self._held = shaped.space[frame].copy()
-            shaped.space[frame] = self._held
-        eye = eye_head.within_range(rotation.eye_in_head(shaped.head, shaped.space))
-        return Frames(first, shaped.head, eye, np.repeat(closure[:, None], 2, axis=1))
+            if shut < SHUT_CLOSURE or self._held_gaze is None:
+                self._held_gaze = apply_liveliness.space[frame].copy()
+            apply_liveliness.space[frame] = self._held_gaze
+        eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(apply_liveliness.head, apply_liveliness.space))
+        return StreamFrames(first, apply_liveliness.head, eye, np.repeat(closure[:, None], 2, axis=1))
 
     def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
         """How far the lids are shut; blinks that are over are forgotten."""

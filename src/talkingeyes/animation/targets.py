@@ -24,22 +24,22 @@ from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.targets/1"
 COLUMNS = ("start_s", "end_s", "name", "x_m", "y_m", "z_m")
-AHEAD_M = 1.0
-NEAREST_M, FARTHEST_M = 0.15, 1e6
+DEFAULT_DISTANCE_M = 1.0
+MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 1e6
 # How far to the side, up and down head and eyes together are sent, and eyes alone.
-MOST_DEG = {"world": (75.0, 45.0), "head": (20.0, 12.0)}
-LEAST_S = 0.25
+MAX_ECCENTRICITY_DEG = {"world": (75.0, 45.0), "head": (20.0, 12.0)}
+MIN_TARGET_S = 0.25
 
 
 @dataclass(frozen=True)
-class Place:
+class ObjectTrack:
     """Where an object is: at each of ascending times a position, in straight lines between; one time: always there."""
 
     times_s: tuple[float, ...]
     positions_m: tuple[tuple[float, float, float], ...]
 
     @classmethod
-    def fixed(cls, x_m: float, y_m: float, z_m: float) -> Place:
+    def fixed(cls, x_m: float, y_m: float, z_m: float) -> ObjectTrack:
         """An object that does not move."""
         return cls((0.0,), ((x_m, y_m, z_m),))
 
@@ -48,7 +48,7 @@ class Place:
         return np.stack([np.interp(times_s, self.times_s, axis) for axis in zip(*self.positions_m, strict=True)], -1)
 
 
-AHEAD = Place.fixed(0.0, 0.0, AHEAD_M)
+STRAIGHT_AHEAD = ObjectTrack.fixed(0.0, 0.0, DEFAULT_DISTANCE_M)
 CAMERA, LISTENER = "camera", "listener"
 
 
@@ -66,12 +66,12 @@ class TargetTrack:
     """Targets in order of time, the objects that they name, and the frame in which those are."""
 
     targets: tuple[Target, ...] = ()
-    objects: Mapping[str, Place] = field(default_factory=dict)
+    objects: Mapping[str, ObjectTrack] = field(default_factory=dict)
     frame: Literal["world", "head"] = "world"
 
-    def place(self, name: str) -> Place:
+    def object_track(self, name: str) -> ObjectTrack:
         """Where a named object is; camera and listener are straight ahead unless they are told."""
-        return self.objects.get(name, AHEAD)
+        return self.objects.get(name, STRAIGHT_AHEAD)
 
 
 def load_targets(path: Path | str) -> TargetTrack:
@@ -86,7 +86,7 @@ def load_targets(path: Path | str) -> TargetTrack:
         raise InputError(f"{path}: {error}") from None
 
 
-def steady(name: str) -> TargetTrack:
+def constant_target(name: str) -> TargetTrack:
     """One object, camera or listener, from beginning to end."""
     if name not in (CAMERA, LISTENER):
         raise InputError(f"target: should be {CAMERA}, {LISTENER} or a file of targets (.json, .csv), got {name}")
@@ -105,23 +105,23 @@ def _of_json(content: Any) -> TargetTrack:
     objects, rows = content.get("objects", {}), content.get("targets")
     if not isinstance(objects, dict) or not isinstance(rows, list):
         raise ValueError("objects should be names with places, targets a list")
-    places = {name: _place(name, value) for name, value in objects.items()}
+    tracks = {name: _parse_track(name, value) for name, value in objects.items()}
     targets = []
     for number, row in enumerate(rows, 1):
         if not isinstance(row, dict) or not {"start_s", "at"} <= set(row) <= {"start_s", "end_s", "at"}:
             raise ValueError(f"target {number} should have start_s, at and perhaps end_s, got {row}")
         name = row["at"]
         if isinstance(name, list):
-            name, places[f"target {number}"] = f"target {number}", _place(f"target {number}", name)
+            name, tracks[f"target {number}"] = f"target {number}", _parse_track(f"target {number}", name)
         targets.append((_number(row["start_s"]), _number(row.get("end_s")), name))
-    return _checked(targets, places, frame)
+    return _checked(targets, tracks, frame)
 
 
 def _of_csv(text: str) -> TargetTrack:
     reader = csv.DictReader(text.splitlines())
     if set(reader.fieldnames or ()) not in (set(COLUMNS), set(COLUMNS[:3]), set(COLUMNS) - {"name"}):
         raise ValueError(f"columns should be {', '.join(COLUMNS)}, got {', '.join(reader.fieldnames or ('none',))}")
-    places: dict[str, Place] = {}
+    tracks: dict[str, ObjectTrack] = {}
     targets = []
     for number, row in enumerate(reader, 1):
         if None in row or None in row.values():
@@ -129,13 +129,13 @@ def _of_csv(text: str) -> TargetTrack:
         name = row.get("name") or f"target {number}"
         position = [row.get(axis) or "" for axis in COLUMNS[3:]]
         if any(position):
-            places[name] = _place(name, [_number(each) for each in position])
+            tracks[name] = _parse_track(name, [_number(each) for each in position])
         if row["start_s"]:
             targets.append((_number(row["start_s"]), _number(row["end_s"] or None), name))
-    return _checked(targets, places, "world")
+    return _checked(targets, tracks, "world")
 
 
-def _place(name: str, value: Any) -> Place:
+def _parse_track(name: str, value: Any) -> ObjectTrack:
     """A position, or times_s and positions_m of something that moves."""
     moving = isinstance(value, dict)
     if moving and set(value) != {"times_s", "positions_m"}:
@@ -147,16 +147,16 @@ def _place(name: str, value: Any) -> Place:
     positions = [[_number(each) for each in row] for row in rows]
     if not times or len(times) != len(positions) or any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"{name} should have ascending times_s, one a position, got {times}")
-    return Place(tuple(times), tuple((x, y, z) for x, y, z in positions))
+    return ObjectTrack(tuple(times), tuple((x, y, z) for x, y, z in positions))
 
 
 def _check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
     x, y, z = position_m
     distance = math.hypot(x, y, z)
-    if not NEAREST_M <= distance <= FARTHEST_M:
-        raise ValueError(f"{name} should be {NEAREST_M} m to {FARTHEST_M:g} m away, got {distance:g} m")
+    if not MIN_DISTANCE_M <= distance <= MAX_DISTANCE_M:
+        raise ValueError(f"{name} should be {MIN_DISTANCE_M} m to {MAX_DISTANCE_M:g} m away, got {distance:g} m")
     yaw, pitch = math.degrees(math.atan2(x, z)), math.degrees(math.asin(y / distance))
-    aside, above = MOST_DEG[frame]
+    aside, above = MAX_ECCENTRICITY_DEG[frame]
     if abs(yaw) > aside or abs(pitch) > above:
         raise ValueError(
             f"{name} should be within {aside:g} degrees to the side and {above:g} up or down of straight ahead, "
@@ -180,24 +180,24 @@ def _number(value: Any) -> float:
 
 
 def _checked(
-    rows: Sequence[tuple[float, float, Any]], places: Mapping[str, Place], frame: Literal["world", "head"]
+    rows: Sequence[tuple[float, float, Any]], tracks: Mapping[str, ObjectTrack], frame: Literal["world", "head"]
 ) -> TargetTrack:
     """The track of rows (start, end, name); an end left open is the start of the next, or the end of the sound."""
-    if not rows and not places:
+    if not rows and not tracks:
         raise ValueError("should hold at least one target or object")
-    for name, place in places.items():
-        for position in place.positions_m:
+    for name, object_track in tracks.items():
+        for position in object_track.positions_m:
             _check_reach(name, position, frame)
-    known = [CAMERA, LISTENER, *places]
+    known = [CAMERA, LISTENER, *tracks]
     targets: list[Target] = []
     for number, (start, end, name) in enumerate(rows, 1):
         if not isinstance(name, str) or name not in known:
             raise ValueError(f"target {number} should be one of {', '.join(dict.fromkeys(known))}, got {name}")
         following = rows[number][0] if number < len(rows) else math.inf
-        if start < 0 or min(end, following) < start + LEAST_S or (end > following and end < math.inf):
+        if start < 0 or min(end, following) < start + MIN_TARGET_S or (end > following and end < math.inf):
             span = f"{start:g} to {end:g} s" if end < math.inf else f"{start:g} s"
             raise ValueError(
                 f"target {number} should start at 0 s or later, end after it and before the next, got {span}"
             )
         targets.append(Target(start, min(end, following), name))
-    return TargetTrack(tuple(targets), dict(places), frame)
+    return TargetTrack(tuple(targets), dict(tracks), frame)

@@ -16,9 +16,9 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 from talkingeyes.audio.waveform import block_levels_dbfs
-from talkingeyes.core.settings import PartSettings, Role, Settings
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings, Settings
 
-ENCODERS = Role(
+ENCODERS = ComponentRegistry(
     "speech encoder",
     {
         "moonshine": "talkingeyes.audio.encoder_moonshine:MoonshineEncoder",
@@ -32,13 +32,13 @@ ENCODERS = Role(
 PROSODY_CHANNELS = ("energy_dbfs", "f0_octaves", "voicing")
 F0_REFERENCE_HZ = 150.0
 LOUD_PERCENTILE = 95  # the level of a sound is that of its loud syllables, whatever the share of pauses
-GREATEST_GAIN_DB = 60.0
+MAX_GAIN_DB = 60.0
 
 
 class EmbedSettings(Settings):
     """The section `embed`."""
 
-    encoder: Annotated[SerializeAsAny[PartSettings], BeforeValidator(ENCODERS.read)]
+    encoder: Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(ENCODERS.parse)]
     prosody: ProsodySettings
     level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
     partner: bool  # whether the partner's channel of a conversation is embedded too, for models that are told it
@@ -69,7 +69,7 @@ class ProsodicEncoder:
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
         """Features of a sound at the times t / fps."""
-        levelled = at_level(sound, self._settings.level_dbfs)
+        levelled = normalise_level(sound, self._settings.level_dbfs)
         spoken = prosody(levelled, fps, self._settings.prosody)
         # Unvoiced frames get the reference pitch; `voicing` says how little that means.
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
@@ -79,13 +79,13 @@ class ProsodicEncoder:
 
 def make_encoder(settings: EmbedSettings) -> SpeechEncoder:
     """The encoder of a section. Raises InputError if its package or checkpoint is missing."""
-    return ProsodicEncoder(ENCODERS.make(settings.encoder), settings)
+    return ProsodicEncoder(ENCODERS.build(settings.encoder), settings)
 
 
-def at_level(sound: Float[ndarray, " N"], level_dbfs: float) -> Float[ndarray, " N"]:
+def normalise_level(sound: Float[ndarray, " N"], level_dbfs: float) -> Float[ndarray, " N"]:
     """The sound, scaled so that its loud syllables have the given level; digital silence stays as it is."""
     if not len(sound):
         return sound.astype(np.float32)
     gain_db = level_dbfs - float(np.percentile(block_levels_dbfs(sound), LOUD_PERCENTILE))
-    gain_db = gain_db if gain_db <= GREATEST_GAIN_DB else 0.0
+    gain_db = gain_db if gain_db <= MAX_GAIN_DB else 0.0
     return (sound * 10 ** (gain_db / 20)).astype(np.float32)

@@ -10,14 +10,14 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.audio.prosody import framed
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.audio.prosody import frame_signal
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
+from talkingeyes.core.settings import ComponentSettings
 
 FLOOR = 1e-8  # power; -80 dB
 
 
-class LogmelSettings(PartSettings):
+class LogmelSettings(ComponentSettings):
     """The Hann window should be at least as long as a motion frame, else sound between frames is not seen."""
 
     kind: Literal["logmel"]
@@ -28,33 +28,33 @@ class LogmelSettings(PartSettings):
 class LogmelEncoder:
     """A window and a filter bank."""
 
-    configured_by = LogmelSettings
+    settings_class = LogmelSettings
 
     def __init__(self, settings: LogmelSettings) -> None:
         size = round(settings.window_s * SAMPLE_RATE)
-        self._transform = scipy.fft.next_fast_len(size, real=True)
+        self._fft_size = scipy.fft.next_fast_len(size, real=True)
         self._window = (np.hanning(size) / np.hanning(size).sum()).astype(np.float32)
-        self._filters = mel_filters(settings.bands, self._transform)
+        self._filters = mel_filters(settings.bands, self._fft_size)
         self.channels = tuple(f"logmel_{index}" for index in range(settings.bands))
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
         """Natural logarithm of mel energies at the times t / fps."""
-        times_s = np.arange(frames_of(len(sound), fps)) / fps
+        times_s = np.arange(frame_count(len(sound), fps)) / fps
         energies = [np.zeros((0, len(self.channels)), np.float32)]
-        for frames in framed(sound, times_s, len(self._window)):
-            spectrum = scipy.fft.rfft(frames * self._window, self._transform)
+        for frames in frame_signal(sound, times_s, len(self._window)):
+            spectrum = scipy.fft.rfft(frames * self._window, self._fft_size)
             energies.append((np.square(np.abs(spectrum)) @ self._filters.T).astype(np.float32))
         return np.asarray(np.log(np.concatenate(energies) + np.float32(FLOOR)))
 
 
-def mel_filters(bands: int, transform: int) -> Float[ndarray, "M F"]:
+def mel_filters(bands: int, fft_size: int) -> Float[ndarray, "M F"]:
     """Triangles evenly spaced on the mel scale (2595 log10(1 + f / 700)) from 0 to 8 kHz, each of height 1."""
     highest = 2595 * np.log10(1 + SAMPLE_RATE / 2 / 700)
     corners_hz = 700 * (10 ** (np.linspace(0, highest, bands + 2) / 2595) - 1)
     # A triangle narrower than a bin of the transform could fall between two bins: each is at least one bin wide.
-    bin_hz = SAMPLE_RATE / transform
+    bin_hz = SAMPLE_RATE / fft_size
     rise = np.maximum(np.diff(corners_hz), bin_hz)
-    hz = np.arange(transform // 2 + 1) * bin_hz
+    hz = np.arange(fft_size // 2 + 1) * bin_hz
     left = 1 - (corners_hz[1:-1, None] - hz) / rise[:-1, None]
     right = 1 - (hz - corners_hz[1:-1, None]) / rise[1:, None]
     return np.clip(np.minimum(left, right), 0, 1).astype(np.float32)

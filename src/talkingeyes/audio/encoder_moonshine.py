@@ -15,18 +15,18 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.audio.windows import Stride, encode_in_windows
+from talkingeyes.audio.windows import FrameGrid, encode_in_windows
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 
 PACKAGE = "moonshine_voice"
 MODEL = Path("assets", "tiny-en", "encoder_model.ort")
-SPEECH = Path("assets", "two_cities.wav")  # a real recording of 44 s, the input of the README's example
-SIZE = 288
-STRIDE = Stride.of_convolutions((127, 7, 3), (64, 3, 2))
+EXAMPLE_SPEECH = Path("assets", "two_cities.wav")  # a real recording of 44 s, the input of the README's example
+FEATURE_SIZE = 288
+STRIDE = FrameGrid.of_convolutions((127, 7, 3), (64, 3, 2))
 
 
-class MoonshineSettings(PartSettings):
+class MoonshineSettings(ComponentSettings):
     """Windows for long sound; corpus clips should fit into one."""
 
     kind: Literal["moonshine"]
@@ -37,7 +37,7 @@ class MoonshineSettings(PartSettings):
 class MoonshineEncoder:
     """One onnxruntime session on one thread."""
 
-    configured_by = MoonshineSettings
+    settings_class = MoonshineSettings
 
     def __init__(self, settings: MoonshineSettings) -> None:
         import onnxruntime
@@ -45,10 +45,10 @@ class MoonshineEncoder:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        model = str(packaged(MODEL))
+        model = str(package_file(MODEL))
         self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         self._settings = settings
-        self.channels = tuple(f"moonshine_{index}" for index in range(SIZE))
+        self.channels = tuple(f"moonshine_{index}" for index in range(FEATURE_SIZE))
 
     def __call__(self, sound: Float[ndarray, " N"], fps: float) -> Float[ndarray, "T C"]:
         """Features at the times t / fps."""
@@ -63,7 +63,7 @@ class MoonshineEncoder:
         return np.asarray(hidden[0])
 
 
-def packaged(file: Path) -> Path:
+def package_file(file: Path) -> Path:
     """Where a file of the package lies. Raises InputError if the package is not installed or ships no such file."""
     spec = find_spec(PACKAGE)  # finds the package without running its heavy code
     if spec is None or not spec.submodule_search_locations:

@@ -12,12 +12,12 @@ from jaxtyping import Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.audio.windows import Stride, encode_in_windows
+from talkingeyes.audio.windows import FrameGrid, encode_in_windows
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 
 
-class TransformersSettings(PartSettings):
+class TransformersSettings(ComponentSettings):
     """A pretrained checkpoint and the transformer layer whose output is taken."""
 
     kind: Literal["wav2vec2", "hubert"]
@@ -30,12 +30,12 @@ class TransformersSettings(PartSettings):
 class TransformersEncoder:
     """A frozen model on the CPU."""
 
-    configured_by = TransformersSettings
+    settings_class = TransformersSettings
 
     def __init__(self, settings: TransformersSettings) -> None:
         self._model = _load(settings)
         config = self._model.config
-        self._stride = Stride.of_convolutions(tuple(config.conv_kernel), tuple(config.conv_stride))
+        self._stride = FrameGrid.of_convolutions(tuple(config.conv_kernel), tuple(config.conv_stride))
         self._settings = settings
         self.channels = tuple(f"{settings.kind}_{index}" for index in range(config.hidden_size))
 

@@ -16,14 +16,14 @@ from numpy import ndarray
 
 from talkingeyes.audio.encoder import F0_REFERENCE_HZ, LOUD_PERCENTILE, PROSODY_CHANNELS, EmbedSettings
 from talkingeyes.audio.prosody import MEDIAN_STEPS, STEP_S, prosody
-from talkingeyes.audio.waveform import BLOCK_S, SAMPLE_RATE, SILENT_DBFS, block_levels_dbfs, frames_of
+from talkingeyes.audio.waveform import BLOCK_S, SAMPLE_RATE, SILENT_DBFS, block_levels_dbfs, frame_count
 from talkingeyes.core.errors import InputError
 
-STEP = round(STEP_S * SAMPLE_RATE)
-BLOCK = round(BLOCK_S * SAMPLE_RATE)
-MEMORY_BLOCKS = 600  # 30 s
-USUAL_DBFS = -18.0  # the level that speech is taken to have at first (the median of the default corpus),
-USUAL_BLOCKS = 40  # and how much that weighs: 2 s of speech
+STEP_SAMPLES = round(STEP_S * SAMPLE_RATE)
+BLOCK_SAMPLES = round(BLOCK_S * SAMPLE_RATE)
+WINDOW_BLOCKS = 600  # 30 s
+DEFAULT_LEVEL_DBFS = -18.0  # the level that speech is taken to have at first (the median of the default corpus),
+DEFAULT_LEVEL_BLOCKS = 40  # and how much that weighs: 2 s of speech
 
 
 class RunningLevel:
@@ -33,14 +33,14 @@ class RunningLevel:
         self._rest = np.zeros(0, np.float32)
         self._blocks_dbfs: deque[float] = deque()  # in memory
         self._audible_dbfs: list[float] = []  # those of them that are not silent, in order
-        self.levels_dbfs = [USUAL_DBFS]  # after 0, 1, 2, ... blocks
+        self.levels_dbfs = [DEFAULT_LEVEL_DBFS]  # after 0, 1, 2, ... blocks
 
     def push(self, chunk: Float[ndarray, " N"]) -> None:
         """Hear what follows."""
         sound = np.concatenate([self._rest, chunk])
-        whole = len(sound) // BLOCK * BLOCK
+        whole = len(sound) // BLOCK_SAMPLES * BLOCK_SAMPLES
         self._rest = sound[whole:]
-        for block in sound[:whole].reshape(-1, BLOCK):
+        for block in sound[:whole].reshape(-1, BLOCK_SAMPLES):
             level = float(block_levels_dbfs(block)[0])
             self._remember(level)
             self.levels_dbfs.append(self._now())
@@ -49,39 +49,39 @@ class RunningLevel:
         self._blocks_dbfs.append(level)
         if level > SILENT_DBFS:
             insort(self._audible_dbfs, level)
-        if len(self._blocks_dbfs) > MEMORY_BLOCKS and (old := self._blocks_dbfs.popleft()) > SILENT_DBFS:
+        if len(self._blocks_dbfs) > WINDOW_BLOCKS and (old := self._blocks_dbfs.popleft()) > SILENT_DBFS:
             del self._audible_dbfs[bisect_left(self._audible_dbfs, old)]
 
     def _now(self) -> float:
         count = len(self._audible_dbfs)
         if not count:
-            return USUAL_DBFS
+            return DEFAULT_LEVEL_DBFS
         place = LOUD_PERCENTILE / 100 * (count - 1)
         low, share = int(place), place % 1
         high = self._audible_dbfs[min(low + 1, count - 1)]
         loud = self._audible_dbfs[low] * (1 - share) + high * share
-        return (USUAL_BLOCKS * USUAL_DBFS + count * loud) / (USUAL_BLOCKS + count)
+        return (DEFAULT_LEVEL_BLOCKS * DEFAULT_LEVEL_DBFS + count * loud) / (DEFAULT_LEVEL_BLOCKS + count)
 
 
-class LiveProsody:
+class StreamingProsody:
     """The state of one stream."""
 
     channels = PROSODY_CHANNELS
 
-    def __init__(self, settings: EmbedSettings, fps: float, together: int = 1) -> None:
-        """Frames are told `together`, so many at once: it costs less, and no bit depends on how the sound comes.
+    def __init__(self, settings: EmbedSettings, fps: float, block_frames: int = 1) -> None:
+        """Frames are told `block_frames`, so many at once: it costs less, and no bit depends on how the sound comes.
 
         Raises InputError unless a frame is a whole number of steps of 10 ms (as it is at 25 or 50 fps).
         """
-        self.together, self._settings, self._fps = together, settings, fps
+        self.block_frames, self._settings, self._fps = block_frames, settings, fps
         self._size = round(SAMPLE_RATE / fps)
-        if self._size * fps != SAMPLE_RATE or self._size % STEP:
+        if self._size * fps != SAMPLE_RATE or self._size % STEP_SAMPLES:
             raise InputError(f"fps: should be 20, 25, 50 or 100 for live speech, got {fps:g}")
-        longest = int(SAMPLE_RATE / settings.prosody.f0_lowest_hz) + 2
+        max_lag = int(SAMPLE_RATE / settings.prosody.f0_min_hz) + 2
         energy = round(settings.prosody.energy_window_s * SAMPLE_RATE / 2)
         # Samples after the time of a frame that its features hear (and before it), and the frames that they are.
-        self.ahead = max(longest + MEDIAN_STEPS // 2 * STEP, energy)
-        self._reach = -(-self.ahead // self._size)
+        self.lookahead_samples = max(max_lag + MEDIAN_STEPS // 2 * STEP_SAMPLES, energy)
+        self._lookahead_frames = -(-self.lookahead_samples // self._size)
         self._sound, self._first = np.zeros(0, np.float32), 0  # what is kept of the sound, and from which frame on
         self._frame = 0
         self._level = RunningLevel()
@@ -90,19 +90,19 @@ class LiveProsody:
         """Features of the frames that can be told now."""
         self._sound = np.concatenate([self._sound, chunk.astype(np.float32, copy=False)])
         self._level.push(chunk)
-        stop = (self._heard() - self.ahead) // self._size + 1
+        stop = (self._samples_received() - self.lookahead_samples) // self._size + 1
         parts = [np.zeros((0, len(self.channels)), np.float32)]
-        while self._frame + self.together <= stop:
-            next_stop = self._frame + self.together
+        while self._frame + self.block_frames <= stop:
+            next_stop = self._frame + self.block_frames
             # What a frame does not hear changes nothing: the same length whatever has come gives the same bits.
-            span = (next_stop - 1 + self._reach - self._first) * self._size
+            span = (next_stop - 1 + self._lookahead_frames - self._first) * self._size
             known = self._sound[:span]
-            parts.append(self._told(next_stop, np.pad(known, (0, span - len(known)))))
+            parts.append(self._emit(next_stop, np.pad(known, (0, span - len(known)))))
         return np.concatenate(parts)
 
     def finish(self) -> Float[ndarray, "T 3"]:
         """Features of the remaining frames; nothing may follow."""
-        return self._told(frames_of(self._heard(), self._fps), self._sound)
+        return self._emit(frame_count(self._samples_received(), self._fps), self._sound)
 
     def whole(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
         """What a stream of this sound gives from its beginning to its end, in one go."""
@@ -110,21 +110,21 @@ class LiveProsody:
         level.push(sound)
         return self._features(sound, 0, level)
 
-    def _heard(self) -> int:
+    def _samples_received(self) -> int:
         return self._first * self._size + len(self._sound)
 
-    def _told(self, stop: int, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
+    def _emit(self, stop: int, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
         """The next frames up to `stop`, of what is kept; then what none after them hears is forgotten."""
-        told = self._features(sound, self._first, self._level)[self._frame - self._first : stop - self._first]
-        kept = max(stop - self._reach - 1, self._first)
+        emitted = self._features(sound, self._first, self._level)[self._frame - self._first : stop - self._first]
+        kept = max(stop - self._lookahead_frames - 1, self._first)
         self._sound = self._sound[(kept - self._first) * self._size :]
         self._first, self._frame = kept, stop
-        return told
+        return emitted
 
     def _features(self, sound: Float[ndarray, " N"], first: int, level: RunningLevel) -> Float[ndarray, "T 3"]:
         """Of a sound that starts with frame `first`; each frame is brought to the level known at its time."""
         spoken = prosody(sound, self._fps, self._settings.prosody)
-        blocks = (first + np.arange(len(spoken.energy_dbfs))) * self._size // BLOCK
+        blocks = (first + np.arange(len(spoken.energy_dbfs))) * self._size // BLOCK_SAMPLES
         known = np.array(level.levels_dbfs)[np.minimum(blocks, len(level.levels_dbfs) - 1)]
         energy = spoken.energy_dbfs + (self._settings.level_dbfs - known)
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))

@@ -18,7 +18,7 @@ from numpy import ndarray
 from pydantic import Field
 from scipy.ndimage import median_filter
 
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
 from talkingeyes.core.settings import Settings
 
 STEP_S = 0.01
@@ -29,8 +29,8 @@ BLOCK_FRAMES = 2048
 class ProsodySettings(Settings):
     """What counts as a voice, and how long energy is averaged."""
 
-    f0_lowest_hz: Annotated[float, Field(ge=40, le=200)]
-    f0_highest_hz: Annotated[float, Field(ge=200, le=1000)]
+    f0_min_hz: Annotated[float, Field(ge=40, le=200)]
+    f0_max_hz: Annotated[float, Field(ge=200, le=1000)]
     aperiodicity: Annotated[float, Field(gt=0, lt=1)]  # YIN's absolute threshold: below it a step is voiced
     energy_window_s: Annotated[float, Field(ge=0.01, le=0.2)]
     energy_floor_dbfs: Annotated[float, Field(ge=-120, le=-40)]
@@ -55,7 +55,7 @@ class Pitch:
 
 def prosody(sound: Float[ndarray, " N"], fps: float, settings: ProsodySettings) -> Prosody:
     """Prosody of a 16 kHz sound at the times t / fps."""
-    times_s = np.arange(frames_of(len(sound), fps)) / fps
+    times_s = np.arange(frame_count(len(sound), fps)) / fps
     pitch = yin(sound, settings)
     step = np.minimum(np.round(times_s / STEP_S).astype(int), len(pitch.f0_hz) - 1)
     return Prosody(
@@ -71,29 +71,29 @@ def energy_dbfs(
     """RMS level under a Hann window around each time, in dB re full scale; silence gives `floor_dbfs`."""
     window = np.hanning(round(window_s * SAMPLE_RATE)).astype(np.float32)
     window /= window.sum()
-    power = [np.square(frames) @ window for frames in framed(sound, times_s, len(window))]
+    power = [np.square(frames) @ window for frames in frame_signal(sound, times_s, len(window))]
     return np.asarray(10 * np.log10(np.maximum(np.concatenate([np.zeros(0), *power]), 10 ** (floor_dbfs / 10))))
 
 
 def yin(sound: Float[ndarray, " N"], settings: ProsodySettings) -> Pitch:
     """Pitch every 10 ms."""
-    longest = int(SAMPLE_RATE / settings.f0_lowest_hz) + 2
+    max_lag = int(SAMPLE_RATE / settings.f0_min_hz) + 2
     times_s = np.arange(int(len(sound) / SAMPLE_RATE / STEP_S) + 1) * STEP_S
-    pitches = [_yin_steps(frames, longest, settings) for frames in framed(sound, times_s, 2 * longest)]
+    pitches = [_yin_steps(frames, max_lag, settings) for frames in frame_signal(sound, times_s, 2 * max_lag)]
     f0 = np.concatenate([pitch.f0_hz for pitch in pitches])
     aperiodicity = np.concatenate([pitch.aperiodicity for pitch in pitches])
     smooth = median_filter(f0, MEDIAN_STEPS, mode="nearest")  # over 0 where unvoiced: a majority vote on voicing, too
     return Pitch(np.where(smooth > 0, smooth, np.nan), aperiodicity)
 
 
-def _yin_steps(frames: Float[ndarray, "K W"], longest: int, settings: ProsodySettings) -> Pitch:
+def _yin_steps(frames: Float[ndarray, "K W"], max_lag: int, settings: ProsodySettings) -> Pitch:
     """F0 (0 where unvoiced) and aperiodicity of each frame of length 2 * longest."""
-    normalised = _normalised_difference(frames, longest)
-    shortest = int(SAMPLE_RATE / settings.f0_highest_hz)
-    inner = normalised[:, shortest : longest - 1]
-    valley = (inner <= normalised[:, shortest - 1 : longest - 2]) & (inner < normalised[:, shortest + 1 : longest])
+    normalised = _normalised_difference(frames, max_lag)
+    min_lag = int(SAMPLE_RATE / settings.f0_max_hz)
+    inner = normalised[:, min_lag : max_lag - 1]
+    valley = (inner <= normalised[:, min_lag - 1 : max_lag - 2]) & (inner < normalised[:, min_lag + 1 : max_lag])
     below = valley & (inner < settings.aperiodicity)
-    lag = shortest + np.where(below.any(axis=1), below.argmax(axis=1), inner.argmin(axis=1))
+    lag = min_lag + np.where(below.any(axis=1), below.argmax(axis=1), inner.argmin(axis=1))
     rows = np.arange(len(frames))
     before, at, after = (normalised[rows, lag + k] for k in (-1, 0, 1))
     curvature = before - 2 * at + after
@@ -102,23 +102,25 @@ def _yin_steps(frames: Float[ndarray, "K W"], longest: int, settings: ProsodySet
     return Pitch(np.where(at < settings.aperiodicity, f0, 0), at)
 
 
-def _normalised_difference(frames: Float[ndarray, "K W"], longest: int) -> Float[ndarray, "K L"]:
+def _normalised_difference(frames: Float[ndarray, "K W"], max_lag: int) -> Float[ndarray, "K L"]:
     """YIN's d' for lags 0 to longest - 1: squared difference of the first half and its shift, over its running mean."""
     frames = frames - frames.mean(axis=1, keepdims=True)
-    half = frames[:, :longest]
+    half = frames[:, :max_lag]
     size = scipy.fft.next_fast_len(frames.shape[1], real=True)
     spectrum = scipy.fft.rfft(frames, size) * np.conj(scipy.fft.rfft(half, size))
-    correlation = scipy.fft.irfft(spectrum, size)[:, :longest]
+    correlation = scipy.fft.irfft(spectrum, size)[:, :max_lag]
     energy = np.cumsum(np.pad(np.square(frames, dtype=np.float64), ((0, 0), (1, 0))), axis=1)
-    shifted = energy[:, longest : 2 * longest] - energy[:, :longest]
+    shifted = energy[:, max_lag : 2 * max_lag] - energy[:, :max_lag]
     difference = np.maximum(shifted[:, :1] + shifted - 2 * correlation, 0)
-    lags = np.arange(1, longest)
+    lags = np.arange(1, max_lag)
     mean = np.cumsum(difference[:, 1:], axis=1) / lags
-    silence = 1e-9 * longest  # below about -90 dBFS nothing is periodic
+    silence = 1e-9 * max_lag  # below about -90 dBFS nothing is periodic
     return np.concatenate([np.ones((len(frames), 1)), (difference[:, 1:] + silence) / (mean + silence)], axis=1)
 
 
-def framed(sound: Float[ndarray, " N"], centres_s: Float[ndarray, " T"], size: int) -> Iterator[Float[ndarray, "K W"]]:
+def frame_signal(
+    sound: Float[ndarray, " N"], centres_s: Float[ndarray, " T"], size: int
+) -> Iterator[Float[ndarray, "K W"]]:
     """Windows of `size` samples around rising times, zeros outside the sound, in blocks of bounded memory."""
     for first in range(0, len(centres_s), BLOCK_FRAMES):
         starts = np.round(centres_s[first : first + BLOCK_FRAMES] * SAMPLE_RATE).astype(int) - size // 2

@@ -16,7 +16,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 
 STEP_S, WINDOW_S, FLOOR_DBFS = 0.01, 0.04, -90.0
 BELOW_LOUD_DB, ABOVE_QUIET_DB = 35.0, 6.0
-LEAST_GAP_S, LEAST_SPEECH_S = 0.25, 0.12
+MIN_GAP_S, MIN_SPEECH_S = 0.25, 0.12
 
 
 def speaking(sound: Float[ndarray, " N"]) -> Annotation:
@@ -28,8 +28,8 @@ def speaking(sound: Float[ndarray, " N"]) -> Annotation:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], loud_enough, [0]])))
     spans: list[tuple[float, float]] = []
     for start, end in zip(edges[::2] * STEP_S, edges[1::2] * STEP_S, strict=True):
-        if spans and start - spans[-1][1] < LEAST_GAP_S:
+        if spans and start - spans[-1][1] < MIN_GAP_S:
             spans[-1] = (spans[-1][0], float(end))
         else:
             spans.append((float(start), float(end)))
-    return Annotation(speaking=tuple(Span(start, end) for start, end in spans if end - start >= LEAST_SPEECH_S))
+    return Annotation(speaking=tuple(Span(start, end) for start, end in spans if end - start >= MIN_SPEECH_S))

@@ -30,14 +30,14 @@ FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams: nothing in their content sa
 
 
 @dataclass(frozen=True)
-class Source:
+class AudioStream:
     """An opened sound: its rate, and its blocks as (frames, channels)."""
 
     rate: int
     blocks: Iterator[Float[ndarray, "N C"]]
 
 
-def frames_of(samples: int, fps: float) -> int:
+def frame_count(samples: int, fps: float) -> int:
     """How many motion frames a 16 kHz sound has: frame t is the state at t / fps."""
     return int(samples * fps / SAMPLE_RATE + 1e-6)
 
@@ -49,7 +49,7 @@ def read_speech(path: Path | str) -> Float[ndarray, " N"]:
     holds NaN.
     """
     path = Path(path)
-    with _opened(path) as file, _source(path, file) as source:
+    with _opened(path) as file, _open_stream(path, file) as source:
         sound = _resampled(path, source)
     return _checked(path, sound)
 
@@ -62,7 +62,7 @@ def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray
     path = Path(path)
     sounds = []
     for channel in (0, 1):
-        with _opened(path) as file, _source(path, file) as source:
+        with _opened(path) as file, _open_stream(path, file) as source:
             sounds.append(_checked(path, _resampled(path, source, channel)))
     return sounds[0], sounds[1]
 
@@ -109,11 +109,11 @@ def _opened(path: Path) -> IO[bytes]:
 
 
 @contextlib.contextmanager
-def _source(path: Path, file: IO[bytes]) -> Iterator[Source]:
+def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
     file.seek(0)
     try:
-        with soundfile.SoundFile(_Nameless(file)) as sound:
-            yield Source(sound.samplerate, _libsndfile_blocks(path, sound))
+        with soundfile.SoundFile(_AnonymousFile(file)) as sound:
+            yield AudioStream(sound.samplerate, _libsndfile_blocks(path, sound))
             return
     except soundfile.LibsndfileError:
         pass
@@ -122,7 +122,9 @@ def _source(path: Path, file: IO[bytes]) -> Iterator[Source]:
     file.seek(0)
     try:
         container = av.open(
-            _Nameless(file), format=FORMAT_OF_SUFFIX.get(path.suffix.lower()), options={"protocol_whitelist": "none"}
+            _AnonymousFile(file),
+            format=FORMAT_OF_SUFFIX.get(path.suffix.lower()),
+            options={"protocol_whitelist": "none"},
         )
     except (av.FFmpegError, ValueError):
         raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a") from None
@@ -130,10 +132,10 @@ def _source(path: Path, file: IO[bytes]) -> Iterator[Source]:
         if not container.streams.audio:
             raise InputError(f"{path}: holds no sound; should be wav, flac, ogg, mp3, m4a or a video with sound")
         rate = int(container.streams.audio[0].codec_context.sample_rate)
-        yield Source(rate, _av_blocks(path, container, rate))
+        yield AudioStream(rate, _av_blocks(path, container, rate))
 
 
-class _Nameless:
+class _AnonymousFile:
     """A file without its name, so that readers judge it by its content alone."""
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -172,7 +174,7 @@ def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray,
         raise InputError(f"{path}: not a sound that can be decoded; should be wav, flac, ogg, mp3 or m4a")
 
 
-def _resampled(path: Path, source: Source, channel: int | None = None) -> Float[ndarray, " N"]:
+def _resampled(path: Path, source: AudioStream, channel: int | None = None) -> Float[ndarray, " N"]:
     """At 16 kHz: one of two channels, or all of them mixed."""
     if source.rate <= 0:
         raise InputError(f"{path}: the sampling rate should be above 0, got {source.rate}")
@@ -186,7 +188,7 @@ def _resampled(path: Path, source: Source, channel: int | None = None) -> Float[
             raise InputError(f"{path}: holds NaN or infinite samples; samples should be finite numbers")
         if channel is not None and block.shape[1] != 2:
             raise InputError(f"{path}: a dialogue should have two channels, a person each, got {block.shape[1]}")
-        heard = block.mean(axis=1, dtype=np.float32) if channel is None else block[:, channel]
-        parts.append(stream.resample_chunk(np.ascontiguousarray(heard)))
+        mono = block.mean(axis=1, dtype=np.float32) if channel is None else block[:, channel]
+        parts.append(stream.resample_chunk(np.ascontiguousarray(mono)))
     parts.append(stream.resample_chunk(np.zeros(0, np.float32), last=True))
     return np.concatenate(parts)

@@ -13,19 +13,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.audio.waveform import SAMPLE_RATE, frames_of
+from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
 
 
 @dataclass(frozen=True)
-class Stride:
-    """Where an encoder's frames lie: one every `samples`, the first centred at `first`; `shortest` is the least."""
+class FrameGrid:
+    """Where an encoder's frames lie: one every `samples`, the first at `first`; `receptive_field` is the least."""
 
     samples: int
     first: float
-    shortest: int
+    receptive_field: int
 
     @classmethod
-    def of_convolutions(cls, kernels: tuple[int, ...], strides: tuple[int, ...]) -> Stride:
+    def of_convolutions(cls, kernels: tuple[int, ...], strides: tuple[int, ...]) -> FrameGrid:
         """Of a stack of convolutions without padding: step and receptive field multiply out."""
         step, field = 1, 1
         for kernel, stride in zip(kernels, strides, strict=True):
@@ -38,21 +38,21 @@ def encode_in_windows(
     sound: Float[ndarray, " N"],
     fps: float,
     encode: Callable[[Float[ndarray, " W"]], Float[ndarray, "K C"]],
-    stride: Stride,
+    stride: FrameGrid,
     window_s: float,
     overlap_s: float,
 ) -> Float[ndarray, "T C"]:
     """Features at the times t / fps, linearly interpolated between the encoder's own frames."""
     size = round(window_s * SAMPLE_RATE)
-    times = np.arange(frames_of(len(sound), fps)) / fps * SAMPLE_RATE
-    sound = np.pad(sound, (0, stride.shortest - len(sound))) if len(sound) < stride.shortest else sound
+    times = np.arange(frame_count(len(sound), fps)) / fps * SAMPLE_RATE
+    sound = np.pad(sound, (0, stride.receptive_field - len(sound))) if len(sound) < stride.receptive_field else sound
     total = np.zeros(len(times), np.float32)
     features: ndarray | None = None
     for start in window_starts(len(sound), size, round(overlap_s * SAMPLE_RATE)):
         part = sound[start : start + size]
         inside = slice(*np.searchsorted(times, [start, start + len(part)]))
-        encoded = at_times(encode(part), (times[inside] - start - stride.first) / stride.samples)
-        weight = fade(times[inside] - start, len(part), overlap_s * SAMPLE_RATE)
+        encoded = interpolate_frames(encode(part), (times[inside] - start - stride.first) / stride.samples)
+        weight = crossfade_weight(times[inside] - start, len(part), overlap_s * SAMPLE_RATE)
         features = np.zeros((len(times), encoded.shape[1]), np.float32) if features is None else features
         features[inside] += encoded * weight[:, None]
         total[inside] += weight
@@ -68,13 +68,13 @@ def window_starts(length: int, size: int, overlap: int) -> list[int]:
     return [*range(0, length - size, size - overlap), length - size]
 
 
-def fade(samples: Float[ndarray, " T"], length: int, overlap: float) -> Float[ndarray, " T"]:
+def crossfade_weight(samples: Float[ndarray, " T"], length: int, overlap: float) -> Float[ndarray, " T"]:
     """Weight of a window at the given samples of it: 1 inside, falling to almost 0 over the overlap at both ends."""
     nearest_end = np.minimum(samples, length - samples)
     return np.asarray(np.clip((nearest_end + 1) / (overlap + 1), 0, 1), np.float32)
 
 
-def at_times(features: Float[ndarray, "K C"], positions: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
+def interpolate_frames(features: Float[ndarray, "K C"], positions: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
     """Linear interpolation at fractional indices; beyond the ends the end value holds."""
     positions = np.clip(positions, 0, len(features) - 1)
     low = np.minimum(positions.astype(int), max(len(features) - 2, 0))

@@ -18,16 +18,16 @@ def track(
     thumbnails: Annotated[bool, typer.Option(help="Small pictures of the faces, and a page of them.")] = True,
     overlay: Annotated[bool, typer.Option("--overlay", help="Film the fitted head beside each clip.")] = False,
     setting: Annotated[
-        list[str] | None, typer.Option("--set", help="A value of conf/track, such as keep.least_s=2.")
+        list[str] | None, typer.Option("--set", help="A value of conf/track, such as clip_filter.min_duration_s=2.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Begin anew; forget what was tracked before.")] = False,
 ) -> None:
     """Make a corpus of videos: landmarks, pupils and speech of every clip with one visible, speaking face."""
-    from talkingeyes.workflows.track import command
+    from talkingeyes.workflows.track import track_command
 
-    changes = ["fit=video", *(f"track.{each}" for each in setting or [])]
-    changes += ["track.keep.voice=false"] * silent + ["track.thumbnails=false"] * (not thumbnails)
-    for line in command(
-        videos, out, changes, speakers=speakers, jobs=jobs, only_plan=plan, overlay=overlay, force=force
+    overrides = ["fit=video", *(f"track.{each}" for each in setting or [])]
+    overrides += ["track.clip_filter.require_voice=false"] * silent + ["track.thumbnails=false"] * (not thumbnails)
+    for line in track_command(
+        videos, out, overrides, speakers=speakers, jobs=jobs, dry_run=plan, overlay=overlay, force=force
     ):
         typer.echo(line)

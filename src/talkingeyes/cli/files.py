@@ -52,9 +52,9 @@ def import_motions(
     force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
 ) -> None:
     """Read motion of other programs, so that it can be evaluated and rendered here."""
-    from talkingeyes.workflows.convert import read_all
+    from talkingeyes.workflows.convert import import_files
 
-    for done in read_all(files, out, fps=fps, mapping=mapping, expression=expression, force=force):
+    for done in import_files(files, out, fps=fps, mapping=mapping, expression=expression, force=force):
         motion = done.read.motion
         typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} frames a second")
         for note in done.read.notes:

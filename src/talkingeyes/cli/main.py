@@ -14,13 +14,13 @@ from typer.exceptions import TyperException
 
 from talkingeyes.cli import corpora, files, measures, pages, performances, pictures
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.run import shell
+from talkingeyes.orchestration.run import run_command
 
 COMMANDS: Mapping[str, Callable[..., None]] = {
     "animate": performances.animate,
     "evaluate": measures.evaluate,
     "render": pictures.render,
-    "head": pictures.picture_of_head,
+    "head": pictures.render_head,
     "export": files.export_motion,
     "import": files.import_motions,
     "pack": files.pack,
@@ -42,7 +42,7 @@ app.add_typer(pages.study, name="study")
 
 def main() -> None:
     """The entry point of the console script."""
-    shell(_run)
+    run_command(_run)
 
 
 def _run() -> None:

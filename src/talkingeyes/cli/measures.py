@@ -14,10 +14,10 @@ def evaluate(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="A folder to write: new, or empty.")] = None,
     sound: Annotated[Path | None, typer.Option(help="Sounds named as the motions, where they are no clips.")] = None,
     truth: Annotated[Path | None, typer.Option(help="Motion in the place of the corpus's true motion.")] = None,
-    judges: Annotated[
+    evaluators: Annotated[
         Path | None, typer.Option(help="The data folder of a finished chain: adds Corr. and what needs its networks.")
     ] = None,
-    draws: Annotated[int, typer.Option(help="Resamples of the clips for the intervals.")] = 1000,
+    n_resamples: Annotated[int, typer.Option(help="Resamples of the clips for the intervals.")] = 1000,
     seed: Annotated[int, typer.Option(help="Of the resamples.")] = 0,
     jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
@@ -32,8 +32,8 @@ def evaluate(
         out,
         sound=sound,
         truth=truth,
-        judges=judges,
-        draws=draws,
+        evaluators=evaluators,
+        n_resamples=n_resamples,
         seed=seed,
         jobs=jobs,
         force=force,

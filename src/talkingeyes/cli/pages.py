@@ -39,7 +39,7 @@ def view(
         model=model,
         host=host,
         port=port,
-        started=lambda address: typer.echo(f"{address} shows the motions; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} shows the motions; end with Ctrl-C"),
     )
 
 
@@ -66,7 +66,7 @@ def make_study(
     without: Annotated[list[str] | None, typer.Option(help="A condition to leave out, with its comparisons.")] = None,
     seed: Annotated[int, typer.Option(help="Of the clips, and of who sees what.")] = 0,
     size: Annotated[int, typer.Option(help="Pixels of the films, 16 to 1080.")] = 384,
-    fewer: Annotated[bool, typer.Option("--fewer", help="Take as many clips as there are.")] = False,
+    allow_fewer: Annotated[bool, typer.Option("--fewer", help="Take as many clips as there are.")] = False,
     jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier study, answers included.")] = False,
 ) -> None:
@@ -89,7 +89,7 @@ def make_study(
         without=without or (),
         seed=seed,
         size=size,
-        fewer=fewer,
+        allow_fewer=allow_fewer,
         jobs=jobs,
         force=force,
     )
@@ -109,7 +109,7 @@ def run_study(
         folder,
         host=host,
         port=port,
-        started=lambda address: typer.echo(f"{address} shows the study; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} shows the study; end with Ctrl-C"),
     )
 
 
@@ -123,7 +123,8 @@ def results_of_study(
     found = results(folder)
     typer.echo(found.table, nl=False)
     typer.echo(
-        f"{found.began} began, {found.finished} finished and count, {found.failed} failed the check of attention"
+        f"{found.participant_count} began, {found.finished} finished and count,"
+        f" {found.failed} failed the check of attention"
     )
 
 
@@ -143,15 +144,15 @@ def serve(
     """Speak, and see the head speak: a page and a service for files and live streams (docs/live.md)."""
     from dataclasses import replace
 
-    from talkingeyes.workflows.serve import LIMITS, host_service
+    from talkingeyes.workflows.serve import LIMITS, run_service
 
-    limits = replace(LIMITS, streams=streams, files=files, speech_s=seconds, upload_bytes=megabytes << 20)
-    host_service(
+    limits = replace(LIMITS, streams=streams, files=files, max_speech_s=seconds, max_upload_bytes=megabytes << 20)
+    run_service(
         model=model,
         live=live,
         host=host,
         port=port,
         limits=limits,
         jobs=jobs,
-        started=lambda address: typer.echo(f"{address} listens; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} listens; end with Ctrl-C"),
     )

@@ -10,8 +10,8 @@ import typer
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
-    from talkingeyes.workflows.animate import Order
-    from talkingeyes.workflows.speak import SpokenText
+    from talkingeyes.workflows.animate import AnimationOptions
+    from talkingeyes.workflows.speak import SynthesizedSpeech
 
 
 def animate(
@@ -34,7 +34,7 @@ def animate(
     target: Annotated[
         str | None, typer.Option(help="What gaze goes to: camera, listener, or a track (.json, .csv; docs/control.md).")
     ] = None,
-    contact: Annotated[float | None, typer.Option(help="Share of time with eye contact, 0 to 1.")] = None,
+    eye_contact: Annotated[float | None, typer.Option(help="Share of time with eye contact, 0 to 1.")] = None,
     head_liveliness: Annotated[float, typer.Option(help="Head motion: 0 none, 1 the model's, 2 twice.")] = 1.0,
     gaze_liveliness: Annotated[float, typer.Option(help="Gaze: 0 none, 1 the model's, 2 twice.")] = 1.0,
     blink_liveliness: Annotated[float, typer.Option(help="Blinks: 0 none, 1 the profile's, 2 twice.")] = 1.0,
@@ -51,7 +51,7 @@ def animate(
     style: Annotated[
         str | None, typer.Option(help="Whose habits: a speaker kept with the model, or a motion (.npz).")
     ] = None,
-    as_drawn: Annotated[
+    no_postprocessing: Annotated[
         bool,
         typer.Option("--as-drawn", help="Head and gaze as the model draws them: no laws laid over (docs/whole.md)."),
     ] = False,
@@ -71,13 +71,13 @@ def animate(
         list[str] | None, typer.Option("-f", "--format", help="Another format for each motion, as `export` has them.")
     ] = None,
     flame: Annotated[Path | None, typer.Option(help="Your own FLAME file, for formats that show a face on it.")] = None,
-    pictures: Annotated[bool, typer.Option(help="A small film of each motion, a plot, a sheet of heads.")] = True,
+    previews: Annotated[bool, typer.Option(help="A small film of each motion, a plot, a sheet of heads.")] = True,
     jobs: Annotated[int | None, typer.Option(help="Processes; a sound each, each with a folder of its own.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the output of an earlier call.")] = False,
 ) -> None:
     """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
-    from talkingeyes.workflows.animate import Order
-    from talkingeyes.workflows.direct import direct
+    from talkingeyes.workflows.animate import AnimationOptions
+    from talkingeyes.workflows.direct import make_controls
 
     if out is None:
         raise InputError("out: should be the folder to write (-o DIR), got none")
@@ -86,39 +86,39 @@ def animate(
         raise InputError(f"speech: should be sound files or --text, got {'neither' if text is None else 'both'}")
     if text is None and (voice or language):
         raise InputError("voice: is for --text, got a sound file")
-    direction = direct(
+    controls = make_controls(
         blinks=blinks,
         target=target,
-        contact=contact,
+        eye_contact=eye_contact,
         head=head_liveliness,
         gaze=gaze_liveliness,
         blinking=blink_liveliness,
         partner=partner,
         person=person,
         style=style,
-        as_drawn=as_drawn,
+        no_postprocessing=no_postprocessing,
         emotion=emotion,
         intensity=intensity,
         speaker=speaker,
         without=without or (),
         replaced=_parts(replaced or []),
     )
-    order = Order(samples, seed, float(fps), direction, tuple(formats or ()), pictures, flame)
+    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame)
     if dialogue:
-        _animate_dialogue(sounds, out, order, model, force)
+        _animate_dialogue(sounds, out, options, model, force)
         return
     if len(sounds) > 1 or any(path.is_dir() for path in sounds) or (jobs is not None and sounds):
-        _animate_all(sounds, out, order, model, 1 if jobs is None else jobs, force)
+        _animate_all(sounds, out, options, model, 1 if jobs is None else jobs, force)
         return
     if text is None:
-        _animate_one(sounds[0], out, order, model, force)
+        _animate_one(sounds[0], out, options, model, force)
         return
-    from talkingeyes.workflows.direct import strength
+    from talkingeyes.workflows.direct import default_intensity
     from talkingeyes.workflows.speak import speak
 
-    felt = strength(emotion, intensity)
+    felt = default_intensity(emotion, intensity)
     spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=felt)
-    _animate_one(spoken, out, order, model, force)
+    _animate_one(spoken, out, options, model, force)
 
 
 def _parts(replaced: list[str]) -> dict[str, str]:
@@ -129,31 +129,33 @@ def _parts(replaced: list[str]) -> dict[str, str]:
     return found
 
 
-def _animate_dialogue(sounds: list[Path], out: Path, order: Order, model: Path, force: bool) -> None:
+def _animate_dialogue(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, force: bool) -> None:
     from talkingeyes.audio.waveform import read_dialogue, read_speech
-    from talkingeyes.workflows.animate import carry_out_dialogue
+    from talkingeyes.workflows.animate import run_dialogue
 
-    if len(sounds) not in (1, 2) or order.direction.partner is not None:
+    if len(sounds) not in (1, 2) or options.controls.partner is not None:
         raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
     heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
-    dialogues = carry_out_dialogue(heard, out, order, model, force)
+    dialogues = run_dialogue(heard, out, options, model, force)
     first = dialogues[0].first.motion
-    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {order.fps:g} frames a second")
+    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {options.fps:g} frames a second")
 
 
-def _animate_one(speech: Path | SpokenText, out: Path, order: Order, model: Path, force: bool) -> None:
-    from talkingeyes.workflows.animate import carry_out
+def _animate_one(
+    speech: Path | SynthesizedSpeech, out: Path, options: AnimationOptions, model: Path, force: bool
+) -> None:
+    from talkingeyes.workflows.animate import run_animation
 
-    performances = carry_out(speech, out, order, model, force)
-    count = "1 motion" if order.samples == 1 else f"{order.samples} motions"
-    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {order.fps:g} frames a second")
+    performances = run_animation(speech, out, options, model, force)
+    count = "1 motion" if options.samples == 1 else f"{options.samples} motions"
+    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {options.fps:g} frames a second")
 
 
-def _animate_all(sounds: list[Path], out: Path, order: Order, model: Path, jobs: int, force: bool) -> None:
-    from talkingeyes.workflows.animate_batch import FAILED, KEPT, MADE, animate_all
+def _animate_all(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, jobs: int, force: bool) -> None:
+    from talkingeyes.workflows.animate_batch import DONE, FAILED, SKIPPED, animate_all
 
-    lines = animate_all(sounds, out, order, model=model, jobs=jobs, force=force)
-    counts = {status: sum(line.status == status for line in lines) for status in (MADE, KEPT, FAILED)}
+    lines = animate_all(sounds, out, options, model=model, jobs=jobs, force=force)
+    counts = {status: sum(line.status == status for line in lines) for status in (DONE, SKIPPED, FAILED)}
     typer.echo(f"{out}: {', '.join(f'{count} {status}' for status, count in counts.items() if count)}")
     failed = [line for line in lines if line.status == FAILED]
     if failed:

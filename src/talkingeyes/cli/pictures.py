@@ -31,7 +31,7 @@ def render(
     typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} frames a second")
 
 
-def picture_of_head(
+def render_head(
     out: Annotated[Path, typer.Option("-o", "--out", help="The picture to write (.png).")],
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
@@ -39,7 +39,7 @@ def picture_of_head(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Draw a head: gaze in nine directions, lids at five openings."""
-    from talkingeyes.workflows.render import picture
+    from talkingeyes.workflows.render import render_head_sheet
 
-    picture(out, head=head, model=model, size=size, force=force)
+    render_head_sheet(out, head=head, model=model, size=size, force=force)
     typer.echo(f"{out}: gaze in nine directions, lids at five openings")

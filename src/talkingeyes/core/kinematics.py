@@ -12,12 +12,12 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from talkingeyes.core.rotation import direction_of_angles, directions, gaze_in_space
+from talkingeyes.core.rotation import angles_to_direction, gaze_in_space, rotvec_to_direction
 
-STILL_DEG_S = 2.5
+STILL_THRESHOLD_DEG_S = 2.5
 
 
-def angle_deg(one: Float[ndarray, "*N 3"], other: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
+def angle_between_deg(one: Float[ndarray, "*N 3"], other: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
     """Angle between unit vectors in degrees, exact for tiny angles too."""
     sine = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, (one * other).sum(axis=-1))))
@@ -25,14 +25,14 @@ def angle_deg(one: Float[ndarray, "*N 3"], other: Float[ndarray, "*N 3"]) -> Flo
 
 def eye_speed_deg_s(gaze: Float[ndarray, "*S T 2 3"], fps: float) -> Float[ndarray, "*S T-1"]:
     """Speed of eye-in-head between frames, mean of both eyes."""
-    return _speed_deg_s(directions(gaze), fps)
+    return _speed_deg_s(rotvec_to_direction(gaze), fps)
 
 
-def space_speed_deg_s(
+def gaze_in_space_speed_deg_s(
     head: Float[ndarray, "*S T 3"], gaze: Float[ndarray, "*S T 2 3"], fps: float
 ) -> Float[ndarray, "*S T-1"]:
     """Speed of gaze in space, R(head) R(eye), between frames, mean of both eyes."""
-    return _speed_deg_s(direction_of_angles(gaze_in_space(head, gaze)), fps)
+    return _speed_deg_s(angles_to_direction(gaze_in_space(head, gaze)), fps)
 
 
 def head_speed_deg_s(head: Float[ndarray, "*S T 3"], fps: float) -> Float[ndarray, "*S T-1"]:
@@ -45,10 +45,10 @@ def head_speed_deg_s(head: Float[ndarray, "*S T 3"], fps: float) -> Float[ndarra
     return np.asarray(np.degrees(4 * half) * fps)
 
 
-def still(speed_deg_s: Float[ndarray, "*N"]) -> float:
+def still_fraction(speed_deg_s: Float[ndarray, "*N"]) -> float:
     """Share of frames that rest."""
-    return float((speed_deg_s < STILL_DEG_S).mean())
+    return float((speed_deg_s < STILL_THRESHOLD_DEG_S).mean())
 
 
-def _speed_deg_s(unit: Float[ndarray, "*S T 2 3"], fps: float) -> Float[ndarray, "*S T-1"]:
-    return np.asarray(angle_deg(unit[..., :-1, :, :], unit[..., 1:, :, :]).mean(axis=-1) * fps)
+def _speed_deg_s(direction: Float[ndarray, "*S T 2 3"], fps: float) -> Float[ndarray, "*S T-1"]:
+    return np.asarray(angle_between_deg(direction[..., :-1, :, :], direction[..., 1:, :, :]).mean(axis=-1) * fps)

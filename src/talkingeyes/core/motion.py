@@ -28,8 +28,17 @@ CONVENTIONS = {
     "eye_order": "left,right (the subject's)",
 }
 # What numpy and zipfile raise for a file that is cut, altered or of another kind.
-DAMAGED = (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, NotImplementedError, zlib.error)
-ARRAYS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
+NPZ_READ_ERRORS = (
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    AttributeError,
+    BadZipFile,
+    NotImplementedError,
+    zlib.error,
+)
+ARRAY_FIELDS = ("head", "translation", "gaze", "lid", "jaw", "expression", "valid")
 
 
 @dataclass(frozen=True)
@@ -100,11 +109,11 @@ class Motion:
 
     def cut(self, start: int, stop: int) -> Motion:
         """Frames start to stop."""
-        return replace(self, **{name: getattr(self, name)[start:stop] for name in ARRAYS})
+        return replace(self, **{name: getattr(self, name)[start:stop] for name in ARRAY_FIELDS})
 
     def save(self, path: Path) -> None:
         """Write as npz (float32), with fps, units, axes, rotation form, eye order and head model inside."""
-        arrays = {name: getattr(self, name) for name in ARRAYS}
+        arrays = {name: getattr(self, name) for name in ARRAY_FIELDS}
         arrays = {name: a if a.dtype == bool else a.astype(np.float32) for name, a in arrays.items()}
         texts = {**CONVENTIONS, "head_model": self.head_model, "expression_names": json.dumps(self.expression_names)}
         save_npz(
@@ -120,12 +129,12 @@ class Motion:
         try:
             with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
-        except DAMAGED as error:
+        except NPZ_READ_ERRORS as error:
             raise InputError(f"{path}: not a readable motion npz ({error})") from None
         schema = str(content.get("schema", "none"))
         if schema != CONVENTIONS["schema"]:
             raise InputError(f"{path}: schema should be {CONVENTIONS['schema']}, got {schema}")
-        missing = [name for name in (*ARRAYS, "fps", "expression_names", "head_model") if name not in content]
+        missing = [name for name in (*ARRAY_FIELDS, "fps", "expression_names", "head_model") if name not in content]
         if missing:
             raise InputError(f"{path}: missing {', '.join(missing)}")
         try:
@@ -136,7 +145,7 @@ class Motion:
             fps=fps,
             expression_names=names,
             head_model=str(content["head_model"]),
-            **{name: content[name] for name in ARRAYS},
+            **{name: content[name] for name in ARRAY_FIELDS},
         )
 
 
@@ -152,7 +161,7 @@ class Saccade:
 
 
 @dataclass(frozen=True)
-class HeadMove:
+class HeadMovement:
     """A head movement that adds the rotation vector `delta_rad` over `duration_s` (minimum jerk)."""
 
     onset_s: float
@@ -172,7 +181,7 @@ class Blink:
 
 
 @dataclass(frozen=True)
-class Refocus:
+class VergenceMovement:
     """From `onset_s` on the eyes converge on a target `distance_m` away (slowly: physiology.vergence)."""
 
     onset_s: float
@@ -184,26 +193,37 @@ class Events:
     """The events of a performance, each list in order of onset."""
 
     saccades: tuple[Saccade, ...] = ()
-    head_moves: tuple[HeadMove, ...] = ()
+    head_movements: tuple[HeadMovement, ...] = ()
     blinks: tuple[Blink, ...] = ()
-    refocuses: tuple[Refocus, ...] = ()
+    vergence_movements: tuple[VergenceMovement, ...] = ()
 
     def save(self, path: Path) -> None:
         """Write as JSON with the schema inside."""
-        path.write_text(json.dumps({"schema": "talkingeyes.events/1", **asdict(self)}, indent=1))
+        rows = {JSON_NAMES.get(name, name): found for name, found in asdict(self).items()}
+        path.write_text(json.dumps({"schema": "talkingeyes.events/1", **rows}, indent=1))
 
     @classmethod
     def load(cls, path: Path) -> Events:
         """Read events JSON; a kind that is absent has none. Raises InputError if it is not events."""
         try:
             content = json.loads(path.read_text())
-            kinds = {"saccades": Saccade, "head_moves": HeadMove, "blinks": Blink, "refocuses": Refocus}
-            rows = {name: content.get(name, ()) for name in kinds}
-            if not any(name in content for name in kinds):
-                raise ValueError(f"should hold {', '.join(kinds)}")
-            return cls(**{name: tuple(_event(kind, row) for row in rows[name]) for name, kind in kinds.items()})
+            kinds = {field.name: JSON_NAMES.get(field.name, field.name) for field in fields(cls)}
+            if not any(name in content for name in kinds.values()):
+                raise ValueError(f"should hold {', '.join(kinds.values())}")
+            rows = {field: content.get(name, ()) for field, name in kinds.items()}
+            return cls(**{field: tuple(_event(EVENT_TYPES[field], row) for row in rows[field]) for field in kinds})
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable events file ({error!r})") from None
+
+
+EVENT_TYPES = {
+    "saccades": Saccade,
+    "head_movements": HeadMovement,
+    "blinks": Blink,
+    "vergence_movements": VergenceMovement,
+}
+# Fields of `Events` that events JSON (talkingeyes.events/1) calls otherwise.
+JSON_NAMES = {"head_movements": "head_moves", "vergence_movements": "refocuses"}
 
 
 def _event(kind: type, row: dict[str, Any]) -> Any:

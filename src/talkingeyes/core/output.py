@@ -12,7 +12,7 @@ from pathlib import Path
 from talkingeyes.core.errors import InputError
 
 
-def target(out: Path, own_files: re.Pattern[str], force: bool) -> Path:
+def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool) -> Path:
     """The folder to write. Raises InputError unless it is new, empty, or (with `force`) holds only what we wrote."""
     try:
         folder = out.resolve()
@@ -20,7 +20,7 @@ def target(out: Path, own_files: re.Pattern[str], force: bool) -> Path:
         found = sorted(path.name for path in nearest.iterdir()) if nearest == folder else []
     except (OSError, ValueError) as error:  # ValueError: a NUL character
         raise InputError(f"{str(out)!r}: should be a new or empty folder, got: {error}") from None
-    strange = [name for name in found if not own_files.fullmatch(name)]
+    strange = [name for name in found if not own_file_pattern.fullmatch(name)]
     if strange:
         raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
     if found and not force:
@@ -31,7 +31,7 @@ def target(out: Path, own_files: re.Pattern[str], force: bool) -> Path:
 
 
 @contextlib.contextmanager
-def appearing(folder: Path) -> Iterator[Path]:
+def atomic_folder(folder: Path) -> Iterator[Path]:
     """A new folder beside the target that takes its place when the block ends well."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")

@@ -20,7 +20,7 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
 
 
-class PartSettings(Settings):
+class ComponentSettings(Settings):
     """The section of a part that can be exchanged: its `kind` says which class it configures."""
 
     kind: str
@@ -29,57 +29,57 @@ class PartSettings(Settings):
 S = TypeVar("S", bound=Settings)
 
 
-def out_of_bounds(what: str, came: object) -> PydanticCustomError:
-    """The error of a validator that looks at several keys: `what` names key and bound, `came` is the value."""
+def bounds_error(requirement: str, value: object) -> PydanticCustomError:
+    """The error of a validator that looks at several keys: `requirement` names key and bound, `value` is the value."""
     # Braces would be taken for a template.
-    return PydanticCustomError("bounds", "{what}, got {came}", {"what": what, "came": str(came)})
+    return PydanticCustomError("bounds", "{what}, got {came}", {"what": requirement, "came": str(value)})
 
 
 @dataclass(frozen=True)
-class Role:
+class ComponentRegistry:
     """A part that can be exchanged: classes that do the same in different ways, one of which a section's `kind` names.
 
     A kind is one of the short names in `kinds`, or `package.module:Class` for a class from anywhere (docs/extend.md).
-    The class names its settings in `configured_by` and has the methods of the contract.
+    The class names its settings in `settings_class` and has the methods of the contract.
     """
 
     name: str
     kinds: Mapping[str, str]
     methods: tuple[str, ...]
 
-    def read(self, node: Any) -> Settings:
+    def parse(self, node: Any) -> Settings:
         """A section as the settings of the class that it names; used as a validator of pydantic."""
         if isinstance(node, Settings):
             return node
         if not isinstance(node, Mapping) or "kind" not in node:
-            raise self._wrong("should be a section with a kind", node)
-        settings: Settings = self.member(str(node["kind"])).configured_by.model_validate(node)
+            raise self._kind_error("should be a section with a kind", node)
+        settings: Settings = self.component_class(str(node["kind"])).settings_class.model_validate(node)
         return settings
 
-    def make(self, settings: PartSettings, *arguments: Any) -> Any:
+    def build(self, settings: ComponentSettings, *arguments: Any) -> Any:
         """The part that a section configures."""
-        return self.member(settings.kind)(settings, *arguments)
+        return self.component_class(settings.kind)(settings, *arguments)
 
-    def member(self, kind: str) -> Any:
+    def component_class(self, kind: str) -> Any:
         """The class of a kind."""
         module, _, name = self.kinds.get(kind, kind).partition(":")
         if not name:
-            raise self._wrong(f"kind should be {', '.join(self.kinds)} or package.module:Class", kind)
+            raise self._kind_error(f"kind should be {', '.join(self.kinds)} or package.module:Class", kind)
         try:
             found = getattr(import_module(module), name)
         except (ImportError, AttributeError) as error:
-            raise self._wrong(f"kind should be a class that can be imported ({error})", kind) from None
-        missing = [each for each in ("configured_by", *self.methods) if not hasattr(found, each)]
+            raise self._kind_error(f"kind should be a class that can be imported ({error})", kind) from None
+        missing = [each for each in ("settings_class", *self.methods) if not hasattr(found, each)]
         if missing:
-            raise self._wrong(f"kind should be a {self.name}, with {', '.join(missing)}", kind)
+            raise self._kind_error(f"kind should be a {self.name}, with {', '.join(missing)}", kind)
         return found
 
-    def _wrong(self, what: str, came: Any) -> PydanticCustomError:
+    def _kind_error(self, requirement: str, value: Any) -> PydanticCustomError:
         # Braces would be taken for a template.
-        return PydanticCustomError("kind", "{what}, got {came}", {"what": what, "came": str(came)})
+        return PydanticCustomError("kind", "{what}, got {came}", {"what": requirement, "came": str(value)})
 
 
-def validated(section: str, kind: type[S], node: Any) -> S:
+def validate_section(section: str, kind: type[S], node: Any) -> S:
     """A section as its frozen settings. Raises InputError: one line with the key, the bound and the value that came."""
     try:
         return kind.model_validate(node)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 @contextlib.contextmanager
-def written(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Where to write; it takes its name when the block ends well."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:

@@ -18,7 +18,7 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class FaceRecordings(Sequence[FaceRecording]):
             return [self[i] for i in range(*index.indices(len(self)))]
         clip = self.clips[index]
         expression, jaw = self._face(clip)
-        speech = np.load(sharded(self._embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+        speech = np.load(shard_path(self._embed / "speech", clip.sound, ".npy"), mmap_mode="r")
         frames = min(len(speech), len(jaw))
         return FaceRecording(clip, speech[:frames], expression[:frames], jaw[:frames])
 
@@ -85,4 +85,4 @@ def faces(corpus: Corpus, fit: Path, embed: Path, *splits: str) -> FaceRecording
 
 
 def _path(fit: Path, clip: Clip) -> Path:
-    return sharded(fit / "motion", clip.id, ".npz")
+    return shard_path(fit / "motion", clip.id, ".npz")

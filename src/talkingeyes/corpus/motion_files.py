@@ -22,7 +22,7 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 
 FRAME_DIMENSIONS = {"head": 1, "gaze": 2, "lid": 1}
-SAMPLE = re.compile(r"(?:(?P<clip>.+?)[-_.])?s(?:ample)?[-_]?\d+")
+SAMPLE_NAME = re.compile(r"(?:(?P<clip>.+?)[-_.])?s(?:ample)?[-_]?\d+")
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ def motion_files(folder: Path) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.rglob("*.npz")):
         if not any(part.startswith(".") for part in path.relative_to(folder).parts):
-            found[clip_of(path)].append(path)
+            found[clip_id_of(path)].append(path)
     if not found:
         raise InputError(f"{folder}: should hold motion files (.npz), got none")
     return dict(sorted(found.items()))
 
 
-def clip_of(path: Path) -> str:
+def clip_id_of(path: Path) -> str:
     """The name of the clip that a file is for."""
-    match = SAMPLE.fullmatch(path.stem)
+    match = SAMPLE_NAME.fullmatch(path.stem)
     if not match:
         return path.stem
     return match["clip"] or path.resolve().parent.name

@@ -23,9 +23,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 
-NUMBERS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
+POSE_COMPONENTS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
 
 
 class PoseSettings(Settings):
@@ -34,8 +34,8 @@ class PoseSettings(Settings):
     # Frames a second of poses (the paper: 30).
     fps: Annotated[float, Field(gt=0, le=240)]
     # Width (delta) of the Gaussian of eq. 1 and its reach to each side (m), in frames; a width of 0: no filter.
-    filter_frames: Annotated[float, Field(ge=0)]
-    filter_reach: Annotated[int, Field(ge=1)]
+    filter_sigma_frames: Annotated[float, Field(ge=0)]
+    filter_radius_frames: Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True)
@@ -51,20 +51,20 @@ class PoseRecording:
         return len(self.pose)
 
 
-def poses_of(head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]) -> Float[ndarray, "T 6"]:
+def to_poses(head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]) -> Float[ndarray, "T 6"]:
     """Six numbers a frame of rotation vectors and metres."""
     yaw, down, roll = Rotation.from_rotvec(head).as_euler("YXZ").T
     return np.concatenate([np.stack([-down, yaw, roll], axis=1), translation], axis=1)
 
 
-def head_of(pose: Float[ndarray, "*N 6"]) -> Float[ndarray, "*N 3"]:
-    """Rotation vectors of poses; with the last three numbers, the inverse of `poses_of`."""
+def head_rotations(pose: Float[ndarray, "*N 6"]) -> Float[ndarray, "*N 3"]:
+    """Rotation vectors of poses; with the last three numbers, the inverse of `to_poses`."""
     pitch, yaw, roll = (pose[..., index].ravel() for index in range(3))
     turned = Rotation.from_euler("YXZ", np.stack([yaw, -pitch, roll], axis=1))
     return np.asarray(turned.as_rotvec().reshape(*pose.shape[:-1], 3))
 
 
-def resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
+def resample_cubic(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
     """Rows at another frame rate, by a cubic spline; the first row stays where it is."""
     if fps == new_fps:
         return rows
@@ -72,11 +72,11 @@ def resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[
 
     times_s, new_s = _times(len(rows), fps, new_fps)
     if len(rows) < 4:
-        return linearly_resampled(rows, fps, new_fps)
+        return resample_linear(rows, fps, new_fps)
     return np.asarray(CubicSpline(times_s, rows)(new_s))
 
 
-def linearly_resampled(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
+def resample_linear(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
     """Rows at another frame rate, by straight lines: for features, which a spline could drive out of their range."""
     if fps == new_fps or not len(rows):
         return rows
@@ -91,7 +91,7 @@ def _times(count: int, fps: float, new_fps: float) -> tuple[ndarray, ndarray]:
     return np.arange(count) / fps, np.arange(int((count - 1) * new_fps / fps + 1e-9) + 1) / new_fps
 
 
-def gaussian_filtered(pose: Float[ndarray, "T N"], width_frames: float, reach: int) -> Float[ndarray, "T N"]:
+def gaussian_smooth(pose: Float[ndarray, "T N"], width_frames: float, reach: int) -> Float[ndarray, "T N"]:
     """Eq. 1 with weights that sum to 1, at the ends of a clip too."""
     if width_frames == 0:
         return pose
@@ -106,7 +106,7 @@ class PoseRecordings(Sequence[PoseRecording]):
     """The fitted clips of some splits, read lazily; 128 stay in memory."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path, settings: PoseSettings) -> None:
-        self.clips = [clip for clip in clips if sharded(fit / "motion", clip.id, ".npz").exists()]
+        self.clips = [clip for clip in clips if shard_path(fit / "motion", clip.id, ".npz").exists()]
         self._read = lru_cache(maxsize=128)(lambda clip: read_poses(fit, embed, clip, settings))
 
     def __len__(self) -> int:
@@ -127,11 +127,11 @@ class PoseRecordings(Sequence[PoseRecording]):
 
 def read_poses(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> PoseRecording:
     """A fitted clip and its sound at the frame rate of poses."""
-    motion = Motion.load(sharded(fit / "motion", clip.id, ".npz"))
-    raw = resampled(poses_of(motion.head, motion.translation), motion.fps, settings.fps)
-    pose = gaussian_filtered(raw, settings.filter_frames, settings.filter_reach)
-    embedding = np.load(sharded(embed / "speech", clip.sound, ".npy"))
-    speech = linearly_resampled(embedding, motion.fps, settings.fps)
+    motion = Motion.load(shard_path(fit / "motion", clip.id, ".npz"))
+    raw = resample_cubic(to_poses(motion.head, motion.translation), motion.fps, settings.fps)
+    pose = gaussian_smooth(raw, settings.filter_sigma_frames, settings.filter_radius_frames)
+    embedding = np.load(shard_path(embed / "speech", clip.sound, ".npy"))
+    speech = resample_linear(embedding, motion.fps, settings.fps)
     frames = min(len(pose), len(speech))
     centre = pose[:frames].mean(0)
     centred = (pose[:frames] - centre).astype(np.float32)

@@ -26,15 +26,15 @@ from scipy.spatial.transform import Rotation
 from talkingeyes.core.errors import InputError
 
 FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # Andersson's labels
-ROUND_BLINK_S = 0.05  # lids cover part of the pupil before and after the tracker loses it
-LEAST_CONFIDENCE = 0.8  # of OpenFace, in a frame that counts
-LONGEST_SHIFT_S = 0.2  # from one fixation to the next; what is longer hides something
+BLINK_MARGIN_S = 0.05  # lids cover part of the pupil before and after the tracker loses it
+MIN_CONFIDENCE = 0.8  # of OpenFace, in a frame that counts
+MAX_SHIFT_S = 0.2  # from one fixation to the next; what is longer hides something
 # The screen of the conversations: 2250 pixels on 63.735 cm, seen from 67.5 cm.
 CONVERSATION_CM_PER_PX, CONVERSATION_CM, CONVERSATION_RATE_HZ = 63.735 / 2250, 67.5, 90.0
 
 
 @dataclass(frozen=True)
-class Recording:
+class GazeRecording:
     """T frames of a person: gaze in space, head rotation vectors, which frames the tracker saw."""
 
     fps: float
@@ -42,17 +42,17 @@ class Recording:
     head: Float[ndarray, "T 3"]
     valid: Bool[ndarray, " T"]
 
-    def every(self, frames: int) -> Recording:
+    def subsample(self, frames: int) -> GazeRecording:
         """Point-sampled: one frame in so many."""
         arrays = (self.gaze_in_space_rad, self.head, self.valid)
-        return Recording(self.fps / frames, *(array[::frames] for array in arrays))
+        return GazeRecording(self.fps / frames, *(array[::frames] for array in arrays))
 
 
 @dataclass(frozen=True)
-class Labelled:
+class LabelledRecording:
     """A recording whose every frame an expert has labelled."""
 
-    recording: Recording
+    recording: GazeRecording
     labels: Int[ndarray, " T"]
 
 
@@ -73,11 +73,11 @@ class ConversationFixations:
         return ConversationFixations((person,) * len(index), (state,) * len(index), *arrays)
 
     @property
-    def steps_deg(self) -> Float[ndarray, "K 2"]:
+    def gaze_shifts_deg(self) -> Float[ndarray, "K 2"]:
         """From each fixation to the next, where that follows at once."""
         pause = self.onset_s[1:] - self.onset_s[:-1] - self.duration_s[:-1]
         steps = np.degrees(np.diff(self.centre_rad, axis=0))
-        return np.asarray(steps[(pause >= 0) & (pause < LONGEST_SHIFT_S)])
+        return np.asarray(steps[(pause >= 0) & (pause < MAX_SHIFT_S)])
 
     @property
     def spread_deg(self) -> Float[ndarray, " 2"]:
@@ -88,7 +88,7 @@ class ConversationFixations:
         )
 
 
-def read_andersson(path: Path) -> Labelled:
+def read_andersson(path: Path) -> LabelledRecording:
     """Read one labelled .mat. Angles follow from the screen's size, resolution and distance in the file."""
     try:
         data = loadmat(path)["ETdata"][0, 0]
@@ -103,11 +103,11 @@ def read_andersson(path: Path) -> Labelled:
     # The viewer's right is right on the screen, and rows count downwards.
     gaze = _angles_rad(-on_screen_m[:, 0], -on_screen_m[:, 1], distance_m)
     labels = samples[:, 5].astype(np.int64)
-    unseen = binary_dilation(lost | (labels == BLINK), iterations=round(ROUND_BLINK_S * fps))
-    return Labelled(Recording(fps, gaze, np.zeros((len(gaze), 3)), ~unseen), labels)
+    unseen = binary_dilation(lost | (labels == BLINK), iterations=round(BLINK_MARGIN_S * fps))
+    return LabelledRecording(GazeRecording(fps, gaze, np.zeros((len(gaze), 3)), ~unseen), labels)
 
 
-def read_openface(path: Path) -> Recording:
+def read_openface(path: Path) -> GazeRecording:
     """Read an OpenFace table. Its camera looks along +z with y down; gaze angles are already those in space."""
     table = _table(path)
     time_s = _column(table, path, "timestamp")
@@ -115,8 +115,8 @@ def read_openface(path: Path) -> Recording:
         raise InputError(f"{path}: should hold two or more frames of one face in order of time, got {len(time_s)}")
     head = Rotation.from_euler("XYZ", np.stack([_column(table, path, f"pose_R{axis}") for axis in "xyz"], axis=1))
     yaw, down = (_column(table, path, f"gaze_angle_{axis}") for axis in "xy")
-    sure = (_column(table, path, "confidence") >= LEAST_CONFIDENCE) & (_column(table, path, "success") > 0)
-    return Recording(
+    sure = (_column(table, path, "confidence") >= MIN_CONFIDENCE) & (_column(table, path, "success") > 0)
+    return GazeRecording(
         fps=float((len(time_s) - 1) / (time_s[-1] - time_s[0])),
         gaze_in_space_rad=np.stack([yaw, -down], axis=1),
         head=head.as_rotvec() * [1.0, -1.0, -1.0],

@@ -18,7 +18,7 @@ from talkingeyes.corpus.windows import Recordings
 
 
 @dataclass(frozen=True)
-class Sound:
+class SoundGroup:
     """A sound to measure: its fitted takes, the first of them take 0, and clips of other sounds of the speaker."""
 
     takes: list[Clip]
@@ -30,7 +30,7 @@ class Sound:
         return self.takes[0]
 
 
-def sounds(corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], others: int, seed: int) -> list[Sound]:
+def sounds(corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], others: int, seed: int) -> list[SoundGroup]:
     """The sounds whose take 0 was fitted, in the order of the corpus; `others` are drawn by seed and clip."""
     takes, of_speaker = defaultdict(list), defaultdict(list)
     for clip in Recordings(corpus.clips, fit, embed).clips:
@@ -45,5 +45,5 @@ def sounds(corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], othe
         rivals = [other for other in of_speaker[clip.speaker] if other.sound != clip.sound]
         random = np.random.default_rng([seed, *clip.id.encode()])
         chosen = random.choice(len(rivals), size=min(others, len(rivals)), replace=False)
-        found.append(Sound(sorted(same, key=lambda each: each.take), [rivals[index] for index in chosen]))
+        found.append(SoundGroup(sorted(same, key=lambda each: each.take), [rivals[index] for index in chosen]))
     return found

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-UNSEEN_SPEAKERS = 0.15
-SHARES = {"train": 0.8, "val": 0.1, "test": 0.1}
+UNSEEN_SPEAKER_RATIO = 0.15
+SPLIT_RATIOS = {"train": 0.8, "val": 0.1, "test": 0.1}
 
 
 def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int) -> dict[str, str]:
@@ -19,24 +19,24 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
     """
     random = np.random.default_rng(seed)
     speakers = sorted(set(speaker_of.values()))
-    count = round(UNSEEN_SPEAKERS * len(speakers)) if len(speakers) > 1 else 0
+    count = round(UNSEEN_SPEAKER_RATIO * len(speakers)) if len(speakers) > 1 else 0
     unseen = set(random.choice(speakers, size=max(count, int(len(speakers) > 1)), replace=False))
     split = {sound: "unseen" for sound, speaker in speaker_of.items() if speaker in unseen}
     groups = _groups({sound: sentences_of[sound] for sound in speaker_of if sound not in split})
     random.shuffle(groups)
     groups.sort(key=len, reverse=True)
     total = sum(map(len, groups))
-    filled = dict.fromkeys(SHARES, 0)
+    filled = dict.fromkeys(SPLIT_RATIOS, 0)
     single = sorted((group[0] for group in groups if len(group) == 1), key=lambda sound: speaker_of[sound])
     for group in groups[: len(groups) - len(single)]:
-        name = max(SHARES, key=lambda each: SHARES[each] * total - filled[each])
+        name = max(SPLIT_RATIOS, key=lambda each: SPLIT_RATIOS[each] * total - filled[each])
         filled[name] += len(group)
         split.update(dict.fromkeys(group, name))
-    wanted = {name: max(SHARES[name] * total - filled[name], 0.0) for name in SHARES}
-    return split | _dealt(single, wanted)
+    wanted = {name: max(SPLIT_RATIOS[name] * total - filled[name], 0.0) for name in SPLIT_RATIOS}
+    return split | _distribute(single, wanted)
 
 
-def _dealt(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:
+def _distribute(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:
     """Sounds in the order of their speakers, so that every speaker has some in each split, if there are enough."""
     split: dict[str, str] = {}
     given = dict.fromkeys(wanted, 0)

@@ -20,7 +20,7 @@ from talkingeyes.corpus.index import Clip, read_index, write_index
 from talkingeyes.head.observation import Observation
 
 
-def sharded(folder: Path, name: str, suffix: str) -> Path:
+def shard_path(folder: Path, name: str, suffix: str) -> Path:
     """folder/a/name+suffix, where a is the first digit of a hash of the name.
 
     Sixteen folders keep a million clips listable, and `dvc repro` quick, which looks at every folder.
@@ -28,9 +28,9 @@ def sharded(folder: Path, name: str, suffix: str) -> Path:
     return folder / hashlib.blake2b(name.encode(), digest_size=1).hexdigest()[0] / (name + suffix)
 
 
-def sharded_for_writing(folder: Path, name: str, suffix: str) -> Path:
+def make_shard_path(folder: Path, name: str, suffix: str) -> Path:
     """The same path, with its folder made."""
-    path = sharded(folder, name, suffix)
+    path = shard_path(folder, name, suffix)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -62,20 +62,20 @@ class Corpus:
 
     def speech(self, clip: Clip) -> Float[ndarray, " N"]:
         """The clip's sound, float32 at 16 kHz: what the subject says."""
-        return _sound(sharded(self.root / "speech", clip.sound, ".flac"))
+        return _sound(shard_path(self.root / "speech", clip.sound, ".flac"))
 
     def partner(self, clip: Clip) -> Float[ndarray, " N"] | None:
         """What the partner says meanwhile, as long as `speech`, or None where nobody else speaks."""
-        path = sharded(self.root / "partner", clip.sound, ".flac")
+        path = shard_path(self.root / "partner", clip.sound, ".flac")
         return _sound(path) if path.exists() else None
 
     def annotation(self, clip: Clip) -> Annotation:
         """Words, phonemes and spans of the clip's sound."""
-        return Annotation.load(sharded(self.root / "annotations", clip.sound, ".json"))
+        return Annotation.load(shard_path(self.root / "annotations", clip.sound, ".json"))
 
     def observation(self, clip: Clip) -> Observation:
         """Landmarks and pupils in pixels."""
-        return Observation.load(sharded(self.root / "observations", clip.id, ".npz"))
+        return Observation.load(shard_path(self.root / "observations", clip.id, ".npz"))
 
     @property
     def has_truth(self) -> bool:
@@ -84,11 +84,11 @@ class Corpus:
 
     def truth(self, clip: Clip) -> Motion:
         """The true motion (synthetic corpora only)."""
-        return Motion.load(sharded(self.root / "truth", clip.id, ".npz"))
+        return Motion.load(shard_path(self.root / "truth", clip.id, ".npz"))
 
     def truth_events(self, clip: Clip) -> Events:
         """The true events (synthetic corpora only)."""
-        return Events.load(sharded(self.root / "truth", clip.id, ".events.json"))
+        return Events.load(shard_path(self.root / "truth", clip.id, ".events.json"))
 
     # Writing: per sound, per clip, and last the index, which makes the corpus whole.
 
@@ -101,19 +101,19 @@ class Corpus:
     ) -> None:
         """Write speech and annotation of a sound that several takes may share, and the partner's channel if any."""
         if partner is not None:
-            path = sharded_for_writing(self.root / "partner", sound, ".flac")
+            path = make_shard_path(self.root / "partner", sound, ".flac")
             soundfile.write(path, partner, SAMPLE_RATE, subtype="PCM_16")
-        path = sharded_for_writing(self.root / "speech", sound, ".flac")
+        path = make_shard_path(self.root / "speech", sound, ".flac")
         soundfile.write(path, samples, SAMPLE_RATE, subtype="PCM_16")
-        annotation.save(sharded_for_writing(self.root / "annotations", sound, ".json"))
+        annotation.save(make_shard_path(self.root / "annotations", sound, ".json"))
 
     def write_clip(self, clip_id: str, observation: Observation, truth: Motion | None, events: Events | None) -> None:
         """Write what was seen of one clip and, if known, what was true."""
-        observation.save(sharded_for_writing(self.root / "observations", clip_id, ".npz"))
+        observation.save(make_shard_path(self.root / "observations", clip_id, ".npz"))
         if truth is not None:
-            truth.save(sharded_for_writing(self.root / "truth", clip_id, ".npz"))
+            truth.save(make_shard_path(self.root / "truth", clip_id, ".npz"))
         if events is not None:
-            events.save(sharded_for_writing(self.root / "truth", clip_id, ".events.json"))
+            events.save(make_shard_path(self.root / "truth", clip_id, ".events.json"))
 
     def write_index(self, clips: list[Clip]) -> None:
         """Write clips.parquet."""

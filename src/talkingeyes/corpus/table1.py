@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from talkingeyes.corpus.index import Clip
 
 HEADER = "| corpus | face | head | eyes | sequences | subjects | hours | acquisition | sources |"
-PAPER = "| TKED (the paper's) | ✓ | ✓ | ✓ | 5982 | 669 | 14.0 | generated from video | VoxCeleb2, HDTF |"
+PAPER_ROW = "| TKED (the paper's) | ✓ | ✓ | ✓ | 5982 | 669 | 14.0 | generated from video | VoxCeleb2, HDTF |"
 
 
 @dataclass(frozen=True)
-class Row:
+class CorpusStatistics:
     """What Table I says of a corpus."""
 
     sequences: int
@@ -24,9 +24,9 @@ class Row:
     sources: tuple[str, ...]
 
 
-def row_of(clips: Sequence[Clip]) -> Row:
+def corpus_statistics(clips: Sequence[Clip]) -> CorpusStatistics:
     """Sequences are clips, every take counted."""
-    return Row(
+    return CorpusStatistics(
         len(clips),
         len({clip.speaker for clip in clips}),
         sum((clip.seconds for clip in clips), 0.0) / 3600.0,
@@ -34,7 +34,7 @@ def row_of(clips: Sequence[Clip]) -> Row:
     )
 
 
-def table(name: str, row: Row, acquisition: str) -> str:
+def table(name: str, row: CorpusStatistics, acquisition: str) -> str:
     """The row in Markdown under that of the paper's own corpus. All corpora here hold face, head and eyes."""
     own = f"| {name} | ✓ | ✓ | ✓ | {row.sequences} | {row.subjects} | {row.hours:.3g} | {acquisition} |"
-    return "\n".join([HEADER, "|" + "---|" * 9, PAPER, f"{own} {', '.join(row.sources)} |", ""])
+    return "\n".join([HEADER, "|" + "---|" * 9, PAPER_ROW, f"{own} {', '.join(row.sources)} |", ""])

@@ -12,7 +12,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
 
 
-def motions_in(path: Path) -> list[Motion]:
+def load_motions(path: Path) -> list[Motion]:
     """One motion, or S of them; what a file of samples does not hold is neutral. Raises InputError if it is neither."""
     keys = _keys(path)
     if "schema" in keys or not {"head", "jaw"} & keys:

@@ -19,7 +19,7 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Recordings(Sequence[Recording]):
             return [self[i] for i in range(*index.indices(len(self)))]
         clip = self.clips[index]
         head, gaze, valid = self._motion(clip)
-        speech = np.load(sharded(self.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+        speech = np.load(shard_path(self.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
         frames = min(len(speech), len(head))
         return Recording(clip, speech[:frames], head[:frames], gaze[:frames], valid[:frames])
 
@@ -89,7 +89,7 @@ def recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int |
 
 
 def _motion_path(fit: Path, clip: Clip) -> Path:
-    return sharded(fit / "motion", clip.id, ".npz")
+    return shard_path(fit / "motion", clip.id, ".npz")
 
 
 def _read_motion(fit: Path, clip: Clip) -> tuple[ndarray, ndarray, ndarray]:

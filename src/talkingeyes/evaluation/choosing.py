@@ -18,14 +18,14 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.core.kinematics import eye_speed_deg_s
-from talkingeyes.core.rotation import conjugate, gaze_in_space
+from talkingeyes.core.rotation import cyclopean_gaze, gaze_in_space
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
 
 # What a sweep may be told to look at.
-Figure = Literal[
+SelectionMetric = Literal[
     "apart",
     "corr",
     "corr_space",
@@ -37,7 +37,7 @@ Figure = Literal[
 ]
 
 
-class AssessSettings(Settings):
+class ValidateSettings(Settings):
     """The section `assess`: samples for every val sound, and the seed that their seeds are made from."""
 
     seed: int
@@ -46,7 +46,7 @@ class AssessSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class MotionDynamics:
     """How eyes move in some motions: speeds between frames, amplitudes of saccades, angles to straight ahead."""
 
     eye_speed_deg_s: Float[ndarray, " F"]
@@ -55,12 +55,12 @@ class Dynamics:
 
 
 @dataclass(frozen=True)
-class Distances:
+class DynamicsDistances:
     """Of the distributions to the truth's, in its standard deviations."""
 
     eye_speed: float
     saccade_amplitude: float
-    place: float
+    eccentricity: float
 
     @property
     def mean(self) -> float:
@@ -68,31 +68,31 @@ class Distances:
         return (self.eye_speed + self.saccade_amplitude) / 2
 
 
-def dynamics(samples: Samples) -> Dynamics:
+def motion_dynamics(samples: Samples) -> MotionDynamics:
     """Of all samples of a sound together."""
-    space = conjugate(gaze_in_space(samples.head, samples.gaze))
+    space = cyclopean_gaze(gaze_in_space(samples.head, samples.gaze))
     amplitudes = [detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]
-    return Dynamics(
+    return MotionDynamics(
         eye_speed_deg_s(samples.gaze, samples.fps).ravel(),
         np.concatenate(amplitudes),
         np.degrees(np.linalg.norm(space, axis=-1)).ravel(),
     )
 
 
-def distances(drawn: Sequence[Dynamics], truth: Sequence[Dynamics]) -> Distances:
+def dynamics_distances(sampled: Sequence[MotionDynamics], truth: Sequence[MotionDynamics]) -> DynamicsDistances:
     """Between all that was drawn and all of the truth."""
-    return Distances(
-        distance([each.eye_speed_deg_s for each in drawn], [each.eye_speed_deg_s for each in truth]),
-        distance([each.saccade_amplitude_deg for each in drawn], [each.saccade_amplitude_deg for each in truth]),
-        distance([each.eccentricity_deg for each in drawn], [each.eccentricity_deg for each in truth]),
+    return DynamicsDistances(
+        distance([each.eye_speed_deg_s for each in sampled], [each.eye_speed_deg_s for each in truth]),
+        distance([each.saccade_amplitude_deg for each in sampled], [each.saccade_amplitude_deg for each in truth]),
+        distance([each.eccentricity_deg for each in sampled], [each.eccentricity_deg for each in truth]),
     )
 
 
-def distance(drawn: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
+def distance(sampled: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
     """Wasserstein's distance in standard deviations of the truth."""
     from scipy.stats import wasserstein_distance
 
-    one, other = np.concatenate(drawn), np.concatenate(truth)
+    one, other = np.concatenate(sampled), np.concatenate(truth)
     if not len(other):
         return 0.0 if not len(one) else float(one.mean())
     spread = max(float(other.std()), 1e-6)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
-from talkingeyes.models.critic import MIRROR, Critic, CriticNetworkSettings, angles
+from talkingeyes.models.critic import MIRROR_SIGNS, Critic, CriticNetworkSettings, angles
 from talkingeyes.training.checkpoint import load
 
 
@@ -26,7 +26,7 @@ def auc(positives: Float[ndarray, " P"], negatives: Float[ndarray, " N"]) -> flo
     return float((below + not_above).mean() / 2 / len(ordered))
 
 
-class Correlation:
+class CriticCorrelation:
     """A frozen critic of one part, as a metric."""
 
     def __init__(self, part: str, critic: Critic, frames: int, hop: int) -> None:
@@ -34,7 +34,7 @@ class Correlation:
         self.part, self.critic, self.frames, self.hop = part, critic.eval(), frames, hop
 
     @classmethod
-    def load(cls, folder: Path, part: str) -> Correlation:
+    def load(cls, folder: Path, part: str) -> CriticCorrelation:
         """From what the stage `critic` wrote."""
         checkpoint = load(folder / part)
         tensors, config = checkpoint.tensors, checkpoint.config
@@ -44,7 +44,7 @@ class Correlation:
             tensors["speech_mean"],
             tensors["speech_std"],
             tensors["motion_scale"],
-            len(MIRROR[part]),
+            len(MIRROR_SIGNS[part]),
         )
         critic.load_state_dict(tensors)
         return cls(part, critic, int(config["frames"]), int(config["hop"]))
@@ -53,10 +53,10 @@ class Correlation:
         self, speech: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, " S"]:
         """Corr. of each sample: mean over the windows; a clip shorter than a window is one window."""
-        return np.asarray(self.under([speech], head, gaze)[0])
+        return np.asarray(self.score_sounds([speech], head, gaze)[0])
 
     @torch.no_grad()
-    def under(
+    def score_sounds(
         self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, "N S"]:
         """The same under each of several sounds, as far as both last; a window of motion is looked at once for all."""

@@ -19,17 +19,17 @@ from talkingeyes.core.rotation import eye_in_head, gaze_in_space
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 
 JITTER_RAD = np.radians(0.3)
-LATE_S = 3.0
+DELAY_S = 3.0
 SMOOTH_S = 0.12
-EYES_LATE_S = 0.12
-HEAD_LATE_S = 0.4
-SMALLER = 0.5
-PARTED_RAD = np.radians(2.0)
-TORSION = 0.3  # of yaw: the false torsion of an eye turned about fixed axes
+EYE_DELAY_S = 0.12
+HEAD_DELAY_S = 0.4
+SHRINK_FACTOR = 0.5
+DIVERGENCE_RAD = np.radians(2.0)
+TORSION_PER_YAW = 0.3  # of yaw: the false torsion of an eye turned about fixed axes
 
 # Of the frames of one field to others.
-Path = Callable[[ndarray], ndarray]
-Change = Callable[[Behaviour, float, np.random.Generator], Behaviour]
+FrameTransform = Callable[[ndarray], ndarray]
+MotionTransform = Callable[[Behaviour, float, np.random.Generator], Behaviour]
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Corruption:
 
     name: str
     title: str
-    change: Change
+    change: MotionTransform
 
 
-def corrupted(
+def apply_corruption(
     motions: Sequence[Behaviour], speakers: Sequence[str], corruption: Corruption, strength: float, seed: int
 ) -> list[Behaviour]:
     """All motions with a fault; sounds and references stay. `speakers` tell whose motion a swap may take."""
@@ -53,21 +53,21 @@ def corrupted(
 def _frozen(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The last part of the clip holds still."""
     last = round((1 - strength) * (len(motion) - 1))
-    return _mapped(motion, lambda path: path[np.minimum(np.arange(len(path)), last)])
+    return _map_all(motion, lambda path: path[np.minimum(np.arange(len(path)), last)])
 
 
 def _jittered(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """White noise on every angle of head and eyes, as a tracker without temporal terms leaves it."""
-    return _turned(motion, lambda path: path + strength * JITTER_RAD * random.standard_normal(path.shape))
+    return _map_head_and_gaze(motion, lambda path: path + strength * JITTER_RAD * random.standard_normal(path.shape))
 
 
-def _late(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _delayed(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """Later than the sound, turned round at the end of the clip; the seam is not valid."""
-    shift = round(strength * LATE_S * motion.fps)
+    shift = round(strength * DELAY_S * motion.fps)
     valid = np.roll(motion.valid, shift)
     if shift:
         valid[[shift - 1, shift]] = False
-    return replace(_mapped(motion, lambda path: np.roll(path, shift, axis=0)), valid=valid)
+    return replace(_map_all(motion, lambda path: np.roll(path, shift, axis=0)), valid=valid)
 
 
 def _mirrored_sides(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
@@ -86,13 +86,13 @@ def _mirrored_heights(motion: Behaviour, strength: float, random: np.random.Gene
     """Up and down exchanged, of head and eyes together (in a share of the clips)."""
     if random.random() >= strength:
         return motion
-    return _turned(motion, lambda path: path * [-1.0, 1.0, -1.0])
+    return _map_head_and_gaze(motion, lambda path: path * [-1.0, 1.0, -1.0])
 
 
 def _smoothed(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """A Gaussian filter over time."""
     frames = strength * SMOOTH_S * motion.fps
-    return _turned(motion, lambda path: gaussian_filter1d(path, frames, axis=0) if frames else path)
+    return _map_head_and_gaze(motion, lambda path: gaussian_filter1d(path, frames, axis=0) if frames else path)
 
 
 def _flipped_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
@@ -109,29 +109,29 @@ def _flipped_eye_yaw(motion: Behaviour, strength: float, random: np.random.Gener
     return replace(motion, gaze=motion.gaze * [1.0, -1.0, 1.0])
 
 
-def _parted_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _diverging_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """Each eye turned outwards."""
     if motion.gaze is None:
         return motion
     outwards = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    return replace(motion, gaze=motion.gaze + strength * PARTED_RAD * outwards)
+    return replace(motion, gaze=motion.gaze + strength * DIVERGENCE_RAD * outwards)
 
 
-def _twisted_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _false_torsion(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """Torsion that grows with yaw, against Listing's law."""
     if motion.gaze is None:
         return motion
-    return replace(motion, gaze=motion.gaze + strength * TORSION * motion.gaze[..., 1:2] * [0.0, 0.0, 1.0])
+    return replace(motion, gaze=motion.gaze + strength * TORSION_PER_YAW * motion.gaze[..., 1:2] * [0.0, 0.0, 1.0])
 
 
-def _late_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _delayed_eyes(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The eyes a few frames behind the head."""
-    behind = round(strength * EYES_LATE_S * motion.fps)
+    behind = round(strength * EYE_DELAY_S * motion.fps)
     index = np.maximum(np.arange(len(motion)) - behind, 0)
     return replace(motion, gaze=None if motion.gaze is None else motion.gaze[index])
 
 
-def _head_at_rest(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _fixed_head(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The head keeps its mean pose and the eyes do all that gaze does in space."""
     if motion.head is None or motion.gaze is None:
         return motion
@@ -139,34 +139,34 @@ def _head_at_rest(motion: Behaviour, strength: float, random: np.random.Generato
     return replace(motion, head=head, gaze=eye_in_head(head, gaze_in_space(motion.head, motion.gaze)))
 
 
-def _late_head(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _delayed_head(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The head behind gaze, which stays as it is in space."""
     if motion.head is None or motion.gaze is None:
         return motion
-    index = np.maximum(np.arange(len(motion)) - round(strength * HEAD_LATE_S * motion.fps), 0)
+    index = np.maximum(np.arange(len(motion)) - round(strength * HEAD_DELAY_S * motion.fps), 0)
     head = motion.head[index]
     return replace(motion, head=head, gaze=eye_in_head(head, gaze_in_space(motion.head, motion.gaze)))
 
 
-def _small(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _reduced_amplitude(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """Everything about its mean, half as wide."""
-    gain = 1 - strength * (1 - SMALLER)
-    return _turned(motion, lambda path: path.mean(axis=0) + gain * (path - path.mean(axis=0)))
+    gain = 1 - strength * (1 - SHRINK_FACTOR)
+    return _map_head_and_gaze(motion, lambda path: path.mean(axis=0) + gain * (path - path.mean(axis=0)))
 
 
 def _mean_pose(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The clip's mean pose, for the whole clip: what wins L2."""
-    return _mapped(motion, lambda path: path + strength * (path.mean(axis=0) - path))
+    return _map_all(motion, lambda path: path + strength * (path.mean(axis=0) - path))
 
 
-def _unblinking(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _without_blinks(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """Lids that only follow gaze."""
     return replace(motion, lid=None if motion.lid is None else (1 - strength) * motion.lid)
 
 
-def _late_blinks(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
+def _delayed_blinks(motion: Behaviour, strength: float, random: np.random.Generator) -> Behaviour:
     """The lids alone later than the rest."""
-    shift = round(strength * LATE_S * motion.fps)
+    shift = round(strength * DELAY_S * motion.fps)
     return replace(motion, lid=None if motion.lid is None else np.roll(motion.lid, shift, axis=0))
 
 
@@ -185,44 +185,44 @@ def _swapped(
             found.append(motion)
             continue
         taken = motions[int(random.choice(others))]
-        cut = _mapped(taken, itemgetter(slice(len(motion))))
+        cut = _map_all(taken, itemgetter(slice(len(motion))))
         found.append(
             replace(cut, valid=taken.valid[: len(motion)], annotation=motion.annotation, reference=motion.reference)
         )
     return found
 
 
-def _turned(motion: Behaviour, change: Path) -> Behaviour:
+def _map_head_and_gaze(motion: Behaviour, change: FrameTransform) -> Behaviour:
     """Head and eyes changed, lids not."""
     head, gaze = (None if path is None else change(path) for path in (motion.head, motion.gaze))
     return replace(motion, head=head, gaze=gaze)
 
 
-def _mapped(motion: Behaviour, change: Path) -> Behaviour:
+def _map_all(motion: Behaviour, change: FrameTransform) -> Behaviour:
     """Head, eyes and lids changed."""
     head, gaze, lid = (None if path is None else change(path) for path in (motion.head, motion.gaze, motion.lid))
     return replace(motion, head=head, gaze=gaze, lid=lid)
 
 
-NOTHING = Corruption("nothing", "truth: another take", _unchanged)
+UNCORRUPTED = Corruption("nothing", "truth: another take", _unchanged)
 SWAPPED = Corruption("swapped", "another speaker's motion", _unchanged)
 CORRUPTIONS = (
     Corruption("frozen", "frozen at the first frame", _frozen),
     Corruption("mean pose", "frozen at the clip's mean", _mean_pose),
     Corruption("jittered", "0.3 deg of white noise", _jittered),
     Corruption("smoothed", "Gaussian filter of 0.12 s", _smoothed),
-    Corruption("small", "half as wide", _small),
-    Corruption("late", "3 s late", _late),
+    Corruption("small", "half as wide", _reduced_amplitude),
+    Corruption("late", "3 s late", _delayed),
     SWAPPED,
     Corruption("mirrored sides", "left and right exchanged", _mirrored_sides),
     Corruption("mirrored heights", "up and down exchanged", _mirrored_heights),
     Corruption("flipped eyes", "sign of the eyes against the head", _flipped_eyes),
     Corruption("flipped eye yaw", "sign of the eyes' yaw", _flipped_eye_yaw),
-    Corruption("parted eyes", "each eye 2 deg outwards", _parted_eyes),
-    Corruption("twisted eyes", "torsion of 0.3 of yaw", _twisted_eyes),
-    Corruption("late eyes", "eyes 0.12 s behind the head", _late_eyes),
-    Corruption("late head", "head 0.4 s behind gaze", _late_head),
-    Corruption("head at rest", "gaze moved by the eyes alone", _head_at_rest),
-    Corruption("unblinking", "no blinks", _unblinking),
-    Corruption("late blinks", "blinks 3 s late", _late_blinks),
+    Corruption("parted eyes", "each eye 2 deg outwards", _diverging_eyes),
+    Corruption("twisted eyes", "torsion of 0.3 of yaw", _false_torsion),
+    Corruption("late eyes", "eyes 0.12 s behind the head", _delayed_eyes),
+    Corruption("late head", "head 0.4 s behind gaze", _delayed_head),
+    Corruption("head at rest", "gaze moved by the eyes alone", _fixed_head),
+    Corruption("unblinking", "no blinks", _without_blinks),
+    Corruption("late blinks", "blinks 3 s late", _delayed_blinks),
 )

@@ -20,7 +20,7 @@ def distance(
     return np.asarray(norm.mean(axis=-1) if valid is None else norm[..., valid].mean(axis=-1))
 
 
-def discrepancy(
+def l2_error(
     samples: Float[ndarray, "S T C"], reference: Float[ndarray, ...], valid: Bool[ndarray, " T"] | None = None
 ) -> float:
     """L2 of one clip: mean over samples of the distance to the reference motion (radians)."""

@@ -16,33 +16,33 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.core.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s, still
+from talkingeyes.core.kinematics import eye_speed_deg_s, gaze_in_space_speed_deg_s, head_speed_deg_s, still_fraction
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.sound import CRITICS, Heard
+from talkingeyes.evaluation.benchmark.sound import CRITICS, CorrScores
 from talkingeyes.evaluation.bootstrap import (
     BootstrapSettings,
     Estimate,
     Statistic,
     bootstrap,
-    mean_of,
-    quantile_of,
-    ratio_of,
+    mean_statistic,
+    quantile_statistic,
+    ratio_statistic,
 )
-from talkingeyes.evaluation.discrepancy import discrepancy, diversity
+from talkingeyes.evaluation.discrepancy import diversity, l2_error
 
 
 class EvaluateSettings(Settings):
     """The section `evaluate`."""
 
     seed: int  # of the choice of mismatched clips
-    mismatched: Annotated[int, Field(gt=1)]  # samples of the row of mismatched motion
-    benchmarked: Annotated[int, Field(ge=2)]  # samples of a sound that the gaze benchmark looks at
+    mismatched_samples: Annotated[int, Field(gt=1)]  # samples of the row of mismatched motion
+    benchmark_samples: Annotated[int, Field(ge=2)]  # samples of a sound that the gaze benchmark looks at
     bootstrap: BootstrapSettings
 
 
 @dataclass(frozen=True)
-class Case:
+class EvaluationCase:
     """One sound and what is compared under it; all of T frames.
 
     `own` says that the samples are real motions of this very sound, the first of them the one to compare with (rows
@@ -57,7 +57,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Figures:
+class ClipMetrics:
     """One part of one clip; NaN where a figure needs more takes than there are. Speeds in degrees a second."""
 
     diversity: float
@@ -71,28 +71,32 @@ class Figures:
     speed_truth: Float[ndarray, " F"]
 
 
-def measure(case: Case, heard: Mapping[str, Heard], fitted_heard: Mapping[str, Heard]) -> dict[str, Figures]:
-    """The figures of one clip, by part; `heard` is what the critics say of its samples and of its fitted takes."""
+def clip_metrics(
+    case: EvaluationCase, corr_scores: Mapping[str, CorrScores], fitted_corr_scores: Mapping[str, CorrScores]
+) -> dict[str, ClipMetrics]:
+    """The figures of one clip, by part; `corr_scores` is what critics say of its samples and its fitted takes."""
     truth = case.truth or case.fitted
     found = {}
     for part, critic in CRITICS.items():
-        samples, fitted = (radians(part, each) for each in (case.samples, case.fitted))
+        samples, fitted = (rotation_vectors(part, each) for each in (case.samples, case.fitted))
         compared = samples[1:] if case.own else samples
-        found[part] = Figures(
+        found[part] = ClipMetrics(
             diversity=diversity(samples),
             diversity_fitted=diversity(fitted),
-            diversity_truth=diversity(radians(part, truth)),
-            l2=discrepancy(compared, fitted[0], case.valid) if len(compared) else float("nan"),
-            corr=float(heard[critic].own.mean()),
-            corr_fitted=float(fitted_heard[critic].own.mean()),
-            corr_shuffled=float(heard[critic].others.mean()),
-            speed=speed_deg_s(part, first(case.samples) if case.own else case.samples).ravel().astype(np.float32),
-            speed_truth=speed_deg_s(part, first(truth)).ravel().astype(np.float32),
+            diversity_truth=diversity(rotation_vectors(part, truth)),
+            l2=l2_error(compared, fitted[0], case.valid) if len(compared) else float("nan"),
+            corr=float(corr_scores[critic].own.mean()),
+            corr_fitted=float(fitted_corr_scores[critic].own.mean()),
+            corr_shuffled=float(corr_scores[critic].others.mean()),
+            speed=speed_deg_s(part, first_sample(case.samples) if case.own else case.samples)
+            .ravel()
+            .astype(np.float32),
+            speed_truth=speed_deg_s(part, first_sample(truth)).ravel().astype(np.float32),
         )
     return found
 
 
-def radians(part: str, samples: Samples) -> Float[ndarray, "S T C"]:
+def rotation_vectors(part: str, samples: Samples) -> Float[ndarray, "S T C"]:
     """What distances are taken of: 3 radians of the head, 6 of the eyes."""
     return samples.head if part == "head" else samples.gaze.reshape(*samples.gaze.shape[:2], 6)
 
@@ -103,20 +107,20 @@ def speed_deg_s(part: str, samples: Samples) -> Float[ndarray, "S F"]:
         return head_speed_deg_s(samples.head, samples.fps)
     if part == "gaze":
         return eye_speed_deg_s(samples.gaze, samples.fps)
-    return space_speed_deg_s(samples.head, samples.gaze, samples.fps)
+    return gaze_in_space_speed_deg_s(samples.head, samples.gaze, samples.fps)
 
 
-def first(samples: Samples) -> Samples:
+def first_sample(samples: Samples) -> Samples:
     """The first sample alone."""
     return Samples(samples.fps, samples.head[:1], samples.gaze[:1])
 
 
-def cropped(samples: Samples, frames: int) -> Samples:
+def crop_samples(samples: Samples, frames: int) -> Samples:
     """The first frames."""
     return Samples(samples.fps, samples.head[:, :frames], samples.gaze[:, :frames])
 
 
-def summarise(part: str, clips: Sequence[Figures], settings: BootstrapSettings) -> dict[str, Estimate]:
+def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettings) -> dict[str, Estimate]:
     """The figures of a part over clips, with intervals; a figure that no clip allows is left out.
 
     `diversity_multi` is over the sounds with several takes alone, `diversity_ratio` to truth's own over the same sounds
@@ -128,14 +132,14 @@ def summarise(part: str, clips: Sequence[Figures], settings: BootstrapSettings) 
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _ClipStatistic:
     """A statistic and the number of clips that it is defined on."""
 
     statistic: Statistic
     clips: int
 
 
-def _distances(clips: Sequence[Figures]) -> dict[str, _Measured]:
+def _distances(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
     own, l2 = _column(clips, "diversity"), _column(clips, "l2")
     fitted, truth = _column(clips, "diversity_fitted"), _column(clips, "diversity_truth")
     multi = ~np.isnan(own + fitted + truth)
@@ -148,7 +152,7 @@ def _distances(clips: Sequence[Figures]) -> dict[str, _Measured]:
     }
 
 
-def _correlations(clips: Sequence[Figures]) -> dict[str, _Measured]:
+def _correlations(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
     corr = _column(clips, "corr")
     shuffled = _column(clips, "corr_shuffled")
     return {
@@ -159,33 +163,33 @@ def _correlations(clips: Sequence[Figures]) -> dict[str, _Measured]:
     }
 
 
-def _dynamics(clips: Sequence[Figures]) -> dict[str, _Measured]:
+def _dynamics(clips: Sequence[ClipMetrics]) -> dict[str, _ClipStatistic]:
     mean, of_truth = (np.array([each.mean() for each in speeds]) for speeds in _speeds(clips))
-    top, top_of_truth = (quantile_of(speeds, 0.99) for speeds in _speeds(clips))
+    top, top_of_truth = (quantile_statistic(speeds, 0.99) for speeds in _speeds(clips))
     return {
         "speed": _mean(mean),
         "speed_ratio": _ratio(mean, of_truth),
-        "speed_p99": _Measured(top, len(clips)),
-        "speed_p99_ratio": _Measured(
+        "speed_p99": _ClipStatistic(top, len(clips)),
+        "speed_p99_ratio": _ClipStatistic(
             lambda drawn: top(drawn) / top_of_truth(drawn), len(clips) if of_truth.all() else 0
         ),
-        "still": _mean(np.array([still(clip.speed) for clip in clips])),
+        "still": _mean(np.array([still_fraction(clip.speed) for clip in clips])),
     }
 
 
-def _speeds(clips: Sequence[Figures]) -> tuple[list[ndarray], list[ndarray]]:
+def _speeds(clips: Sequence[ClipMetrics]) -> tuple[list[ndarray], list[ndarray]]:
     return [clip.speed for clip in clips], [clip.speed_truth for clip in clips]
 
 
-def _column(clips: Sequence[Figures], name: str) -> Float[ndarray, " N"]:
+def _column(clips: Sequence[ClipMetrics], name: str) -> Float[ndarray, " N"]:
     return np.array([getattr(clip, name) for clip in clips])
 
 
-def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> _Measured:
+def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> _ClipStatistic:
     """Undefined where a reference does not move at all."""
-    return _Measured(ratio_of(values, reference), len(values) if reference.all() else 0)
+    return _ClipStatistic(ratio_statistic(values, reference), len(values) if reference.all() else 0)
 
 
-def _mean(values: Float[ndarray, " N"]) -> _Measured:
+def _mean(values: Float[ndarray, " N"]) -> _ClipStatistic:
     known = values[~np.isnan(values)]
-    return _Measured(mean_of(known), len(known))
+    return _ClipStatistic(mean_statistic(known), len(known))

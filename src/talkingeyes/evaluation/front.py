@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 
-def plot_front(
-    trials: Sequence[Sequence[float]], front: Sequence[Sequence[float]], names: Sequence[str], path: Path
+def plot_pareto_front(
+    trials: Sequence[Sequence[float]], pareto_front: Sequence[Sequence[float]], names: Sequence[str], path: Path
 ) -> None:
     """Trials as grey dots, the front as a line through orange ones; the axes are the two objectives."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,7 +17,9 @@ def plot_front(
     FigureCanvasAgg(figure)
     axis = figure.subplots()
     axis.scatter(*zip(*trials, strict=True), color="#8a8a8a", label=f"{len(trials)} trials")
-    axis.plot(*zip(*sorted(map(tuple, front)), strict=True), "o-", color="#d95f02", label=f"front: {len(front)}")
+    axis.plot(
+        *zip(*sorted(map(tuple, pareto_front)), strict=True), "o-", color="#d95f02", label=f"front: {len(pareto_front)}"
+    )
     axis.set_xlabel(f"{names[0]} on val")
     axis.set_ylabel(f"{names[1]} on val")
     axis.spines[["top", "right"]].set_visible(False)

@@ -6,18 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from talkingeyes.evaluation.benchmark.sound import CRITICS
-from talkingeyes.evaluation.correlation import Correlation
+from talkingeyes.evaluation.correlation import CriticCorrelation
 from talkingeyes.evaluation.distribution.encoder import MotionEncoder
 
 
 @dataclass(frozen=True)
-class Judges:
+class Evaluators:
     """Critics by part, and the encoder."""
 
-    critics: dict[str, Correlation]
+    critics: dict[str, CriticCorrelation]
     encoder: MotionEncoder
 
     @classmethod
-    def load(cls, folder: Path) -> Judges:
+    def load(cls, folder: Path) -> Evaluators:
         """From what the stage `critic` wrote."""
-        return cls({part: Correlation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder))
+        return cls(
+            {part: CriticCorrelation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder)
+        )

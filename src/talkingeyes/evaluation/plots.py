@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.kinematics import STILL_DEG_S
-from talkingeyes.core.rotation import angles_of_direction, directions, gaze_in_space
+from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
+from talkingeyes.core.rotation import direction_to_angles, gaze_in_space, rotvec_to_direction
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.table import TITLES, Column, Table, figure, ordered
+from talkingeyes.evaluation.table import TITLES, Column, MethodMetrics, metric, order_rows
 
 COLOURS = {
     "truth": "#111111",
@@ -48,16 +48,16 @@ class Trace:
     samples: Samples
 
 
-def plot_figures(rows: Mapping[str, Table], path: Path) -> None:
+def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
     """Figures of all rows with their intervals; a line marks the true (of L2 and Corr.: the fitted) motion."""
-    names = ordered(rows)
+    names = order_rows(rows)
     canvas = _figure(12.5, 1.6 + 0.36 * len(names))
     axes = canvas.subplots(1, len(PANELS), sharey=True)
     height = np.arange(len(names))[::-1]
     for axis, column in zip(axes, PANELS, strict=True):
         for split, marker, shift in (("test", "o", 0.13), ("unseen", "D", -0.13)):
             for name, y in zip(names, height, strict=True):
-                found = figure(rows[name], split, column.part, column.figure)
+                found = metric(rows[name], split, column.part, column.metric)
                 if found:
                     colour = COLOURS.get(name, "black")
                     axis.plot([found["low"], found["high"]], [y + shift] * 2, color=colour, linewidth=1.4, alpha=0.7)
@@ -79,9 +79,9 @@ def plot_figures(rows: Mapping[str, Table], path: Path) -> None:
     _save(canvas, path)
 
 
-def _mark_reference(axis: Any, rows: Mapping[str, Table], column: Column) -> None:
-    row = "fitted" if column.figure in ("corr", "l2") else "truth"
-    found = figure(rows.get(row, {}), "test", column.part, column.figure)
+def _mark_reference(axis: Any, rows: Mapping[str, MethodMetrics], column: Column) -> None:
+    row = "fitted" if column.metric in ("corr", "l2") else "truth"
+    found = metric(rows.get(row, {}), "test", column.part, column.metric)
     if found:
         axis.axvline(found["value"], color="0.3", linewidth=0.9, linestyle=":", zorder=0)
 
@@ -111,18 +111,18 @@ def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rat
 
 def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
     """Yaw in degrees, positive to the subject's left, by label."""
-    eye = angles_of_direction(directions(samples.gaze))[..., 0].mean(axis=-1)
+    eye = direction_to_angles(rotvec_to_direction(samples.gaze))[..., 0].mean(axis=-1)
     space = gaze_in_space(samples.head, samples.gaze)[..., 0].mean(axis=-1)
-    head = angles_of_direction(directions(samples.head))[..., 0]
+    head = direction_to_angles(rotvec_to_direction(samples.head))[..., 0]
     labels = (f"{title}, yaw °" for title in PARTS.values())
     return {label: np.degrees(angles) for label, angles in zip(labels, (eye, space, head), strict=True)}
 
 
-def plot_speeds(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path: Path) -> None:
+def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path: Path) -> None:
     """Share of frames that are faster than a speed, for each row and part (row to part to speeds and shares)."""
     canvas = _figure(12.5, 4.4)
     axes = canvas.subplots(1, len(PARTS), sharey=True)
-    names = [name for name in ordered({name: {} for name in speeds}) if speeds[name]]
+    names = [name for name in order_rows({name: {} for name in speeds}) if speeds[name]]
     for axis, (part, title) in zip(axes, PARTS.items(), strict=True):
         for name in names:
             speed, share = speeds[name][part]
@@ -131,8 +131,8 @@ def plot_speeds(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path:
             axis.loglog(
                 speed, shown, color=COLOURS.get(name), linewidth=2.2 if wide else 1.2, label=TITLES.get(name, name)
             )
-        axis.axvline(STILL_DEG_S, color="0.4", linewidth=0.9, linestyle=":")
-        axis.text(STILL_DEG_S * 0.9, 1.5e-4, "still", color="0.4", fontsize=8, ha="right")
+        axis.axvline(STILL_THRESHOLD_DEG_S, color="0.4", linewidth=0.9, linestyle=":")
+        axis.text(STILL_THRESHOLD_DEG_S * 0.9, 1.5e-4, "still", color="0.4", fontsize=8, ha="right")
         axis.set_title(title, fontsize=11)
         axis.set_xlabel("speed, degrees a second")
         axis.grid(True, which="major", color="0.9")
@@ -144,7 +144,7 @@ def plot_speeds(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path:
     _save(canvas, path)
 
 
-def plot_codes(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> None:
+def plot_code_usage(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> None:
     """How often each code is used on the train split, most used first; a codebook in even use would be flat."""
     canvas = _figure(7.5, 4.0)
     axis = canvas.subplots()

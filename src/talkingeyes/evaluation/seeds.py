@@ -9,61 +9,63 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_of
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, Statistic, bootstrap, mean_statistic
 
 
 @dataclass(frozen=True)
-class Measured:
+class ClipStatistic:
     """A statistic of clips, and the number of clips that it is defined on."""
 
     statistic: Statistic
     count: int
 
-    def __call__(self, drawn: ndarray) -> float:
-        return self.statistic(drawn)
+    def __call__(self, clips: ndarray) -> float:
+        return self.statistic(clips)
 
-    def whole(self) -> float:
+    def point_estimate(self) -> float:
         """Its value over all clips."""
         return self.statistic(np.arange(self.count))
 
 
 @dataclass(frozen=True)
-class SeededEstimate(Estimate):
+class MultiSeedEstimate(Estimate):
     """An estimate with its range over seeds."""
 
-    least: float
-    most: float
+    seed_min: float
+    seed_max: float
 
 
-def mean_of_known(values: Float[ndarray, " N"]) -> Measured:
+def nanmean_statistic(values: Float[ndarray, " N"]) -> ClipStatistic:
     """The mean over the clips that have the figure (NaN: has none)."""
     known = values[~np.isnan(values)]
-    return Measured(mean_of(known), len(known))
+    return ClipStatistic(mean_statistic(known), len(known))
 
 
 @dataclass(frozen=True)
-class Seeded:
+class MultiSeedStatistic:
     """The same figure of the same clips under several seeds. Resampled, the seeds are averaged on the same draws."""
 
-    by_seed: tuple[Measured, ...]
+    by_seed: tuple[ClipStatistic, ...]
 
     @property
     def count(self) -> int:
         """Of the clips."""
         return self.by_seed[0].count
 
-    def __call__(self, drawn: ndarray) -> float:
-        return float(np.mean([each(drawn) for each in self.by_seed]))
+    def __call__(self, clips: ndarray) -> float:
+        return float(np.mean([each(clips) for each in self.by_seed]))
 
-    def estimate(self, settings: BootstrapSettings) -> SeededEstimate:
+    def estimate(self, settings: BootstrapSettings) -> MultiSeedEstimate:
         """The mean of the seeds, its interval over clips, and the range."""
-        found, values = bootstrap(self, self.count, settings), [each.whole() for each in self.by_seed]
-        return SeededEstimate(found.value, found.low, found.high, min(values), max(values))
+        found, values = bootstrap(self, self.count, settings), [each.point_estimate() for each in self.by_seed]
+        return MultiSeedEstimate(found.value, found.low, found.high, min(values), max(values))
 
 
-def seeded(by_seed: Sequence[Mapping[str, Measured]]) -> dict[str, Seeded]:
+def combine_seeds(by_seed: Sequence[Mapping[str, ClipStatistic]]) -> dict[str, MultiSeedStatistic]:
     """Figures by name, of those seeds that know as many clips as the first does."""
     return {
-        name: Seeded(tuple(each[name] for each in by_seed if name in each and each[name].count == first.count))
+        name: MultiSeedStatistic(
+            tuple(each[name] for each in by_seed if name in each and each[name].count == first.count)
+        )
         for name, first in by_seed[0].items()
     }

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 # {split: {part: {figure: {value, low, high}}}}, what the stage `evaluate` writes for each row.
-Table = Mapping[str, Any]
+MethodMetrics = Mapping[str, Any]
 
 TITLES = {
     "truth": "Truth",
@@ -29,7 +29,7 @@ TITLES = {
     "talkingeyes_live": "TalkingEyes, live (0.24 s ahead)",
 }
 # Tables III and V of the paper: Diversity, Corr., L2.
-PAPER = {
+PUBLISHED = {
     "gaze": {
         "mean": (0.0, 0.45685, 0.17162),
         "random": (0.23383, 0.49117, 0.23989),
@@ -47,7 +47,7 @@ class Column:
 
     heading: str
     part: str
-    figure: str
+    metric: str
     digits: int = 3
 
 
@@ -76,53 +76,53 @@ CSV_COLUMNS = tuple(dict.fromkeys((*COLUMNS["gaze"], *COLUMNS["head"])))
 SPLIT_TITLES = {"test": "Test: speakers that models know, new sentences", "unseen": "Unseen: new speakers"}
 
 
-def ordered(rows: Mapping[str, Table]) -> list[str]:
+def order_rows(rows: Mapping[str, MethodMetrics]) -> list[str]:
     """Row names in the order of the table; rows it does not know come last."""
     return [*(name for name in TITLES if name in rows), *sorted(set(rows) - set(TITLES))]
 
 
-def figure(table: Table, split: str, part: str, name: str) -> Mapping[str, float] | None:
+def metric(table: MethodMetrics, split: str, part: str, name: str) -> Mapping[str, float] | None:
     """One figure with its interval, if the row has it."""
     found: Mapping[str, float] | None = table.get(split, {}).get(part, {}).get(name)
     return found
 
 
-def markdown(rows: Mapping[str, Table]) -> str:
+def markdown(rows: Mapping[str, MethodMetrics]) -> str:
     """Table III (eyes) and the head's, for each split."""
     lines: list[str] = []
     for split, title in SPLIT_TITLES.items():
         for part, columns in COLUMNS.items():
             lines += [f"### {title}: {'eyes' if part == 'gaze' else 'head'}", ""]
             headings = ["", *(column.heading for column in columns), "paper: Div., Corr., L2"]
-            lines += [line(headings), line(["---"] * len(headings))]
-            lines += [line(_cells(name, rows[name], split, part)) for name in ordered(rows)]
+            lines += [markdown_row(headings), markdown_row(["---"] * len(headings))]
+            lines += [markdown_row(_cells(name, rows[name], split, part)) for name in order_rows(rows)]
             lines.append("")
     return "\n".join(lines)
 
 
-def comma_separated(rows: Mapping[str, Table]) -> str:
+def to_csv(rows: Mapping[str, MethodMetrics]) -> str:
     """The same, a row and split a line, with the limits of every interval."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    headings = [f"{column.part}_{column.figure}" for column in CSV_COLUMNS]
+    headings = [f"{column.part}_{column.metric}" for column in CSV_COLUMNS]
     limits = [f"{heading}{limit}" for heading in headings for limit in ("", "_low", "_high")]
-    papers = [f"paper_{part}_{name}" for part in PAPER for name in ("diversity", "corr", "l2")]
+    papers = [f"paper_{part}_{name}" for part in PUBLISHED for name in ("diversity", "corr", "l2")]
     writer.writerow(["split", "row", *limits, *papers])
     for split in SPLIT_TITLES:
-        for name in ordered(rows):
+        for name in order_rows(rows):
             cells: list[str] = []
             for column in CSV_COLUMNS:
-                found = figure(rows[name], split, column.part, column.figure)
+                found = metric(rows[name], split, column.part, column.metric)
                 cells += [f"{found[key]:.6g}" if found else "" for key in ("value", "low", "high")]
-            for of_part in PAPER.values():
+            for of_part in PUBLISHED.values():
                 cells += [str(value) for value in of_part.get(name, ("", "", ""))]
             writer.writerow([split, name, *cells])
     return text.getvalue()
 
 
-def _cells(name: str, table: Table, split: str, part: str) -> list[str]:
-    found = [(column, figure(table, split, column.part, column.figure)) for column in COLUMNS[part]]
-    paper = PAPER[part].get(name)
+def _cells(name: str, table: MethodMetrics, split: str, part: str) -> list[str]:
+    found = [(column, metric(table, split, column.part, column.metric)) for column in COLUMNS[part]]
+    paper = PUBLISHED[part].get(name)
     return [
         TITLES.get(name, name),
         *(_written(value, column.digits) if value else "" for column, value in found),
@@ -134,7 +134,7 @@ def _written(value: Mapping[str, float], digits: int) -> str:
     return f"{value['value']:.{digits}f} <sub>{value['low']:.{digits}f}–{value['high']:.{digits}f}</sub>"
 
 
-def line(cells: Sequence[str]) -> str:
+def markdown_row(cells: Sequence[str]) -> str:
     """A row of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
@@ -145,43 +145,45 @@ class Requirement:
 
     name: str
     value: float | None
-    least: float = -math.inf
-    most: float = math.inf
+    minimum: float = -math.inf
+    maximum: float = math.inf
 
     @property
-    def reached(self) -> bool:
+    def is_met(self) -> bool:
         """Whether it lies inside."""
-        return self.value is not None and self.least <= self.value <= self.most
+        return self.value is not None and self.minimum <= self.value <= self.maximum
 
     @property
     def bounds(self) -> str:
         """The bounds in words."""
-        if math.isinf(self.most):
-            return f"at least {self.least:.3g}"
-        return f"at most {self.most:.3g}" if math.isinf(self.least) else f"{self.least:.3g} to {self.most:.3g}"
+        if math.isinf(self.maximum):
+            return f"at least {self.minimum:.3g}"
+        return (
+            f"at most {self.maximum:.3g}" if math.isinf(self.minimum) else f"{self.minimum:.3g} to {self.maximum:.3g}"
+        )
 
     @property
-    def off(self) -> float:
+    def deviation(self) -> float:
         """By how much it fails."""
-        if self.value is None or self.reached:
+        if self.value is None or self.is_met:
             return 0.0
-        return self.value - (self.least if self.value < self.least else self.most)
+        return self.value - (self.minimum if self.value < self.minimum else self.maximum)
 
 
-def requirements(rows: Mapping[str, Table]) -> list[Requirement]:
+def requirements(rows: Mapping[str, MethodMetrics]) -> list[Requirement]:
     """What is asked of TalkingEyes with its own head, and of the critics, on each split."""
     return [each for split in SPLIT_TITLES for each in _of_split(rows, split)]
 
 
-def _of_split(rows: Mapping[str, Table], split: str) -> list[Requirement]:
+def _of_split(rows: Mapping[str, MethodMetrics], split: str) -> list[Requirement]:
     def value(row: str, part: str, name: str) -> float | None:
-        found = figure(rows.get(row, {}), split, part, name)
+        found = metric(rows.get(row, {}), split, part, name)
         return found["value"] if found else None
 
     above = [value(row, "gaze", "diversity") or 0.0 for row in ("mean", "vae")]
     found = [
         Requirement(
-            f"{split}: Diversity above Mean and VAE", value("talkingeyes", "gaze", "diversity"), least=max(above)
+            f"{split}: Diversity above Mean and VAE", value("talkingeyes", "gaze", "diversity"), minimum=max(above)
         ),
         Requirement(f"{split}: Diversity to truth's own", value("talkingeyes", "gaze", "diversity_ratio"), 0.5, 1.3),
         Requirement(f"{split}: mean eye speed to truth's", value("talkingeyes", "gaze", "speed_ratio"), 0.6, 1.5),
@@ -193,26 +195,28 @@ def _of_split(rows: Mapping[str, Table], split: str) -> list[Requirement]:
     for part, title in (("gaze", "eye-in-head"), ("space", "gaze in space"), ("head", "head")):
         difference = value("mismatched", part, "corr_difference")
         less = None if difference is None else -difference
-        found.append(Requirement(f"{split}: Corr. of {title}, matched above mismatched by", less, least=0.0))
+        found.append(Requirement(f"{split}: Corr. of {title}, matched above mismatched by", less, minimum=0.0))
     return found
 
 
-def checklist(found: Sequence[Requirement]) -> str:
+def requirements_table(found: Sequence[Requirement]) -> str:
     """Requirements as a table: value, bound, whether reached."""
-    lines = [line(["required", "bound", "found", ""]), line(["---"] * 4)]
+    lines = [markdown_row(["required", "bound", "found", ""]), markdown_row(["---"] * 4)]
     for each in found:
-        state = "reached" if each.reached else "not measured" if each.value is None else f"**off by {each.off:+.3g}**"
-        lines.append(line([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
+        state = (
+            "reached" if each.is_met else "not measured" if each.value is None else f"**off by {each.deviation:+.3g}**"
+        )
+        lines.append(markdown_row([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
     return "\n".join(lines)
 
 
-def verdicts(report: Mapping[str, Any]) -> str:
+def critic_table(report: Mapping[str, Any]) -> str:
     """What the critics can tell, from critic/report.json."""
     names = ("auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant")
     headings = ["critic", "on", "AUC, same speaker", "AUC, all", "Corr. of truth", "shuffled truth", "a constant"]
-    lines = [line(headings), line(["---"] * len(headings))]
+    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
     for part, groups in report.items():
         for group, verdict in groups.items():
             cells = [_written(verdict[name], 3) if verdict[name] else "" for name in names]
-            lines.append(line([part, group.replace("_", " "), *cells]))
+            lines.append(markdown_row([part, group.replace("_", " "), *cells]))
     return "\n".join(lines)

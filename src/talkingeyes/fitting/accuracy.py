@@ -19,65 +19,65 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.fitting.gaps import runs
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, in_camera, pupils
+from talkingeyes.head.landmarks import EYE_CENTRES, head_to_scene, pupils
 
 SACCADE_RAD_S = np.radians(25.0)
 
 
 @dataclass(frozen=True)
-class Tally:
+class ErrorSums:
     """Sums over frames and eyes (distances and speeds) and over saccades and eyes (peaks), each with its count."""
 
-    distance_px: float = 0.0
-    distances: int = 0
-    noisy_px: float = 0.0
-    noisies: int = 0
+    truth_distance_px: float = 0.0
+    truth_distances: int = 0
+    input_distance_px: float = 0.0
+    input_distances: int = 0
     speed_px_s: float = 0.0
     speeds: int = 0
     peak_px_s: float = 0.0
     peaks: int = 0
 
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(Tally)))
+    def __add__(self, other: ErrorSums) -> ErrorSums:
+        return ErrorSums(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(ErrorSums)))
 
 
-def pooled(tallies: Iterable[Tally]) -> Tally:
+def pooled(tallies: Iterable[ErrorSums]) -> ErrorSums:
     """The sum of tallies."""
-    return sum(tallies, Tally())
+    return sum(tallies, ErrorSums())
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class FitReference:
     """What methods are compared under: observed pupils, camera, frames to count, one head pose and, if known, truth."""
 
     pupils: Float[ndarray, "T 2 2"]
     camera: Camera
-    counted: Bool[ndarray, " T"]
+    frame_mask: Bool[ndarray, " T"]
     pose: Motion
     truth: Motion | None
 
-    def tally(self, motion: Motion) -> Tally:
+    def error_sums(self, motion: Motion) -> ErrorSums:
         """Sums of one method's motion. Its own pose places the pupils for distances, the common pose for speeds."""
         placed = _pixels(motion, pupils(motion.gaze), self.camera)
-        noisy = np.linalg.norm(placed - self.pupils, axis=-1)[self.counted]
+        noisy = np.linalg.norm(placed - self.pupils, axis=-1)[self.frame_mask]
         noisy = noisy[np.isfinite(noisy)]
         speed = self._speeds(motion)
-        moving = self.counted[1:] & self.counted[:-1]
-        tally = Tally(
-            noisy_px=float(noisy.sum()),
-            noisies=noisy.size,
+        moving = self.frame_mask[1:] & self.frame_mask[:-1]
+        error_sums = ErrorSums(
+            input_distance_px=float(noisy.sum()),
+            input_distances=noisy.size,
             speed_px_s=float(speed[moving].sum()),
             speeds=speed[moving].size,
         )
-        return tally if self.truth is None else tally + self._against_truth(self.truth, placed, speed)
+        return error_sums if self.truth is None else error_sums + self._against_truth(self.truth, placed, speed)
 
-    def _against_truth(self, truth: Motion, placed: Float[ndarray, "T 2 2"], speed: Float[ndarray, "S 2"]) -> Tally:
+    def _against_truth(self, truth: Motion, placed: Float[ndarray, "T 2 2"], speed: Float[ndarray, "S 2"]) -> ErrorSums:
         exact = _pixels(truth, pupils(truth.gaze), self.camera)
-        distance = np.linalg.norm(placed - exact, axis=-1)[self.counted]
+        distance = np.linalg.norm(placed - exact, axis=-1)[self.frame_mask]
         peaks = [speed[start:stop].max(axis=0) for start, stop in self._saccades(truth)]
-        return Tally(
-            distance_px=float(distance.sum()),
-            distances=distance.size,
+        return ErrorSums(
+            truth_distance_px=float(distance.sum()),
+            truth_distances=distance.size,
             peak_px_s=float(np.sum(peaks)),
             peaks=2 * len(peaks),
         )
@@ -92,9 +92,9 @@ class Yardstick:
         """Runs of frame steps of true saccades away from frames that are not counted."""
         version = gaze_in_space(truth.head, truth.gaze).mean(axis=1)
         fast = np.linalg.norm(np.diff(version, axis=0), axis=-1) * truth.fps >= SACCADE_RAD_S
-        moving = self.counted[1:] & self.counted[:-1]
+        moving = self.frame_mask[1:] & self.frame_mask[:-1]
         return [(start, stop) for start, stop in runs(fast) if moving[start:stop].all()]
 
 
 def _pixels(motion: Motion, points: Float[ndarray, "T K 3"], camera: Camera) -> Float[ndarray, "T K 2"]:
-    return camera.project(in_camera(points, motion.head, motion.translation))
+    return camera.project(head_to_scene(points, motion.head, motion.translation))

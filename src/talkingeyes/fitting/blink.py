@@ -27,35 +27,36 @@ from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import angles_of_gaze, gaze_of_angles
+from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles
 from talkingeyes.core.settings import Settings
-from talkingeyes.fitting.gaps import bridged
+from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.face_points import EYES
-from talkingeyes.head.landmarks import eye_points, in_camera
+from talkingeyes.head.face_points import EYE_LANDMARKS
+from talkingeyes.head.landmarks import eye_landmarks, head_to_scene
 
 Share = Annotated[float, Field(gt=0, lt=1)]
-STEADY_FRAMES = 5  # of the median over gaze before it tells where lids should be
-WIDEST = 0.5  # a lid this much wider than gaze alone gives is the most that is believed
+GAZE_MEDIAN_FRAMES = 5  # of the median over gaze before it tells where lids should be
+MAX_WIDENING = 0.5  # a lid this much wider than gaze alone gives is the most that is believed
 
 
 class BlinkSettings(Settings):
-    """A blink is a dip by `depth`, to below `shut`, of the clip's open level, and as long as below `open` of its sides.
+    """A blink is a dip by `min_depth`, to below `max_opening`, of the clip's open level; it lasts while below
+    `edge_ratio` of its sides.
 
-    `open_percentile`: of the clip's openings, its open level. `reach_s`: how far its sides are looked for.
-    `longest_s`: what lasts for longer is no blink.
+    `open_percentile`: of the clip's openings, its open level. `search_window_s`: how far its sides are looked for.
+    `max_duration_s`: what lasts for longer is no blink.
     """
 
     open_percentile: Annotated[float, Field(ge=50, le=100)]
-    depth: Share
-    shut: Share
-    open: Share
-    reach_s: Annotated[float, Field(gt=0)]
-    longest_s: Annotated[float, Field(gt=0)]
+    min_depth: Share
+    max_opening: Share
+    edge_ratio: Share
+    search_window_s: Annotated[float, Field(gt=0)]
+    max_duration_s: Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True)
-class Lids:
+class EyelidMotion:
     """Closure of each eye (0 at the opening that gaze gives, 1 shut), blinks as (start, stop), frames in blinks."""
 
     lid: Float[ndarray, "T 2"]
@@ -64,7 +65,7 @@ class Lids:
 
 
 @dataclass(frozen=True)
-class Law:
+class GaussianParameters:
     """Mean and standard deviation, of values or of their logarithms."""
 
     mean: float
@@ -72,18 +73,18 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Rates:
+class BlinkRateDistribution:
     """Blinks a minute over clips or speakers: normal law of all, log-normal law of those that blink at all."""
 
-    normal: Law
-    log_normal: Law
+    normal: GaussianParameters
+    log_normal: GaussianParameters
     count: int
     without_blinks: int
 
 
 def eye_aspect_ratio(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
     """EAR of both eyes, landmarks in the order of `head.face_points.NAMES`; NaN where a point is hidden."""
-    return aspect_ratio(landmarks[:, EYES])
+    return aspect_ratio(landmarks[:, EYE_LANDMARKS])
 
 
 def aspect_ratio(points: Float[ndarray, "T 2 6 C"]) -> Float[ndarray, "T 2"]:
@@ -95,35 +96,45 @@ def aspect_ratio(points: Float[ndarray, "T 2 6 C"]) -> Float[ndarray, "T 2"]:
 
 def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Float[ndarray, "T 2"]:
     """EAR that head pose and gaze alone give: lids follow the eyes, closed by `closure`, and do nothing else."""
-    angles = median_filter(angles_of_gaze(motion.gaze), size=(STEADY_FRAMES, 1, 1), mode="nearest")
-    points = eye_points(gaze_of_angles(angles), np.full(angles.shape[:2], closure)).reshape(len(motion), 12, 3)
-    projected = camera.project(in_camera(points, motion.head, motion.translation))
+    angles = median_filter(gaze_to_angles(motion.gaze), size=(GAZE_MEDIAN_FRAMES, 1, 1), mode="nearest")
+    points = eye_landmarks(angles_to_gaze(angles), np.full(angles.shape[:2], closure)).reshape(len(motion), 12, 3)
+    projected = camera.project(head_to_scene(points, motion.head, motion.translation))
     return aspect_ratio(projected.reshape(len(motion), 2, 6, 2))
 
 
-def lids(observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> Lids:
+def lids(
+    observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings
+) -> EyelidMotion:
     """Closure and blinks from EAR, observed (NaN where hidden) and as gaze alone gives it, over shut eyes."""
     opening = np.stack([_opening(observed[:, eye] / expected[:, eye], settings) for eye in range(2)], axis=1)
-    found = dips(opening, fps, settings)
+    found = find_blinks(opening, fps, settings)
     blinking = np.zeros(len(opening), bool)
     for start, stop in found:
         blinking[start:stop] = True
-    return Lids(1.0 - np.clip(opening, 0.0, 1.0 + WIDEST), found, blinking)
+    return EyelidMotion(1.0 - np.clip(opening, 0.0, 1.0 + MAX_WIDENING), found, blinking)
 
 
-def dips(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> tuple[tuple[int, int], ...]:
+def find_blinks(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> tuple[tuple[int, int], ...]:
     """Blinks as (start, stop), in order and apart; between two that run into each other the eyes are widest."""
-    mean, reach, longest = opening.mean(axis=1), max(2, round(settings.reach_s * fps)), round(settings.longest_s * fps)
-    found, _ = find_peaks(
-        -mean, height=-settings.shut, prominence=settings.depth, plateau_size=(1, longest), wlen=2 * longest + 1
+    mean, reach, longest = (
+        opening.mean(axis=1),
+        max(2, round(settings.search_window_s * fps)),
+        round(settings.max_duration_s * fps),
     )
-    lowest = [frame for frame in found.tolist() if _falls(opening, frame, reach) > settings.depth / 2]
+    found, _ = find_peaks(
+        -mean,
+        height=-settings.max_opening,
+        prominence=settings.min_depth,
+        plateau_size=(1, longest),
+        wlen=2 * longest + 1,
+    )
+    lowest = [frame for frame in found.tolist() if _falls(opening, frame, reach) > settings.min_depth / 2]
     between = [first + int(np.argmax(mean[first:second])) for first, second in pairwise(lowest)]
     edges = [0, *between, len(mean)]
     spans = []
     for frame, low, high in zip(lowest, edges, edges[1:], strict=False):
-        start = max(low, frame + 1 - _side(mean[max(0, frame - reach) : frame + 1][::-1], settings.open))
-        stop = min(high, frame + _side(mean[frame : frame + reach], settings.open))
+        start = max(low, frame + 1 - _side(mean[max(0, frame - reach) : frame + 1][::-1], settings.edge_ratio))
+        stop = min(high, frame + _side(mean[frame : frame + reach], settings.edge_ratio))
         if stop - start <= longest:
             spans.append((start, stop))
     return tuple(spans)
@@ -146,20 +157,22 @@ def _opening(ratio: Float[ndarray, " T"], settings: BlinkSettings) -> Float[ndar
     if not known.any():
         return np.ones_like(ratio)
     level = np.percentile(ratio[known], settings.open_percentile)
-    return bridged(ratio[:, None] / level, known)[:, 0]
+    return interpolate_gaps(ratio[:, None] / level, known)[:, 0]
 
 
-def rates(blinks: Sequence[int], seconds: Sequence[float]) -> Rates:
+def blink_rate_distribution(blinks: Sequence[int], seconds: Sequence[float]) -> BlinkRateDistribution:
     """Laws of blinks a minute, from counts and lengths of clips (or of speakers)."""
     per_minute = np.asarray(blinks, np.float64) / (np.asarray(seconds, np.float64) / 60)
     logs = np.log(per_minute[per_minute > 0])
-    return Rates(
-        normal=_law(per_minute),
-        log_normal=_law(logs),
+    return BlinkRateDistribution(
+        normal=_gaussian_parameters(per_minute),
+        log_normal=_gaussian_parameters(logs),
         count=len(per_minute),
         without_blinks=len(per_minute) - len(logs),
     )
 
 
-def _law(values: Float[ndarray, " N"]) -> Law:
-    return Law(float(values.mean()), float(values.std())) if len(values) else Law(0.0, 0.0)
+def _gaussian_parameters(values: Float[ndarray, " N"]) -> GaussianParameters:
+    return (
+        GaussianParameters(float(values.mean()), float(values.std())) if len(values) else GaussianParameters(0.0, 0.0)
+    )

@@ -19,13 +19,13 @@ from pydantic import Field
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
 from talkingeyes.core.settings import Settings
-from talkingeyes.fitting.blink import BlinkSettings, Lids, expected_aspect_ratio, eye_aspect_ratio, lids
-from talkingeyes.fitting.eyes import EyeSettings, RangeSettings, eyes, within_range
-from talkingeyes.fitting.face import FaceSettings, face
-from talkingeyes.fitting.gaps import bridged, runs
+from talkingeyes.fitting.blink import BlinkSettings, EyelidMotion, expected_aspect_ratio, eye_aspect_ratio, lids
+from talkingeyes.fitting.eyes import EyeCalibrationSettings, OculomotorRangeSettings, eye_calibration, limit_to_range
+from talkingeyes.fitting.face import ExpressionSettings, face
+from talkingeyes.fitting.gaps import interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
-from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, Sight, Solution, solve
-from talkingeyes.fitting.person import Person, PersonSettings, person
+from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, solve
+from talkingeyes.fitting.person import FaceIdentity, FaceIdentitySettings, face_identity
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
 from talkingeyes.head.observation import Observation
 
@@ -35,15 +35,15 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class RejectSettings(Settings):
     """Which clips are not worth training on, and how long gaze is believed while it is not seen."""
 
-    least_s: Annotated[float, Field(ge=0)]
+    min_duration_s: Annotated[float, Field(ge=0)]
     hidden_face: Annotated[float, Field(ge=0, lt=1)]
     hidden_gaze: Share
     residual_px: Annotated[float, Field(gt=0)]
-    turned_rad: Annotated[float, Field(gt=0)]
-    longest_gap_s: Annotated[float, Field(gt=0)]
+    head_yaw_rad: Annotated[float, Field(gt=0)]
+    max_gap_s: Annotated[float, Field(gt=0)]
 
 
-class Table8Settings(Settings):
+class MethodComparisonSettings(Settings):
     """On how many clips, spread over the corpus, the comparison also fits by Adam."""
 
     adam_clips: Annotated[int, Field(ge=0)]
@@ -52,68 +52,74 @@ class Table8Settings(Settings):
 class FitSettings(Settings):
     """The section `fit`."""
 
-    person: PersonSettings
+    face_identity: FaceIdentitySettings
     head_pose: HeadPoseSettings
     lightgazefit: LightGazeFitSettings
-    eyes: EyeSettings
-    range: RangeSettings
-    face: FaceSettings
+    eye_calibration: EyeCalibrationSettings
+    oculomotor_range: OculomotorRangeSettings
+    face: ExpressionSettings
     blink: BlinkSettings
     smoothing: SmoothingSettings
     reject: RejectSettings
-    table8: Table8Settings
+    method_comparison: MethodComparisonSettings
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitResult:
     """Of one clip: the motion, what it came from, and the reason for which it should be rejected (empty: none)."""
 
     motion: Motion
     per_frame: Motion
-    person: Person
+    face_identity: FaceIdentity
     pose: HeadPose
-    lids: Lids
+    lids: EyelidMotion
     solution: Solution
-    rejected: str
+    reject_reason: str
 
 
-def fit_clip(observation: Observation, settings: FitSettings) -> Fit:
+def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
     """Motion from landmarks and pupils of one clip."""
     camera = observation.camera
-    who = person(observation.landmarks, camera, settings.head_pose, settings.person)
+    who = face_identity(observation.landmarks, camera, settings.head_pose, settings.face_identity)
     pose = head_pose(observation.landmarks, camera, settings.head_pose, who.face)
-    sight = Sight(observation.pupils, pose.head, pose.translation, camera)
-    solution = solve(sight, settings.lightgazefit)
-    seen = sight.seen & pose.seen[:, None]
+    observations = PupilObservations(observation.pupils, pose.head, pose.translation, camera)
+    solution = solve(observations, settings.lightgazefit)
+    seen = observations.seen & pose.seen[:, None]
     visible = seen.any(axis=1)
-    gaze = bridged(solution.gaze.reshape(-1, 6), visible).reshape(-1, 2, 3)
+    gaze = interpolate_gaps(solution.gaze.reshape(-1, 6), visible).reshape(-1, 2, 3)
     raw = Motion.of(observation.fps, pose.head, gaze, translation=pose.translation)
     shut, wide = (expected_aspect_ratio(raw, camera, closure) for closure in (1.0, 0.0))
     eyelids = lids(eye_aspect_ratio(observation.landmarks) - shut, wide - shut, raw.fps, settings.blink)
     open_ = visible & ~eyelids.blinking
     shown_eyes = seen & open_[:, None]
-    clip_eyes = eyes(gaze, raw.head, shown_eyes, raw.fps, settings.eyes)
-    gaze = clip_eyes.corrected(gaze, np.asarray(shown_eyes.all(axis=1)))
+    clip_eyes = eye_calibration(gaze, raw.head, shown_eyes, raw.fps, settings.eye_calibration)
+    gaze = clip_eyes.apply(gaze, np.asarray(shown_eyes.all(axis=1)))
     space = smooth_gaze(gaze_in_space(raw.head, gaze), shown_eyes, raw.fps, settings.smoothing)
     shown = face(observation.landmarks, pose, who.face, camera, settings.face)
     motion = replace(
         raw,
-        gaze=within_range(eye_in_head(raw.head, space), settings.range),
+        gaze=limit_to_range(eye_in_head(raw.head, space), settings.oculomotor_range),
         lid=eyelids.lid,
         jaw=shown.jaw,
         expression=shown.expression,
         expression_names=shown.names,
-        valid=pose.seen & ~_long_gaps(open_, settings.reject.longest_gap_s * raw.fps),
+        valid=pose.seen & ~_long_gaps(open_, settings.reject.max_gap_s * raw.fps),
     )
-    return Fit(
-        motion, raw, who, pose, eyelids, solution, rejection(motion, pose, visible | eyelids.blinking, settings.reject)
+    return FitResult(
+        motion,
+        raw,
+        who,
+        pose,
+        eyelids,
+        solution,
+        rejection_reason(motion, pose, visible | eyelids.blinking, settings.reject),
     )
 
 
-def rejection(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settings: RejectSettings) -> str:
+def rejection_reason(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settings: RejectSettings) -> str:
     """Why a clip should not be trained on; empty if it should. A turned head hides an eye, as in the paper, III-B."""
-    if motion.seconds < settings.least_s:
-        return f"shorter than {settings.least_s:g} s: {motion.seconds:.2f} s"
+    if motion.seconds < settings.min_duration_s:
+        return f"shorter than {settings.min_duration_s:g} s: {motion.seconds:.2f} s"
     hidden_face, hidden_gaze = float(np.mean(~pose.seen)), float(np.mean(~known))
     if hidden_face > settings.hidden_face:
         return f"face hidden in more than {settings.hidden_face:.0%} of frames: {hidden_face:.0%}"
@@ -122,9 +128,9 @@ def rejection(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settin
     residual_px = float(np.nanmedian(pose.residual_px))
     if residual_px > settings.residual_px:
         return f"face does not fit, median residual above {settings.residual_px:g} px: {residual_px:.2f} px"
-    turned_rad = float(np.median(np.abs(motion.head[:, 1])))
-    if turned_rad > settings.turned_rad:
-        return f"head turned by more than {settings.turned_rad:g} rad (median): {turned_rad:.2f} rad"
+    head_yaw_rad = float(np.median(np.abs(motion.head[:, 1])))
+    if head_yaw_rad > settings.head_yaw_rad:
+        return f"head turned by more than {settings.head_yaw_rad:g} rad (median): {head_yaw_rad:.2f} rad"
     return ""
 
 

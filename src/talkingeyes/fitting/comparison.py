@@ -14,14 +14,14 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.core.rotation import matrices
-from talkingeyes.fitting.accuracy import Tally, Yardstick
-from talkingeyes.fitting.clip import Fit, FitSettings, fit_clip
+from talkingeyes.core.rotation import rotvec_to_matrix
+from talkingeyes.fitting.accuracy import ErrorSums, FitReference
+from talkingeyes.fitting.clip import FitResult, FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """What was true: the motion and its events."""
 
     motion: Motion
@@ -29,52 +29,54 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Match:
+class BlinkMatches:
     """Blinks found, true blinks, and how many of each overlap one of the other."""
 
     found: int = 0
-    found_true: int = 0
+    matched_detections: int = 0
     true: int = 0
-    true_found: int = 0
+    matched_truth: int = 0
 
-    def __add__(self, other: Match) -> Match:
-        return Match(
+    def __add__(self, other: BlinkMatches) -> BlinkMatches:
+        return BlinkMatches(
             self.found + other.found,
-            self.found_true + other.found_true,
+            self.matched_detections + other.matched_detections,
             self.true + other.true,
-            self.true_found + other.true_found,
+            self.matched_truth + other.matched_truth,
         )
 
     @property
     def precision(self) -> float:
         """Share of found blinks that are true."""
-        return self.found_true / max(self.found, 1)
+        return self.matched_detections / max(self.found, 1)
 
     @property
     def recall(self) -> float:
         """Share of true blinks that are found."""
-        return self.true_found / max(self.true, 1)
+        return self.matched_truth / max(self.true, 1)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FitEvaluation:
     """Of one clip. Errors of the head (radians, metres) and blink matches only where the truth is known."""
 
-    tallies: dict[str, Tally]
+    error_sums_by_method: dict[str, ErrorSums]
     objectives: dict[str, float] = field(default_factory=dict)
     residual_px: float = 0.0
-    head_rad: float | None = None
-    translation_m: float | None = None
-    match: Match | None = None
+    head_error_rad: float | None = None
+    translation_error_m: float | None = None
+    match: BlinkMatches | None = None
 
 
-def judge(observation: Observation, fit: Fit, truth: Truth | None, settings: FitSettings, by_adam: bool) -> Verdict:
+def evaluate_fit(
+    observation: Observation, fit: FitResult, truth: GroundTruth | None, settings: FitSettings, by_adam: bool
+) -> FitEvaluation:
     """Compare the methods on one clip; `by_adam` also runs the paper's solver, which takes seconds."""
     blinking = fit.lids.blinking if truth is None else blink_frames(truth.events, len(fit.motion), fit.motion.fps)
-    yardstick = Yardstick(
+    reference = FitReference(
         pupils=observation.pupils,
         camera=observation.camera,
-        counted=~blinking & fit.pose.seen,
+        frame_mask=~blinking & fit.pose.seen,
         pose=fit.motion if truth is None else truth.motion,
         truth=None if truth is None else truth.motion,
     )
@@ -90,12 +92,12 @@ def judge(observation: Observation, fit: Fit, truth: Truth | None, settings: Fit
             "lightgazefit_same_clips": objectives["lightgazefit"],
         }
     seen = fit.pose.seen
-    return Verdict(
-        tallies={name: yardstick.tally(motion) for name, motion in methods.items()},
+    return FitEvaluation(
+        error_sums_by_method={name: reference.error_sums(motion) for name, motion in methods.items()},
         objectives=objectives,
         residual_px=float(np.median(fit.pose.residual_px[seen])) if seen.any() else 0.0,
-        head_rad=None if truth is None else float(head_error(fit.motion, truth.motion)[seen].mean()),
-        translation_m=None if truth is None else float(_moved(fit.motion, truth.motion)[seen].mean()),
+        head_error_rad=None if truth is None else float(head_error(fit.motion, truth.motion)[seen].mean()),
+        translation_error_m=None if truth is None else float(_moved(fit.motion, truth.motion)[seen].mean()),
         match=None if truth is None else match(fit.lids.blinks, truth.events, fit.motion.fps),
     )
 
@@ -121,17 +123,17 @@ def blink_spans(events: Events, fps: float) -> list[tuple[int, int]]:
     ]
 
 
-def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> Match:
+def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> BlinkMatches:
     """Found against true blinks; they match when they overlap."""
     spans = blink_spans(events, fps)
     overlaps = np.array([[a[0] < b[1] and b[0] < a[1] for b in spans] for a in found], bool)
     overlaps = overlaps.reshape(len(found), len(spans))
-    return Match(len(found), int(overlaps.any(axis=1).sum()), len(spans), int(overlaps.any(axis=0).sum()))
+    return BlinkMatches(len(found), int(overlaps.any(axis=1).sum()), len(spans), int(overlaps.any(axis=0).sum()))
 
 
 def head_error(fitted: Motion, truth: Motion) -> Float[ndarray, " T"]:
     """Angle between fitted and true head, radians."""
-    trace = np.einsum("tij,tij->t", matrices(fitted.head), matrices(truth.head))
+    trace = np.einsum("tij,tij->t", rotvec_to_matrix(fitted.head), rotvec_to_matrix(truth.head))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 

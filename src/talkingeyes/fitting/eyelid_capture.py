@@ -26,35 +26,35 @@ from numpy import ndarray
 from scipy.optimize import minimize, minimize_scalar
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import direction_of_angles, matrices
+from talkingeyes.core.rotation import angles_to_direction, rotvec_to_matrix
 from talkingeyes.head.eyelid.anatomy import IRIS_CENTRE_M, IRIS_RADIUS_M
 from talkingeyes.head.eyelid.construction import LOWER, UPPER, EyelidModel
-from talkingeyes.head.eyelid.region import TEMPORAL
-from talkingeyes.rendering.view import View
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES
+from talkingeyes.rendering.view import OrbitCamera
 
-HALF_HEIGHT_M = 0.0105  # of E1, E2 and E3 together, an ellipse from corner to corner
-CLOSURES = np.linspace(-0.3, 1.0, 14)
-GAZES_RAD = np.radians([[yaw, pitch] for yaw in range(-30, 31, 10) for pitch in range(-25, 16, 10)])
+REGION_HALF_HEIGHT_M = 0.0105  # of E1, E2 and E3 together, an ellipse from corner to corner
+CLOSURE_GRID = np.linspace(-0.3, 1.0, 14)
+GAZE_GRID_RAD = np.radians([[yaw, pitch] for yaw in range(-30, 31, 10) for pitch in range(-25, 16, 10)])
 GAZE_LIMITS_RAD = np.radians([[-45.0, -35.0], [45.0, 30.0]])
 NEARLY_SHUT = 0.7  # closure from which gaze is left open
-LEAST_CONTRAST = 0.02  # of red bias between skin and eye: below it no eye is seen
-ROUNDS, SETTLED_RAD = 4, np.radians(0.1)
+MIN_CONTRAST = 0.02  # of red bias between skin and eye: below it no eye is seen
+ROUNDS, CONVERGENCE_RAD = 4, np.radians(0.1)
 STEP_RAD = np.radians(3.0)
-DARK = 0.03  # of each channel, added in (1): black has no colour
+DARK_OFFSET = 0.03  # of each channel, added in (1): black has no colour
 
 
 @dataclass(frozen=True)
-class Photograph:
+class PosedImage:
     """One view: linear or display colours from 0 to 1, where it was taken from, and the pose of the head in it."""
 
     image: Float[ndarray, "H W 3"]
-    view: View
+    view: OrbitCamera
     head: Float[ndarray, " 3"]
     translation: Float[ndarray, " 3"]
 
 
 @dataclass(frozen=True)
-class Eye:
+class EyeGeometry:
     """Whose eye: 0 the subject's left, 1 the right; its centre in the head; its Eyelid model."""
 
     eye: int
@@ -63,7 +63,7 @@ class Eye:
 
 
 @dataclass(frozen=True)
-class Captured:
+class EyeEstimate:
     """What the images show. `angles_rad` (yaw, pitch) in the head are NaN if the eye is nearly shut."""
 
     angles_rad: Float[ndarray, " 2"]
@@ -83,31 +83,31 @@ class Patch:
     rays: Float[ndarray, "N 3"]
     px_per_m: float
     turn: Float[ndarray, "3 3"]
-    photograph: Photograph
+    posed_image: PosedImage
 
 
-def capture(photographs: Sequence[Photograph], eye: Eye) -> Captured:
+def estimate_eye(posed_images: Sequence[PosedImage], eye: EyeGeometry) -> EyeEstimate:
     """Gaze and closure of one eye from one to three views of one moment."""
-    if not photographs:
+    if not posed_images:
         raise InputError("capture: should be given at least one image, got none")
-    patches = [patch for patch in (_patch(photograph, eye) for photograph in photographs) if len(patch.red)]
+    patches = [patch for patch in (_patch(posed_image, eye) for posed_image in posed_images) if len(patch.red)]
     if not patches:
         raise InputError("capture: the eye should be inside at least one image, got it outside of all")
     angles, lid = np.zeros(2), 0.0
     for turn in range(ROUNDS):
         lid = _closure(patches, eye, angles, None if turn == 0 else lid)
         contrast = _contrast(patches, eye, angles, lid)
-        if lid > NEARLY_SHUT or contrast < LEAST_CONTRAST:
-            return Captured(np.full(2, np.nan), lid, True, contrast)
-        before, angles = angles, _gaze(patches, eye, lid, angles, GAZES_RAD if turn == 0 else angles[None])
-        if np.abs(angles - before).max() < SETTLED_RAD:
+        if lid > NEARLY_SHUT or contrast < MIN_CONTRAST:
+            return EyeEstimate(np.full(2, np.nan), lid, True, contrast)
+        before, angles = angles, _gaze(patches, eye, lid, angles, GAZE_GRID_RAD if turn == 0 else angles[None])
+        if np.abs(angles - before).max() < CONVERGENCE_RAD:
             break
-    return Captured(angles, lid, False, contrast)
+    return EyeEstimate(angles, lid, False, contrast)
 
 
 def red_bias(image: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
     """(1): the normalised red component."""
-    lifted = image + DARK
+    lifted = image + DARK_OFFSET
     return np.asarray(lifted[..., 0] / lifted.sum(axis=-1))
 
 
@@ -133,20 +133,20 @@ def gaze_energy(red: Float[ndarray, " N"], inside: Float[ndarray, " N"], iris: F
     return float((inside * (red - iris * dark - (1 - iris) * light) ** 2).sum() / inside.sum())
 
 
-def _closure(patches: list[Patch], eye: Eye, angles_rad: Float[ndarray, " 2"], near: float | None) -> float:
+def _closure(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], near: float | None) -> float:
     """Step one: the closure of least (2) at a gaze."""
 
     def energy(lid: float) -> float:
         return float(sum(blink_energy(patch.bias, opening(patch, eye, angles_rad, lid)) for patch in patches))
 
-    step = CLOSURES[1] - CLOSURES[0]
-    start = CLOSURES[int(np.argmin([energy(lid) for lid in CLOSURES]))] if near is None else near
-    bounds = (max(start - step, CLOSURES[0]), min(start + step, CLOSURES[-1]))
+    step = CLOSURE_GRID[1] - CLOSURE_GRID[0]
+    start = CLOSURE_GRID[int(np.argmin([energy(lid) for lid in CLOSURE_GRID]))] if near is None else near
+    bounds = (max(start - step, CLOSURE_GRID[0]), min(start + step, CLOSURE_GRID[-1]))
     return float(minimize_scalar(energy, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
 
 
 def _gaze(
-    patches: list[Patch], eye: Eye, lid: float, angles_rad: Float[ndarray, " 2"], starts: Float[ndarray, "K 2"]
+    patches: list[Patch], eye: EyeGeometry, lid: float, angles_rad: Float[ndarray, " 2"], starts: Float[ndarray, "K 2"]
 ) -> Float[ndarray, " 2"]:
     """Step two: the gaze of least (3), the opening kept as it is."""
     openings = [opening(patch, eye, angles_rad, lid) for patch in patches]
@@ -162,7 +162,7 @@ def _gaze(
     return np.asarray(minimize(energy, best, method="Nelder-Mead", options=options).x)
 
 
-def _contrast(patches: list[Patch], eye: Eye, angles_rad: Float[ndarray, " 2"], lid: float) -> float:
+def _contrast(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> float:
     """Red bias of skin over that of the eye, all views together."""
     bias = np.concatenate([patch.bias for patch in patches])
     inside = np.concatenate([opening(patch, eye, angles_rad, lid) for patch in patches])
@@ -171,10 +171,10 @@ def _contrast(patches: list[Patch], eye: Eye, angles_rad: Float[ndarray, " 2"], 
     return float(np.average(bias, weights=1 - inside) - np.average(bias, weights=inside))
 
 
-def opening(patch: Patch, eye: Eye, angles_rad: Float[ndarray, " 2"], lid: float) -> Float[ndarray, " N"]:
+def opening(patch: Patch, eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> Float[ndarray, " N"]:
     """The share of each pixel between the lids: E1 and E2."""
-    curves = eye.lids.curves(angles_rad, np.array(lid))[UPPER.start : LOWER.stop] * TEMPORAL[eye.eye] + eye.centre
-    drawn = _project(patch.photograph, curves, patch.turn)
+    curves = eye.lids.curves(angles_rad, np.array(lid))[UPPER.start : LOWER.stop] * TEMPORAL_AXES[eye.eye] + eye.centre
+    drawn = _project(patch.posed_image, curves, patch.turn)
     x, y = patch.at_px.T
     upper, lower = (_height(drawn[curve], x) for curve in (UPPER, LOWER))
     return np.asarray(np.clip(np.minimum(lower - y, y - upper) + 0.5, 0.0, 1.0))
@@ -182,35 +182,35 @@ def opening(patch: Patch, eye: Eye, angles_rad: Float[ndarray, " 2"], lid: float
 
 def iris(patch: Patch, angles_rad: Float[ndarray, " 2"]) -> Float[ndarray, " N"]:
     """The share of each pixel in the iris circle, lids or not."""
-    gaze = direction_of_angles(angles_rad)
+    gaze = angles_to_direction(angles_rad)
     along = (IRIS_CENTRE_M - patch.origin @ gaze) / (patch.rays @ gaze)
     met = patch.origin + along[:, None] * patch.rays
     away = np.linalg.norm(met - IRIS_CENTRE_M * gaze, axis=1)
     return np.asarray(np.clip((IRIS_RADIUS_M - away) * patch.px_per_m + 0.5, 0.0, 1.0))
 
 
-def _patch(photograph: Photograph, eye: Eye) -> Patch:
+def _patch(posed_image: PosedImage, eye: EyeGeometry) -> Patch:
     """The pixels of an ellipse from corner to corner, in head coordinates tilted as the eye is."""
-    rest = eye.lids.rest[UPPER] * TEMPORAL[eye.eye]
+    rest = eye.lids.rest[UPPER] * TEMPORAL_AXES[eye.eye]
     inner, outer = rest[0], rest[-1]
     middle, half = (inner + outer) / 2, (outer - inner) / 2
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
-    ring = middle + np.cos(around) * half + np.sin(around) * np.array([0.0, HALF_HEIGHT_M, 0.0])
-    turn = matrices(photograph.head)
-    inside = _pixels_within(_project(photograph, ring + eye.centre, turn), photograph.image.shape)
-    colours = photograph.image[inside[:, 0], inside[:, 1]]
+    ring = middle + np.cos(around) * half + np.sin(around) * np.array([0.0, REGION_HALF_HEIGHT_M, 0.0])
+    turn = rotvec_to_matrix(posed_image.head)
+    inside = _pixels_within(_project(posed_image, ring + eye.centre, turn), posed_image.image.shape)
+    colours = posed_image.image[inside[:, 0], inside[:, 1]]
     at_px = inside[:, ::-1] + 0.5
-    origin = (photograph.view.origin - photograph.translation) @ turn - eye.centre
+    origin = (posed_image.view.origin - posed_image.translation) @ turn - eye.centre
     depth = float(np.linalg.norm(origin))
     return Patch(
         at_px=at_px,
         red=colours[:, 0],
         bias=red_bias(colours),
         origin=origin,
-        rays=photograph.view.rays(at_px) @ turn,
-        px_per_m=photograph.view.camera.focal_px / depth,
+        rays=posed_image.view.rays(at_px) @ turn,
+        px_per_m=posed_image.view.camera.focal_px / depth,
         turn=turn,
-        photograph=photograph,
+        posed_image=posed_image,
     )
 
 
@@ -226,9 +226,9 @@ def _pixels_within(ring: Float[ndarray, "K 2"], shape: tuple[int, ...]) -> Int[n
 
 
 def _project(
-    photograph: Photograph, points: Float[ndarray, "K 3"], turn: Float[ndarray, "3 3"]
+    posed_image: PosedImage, points: Float[ndarray, "K 3"], turn: Float[ndarray, "3 3"]
 ) -> Float[ndarray, "K 2"]:
-    return photograph.view.project(points @ turn.T + photograph.translation)
+    return posed_image.view.project(points @ turn.T + posed_image.translation)
 
 
 def _height(curve_px: Float[ndarray, "U 2"], x: Float[ndarray, " N"]) -> Float[ndarray, " N"]:

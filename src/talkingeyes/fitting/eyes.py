@@ -22,14 +22,14 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.core.rotation import angles_of_direction, angles_of_gaze, directions, gaze_of_angles
+from talkingeyes.core.rotation import angles_to_gaze, direction_to_angles, gaze_to_angles, rotvec_to_direction
 from talkingeyes.core.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 Spread = Annotated[float, Field(ge=0)]
 
 
-class RangeSettings(Settings):
+class OculomotorRangeSettings(Settings):
     """How far an eye turns in its head, radians: to either side, up and down."""
 
     side_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
@@ -37,66 +37,67 @@ class RangeSettings(Settings):
     down_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
 
 
-class EyeSettings(Settings):
+class EyeCalibrationSettings(Settings):
     """Priors of the unknowns; a spread of 0 leaves the prior's mean, whatever the clip says.
 
-    `gain_yaw`, `gain_pitch`, `gain_sd`: of the gain; `lag_s`, `step_rad`: of the regression, and the change of gaze in
-    space from which it is a saccade. `apart_rad`, `apart_sd_rad`: half of left minus right, yaw; `level_sd_rad`: pitch,
-    about 0; `vergence_sd_rad`: how it changes within a clip; `noise_rad`: of what is fitted of it.
+    `gain_yaw`, `gain_pitch`, `gain_sd`: of the gain; `lag_s`, `saccade_rad`: of the regression, and the change of gaze
+    in space from which it is a saccade. `half_difference_rad`, `half_difference_sd_rad`: half of left minus right, yaw;
+    `pitch_difference_sd_rad`: pitch, about 0; `vergence_sd_rad`: how it changes within a clip; `noise_rad`: of what is
+    fitted of it.
     """
 
     gain_yaw: Positive
     gain_pitch: Positive
     gain_sd: Spread
     lag_s: Positive
-    step_rad: Positive
-    apart_rad: float
-    apart_sd_rad: Positive
-    level_sd_rad: Positive
+    saccade_rad: Positive
+    half_difference_rad: float
+    half_difference_sd_rad: Positive
+    pitch_difference_sd_rad: Positive
     vergence_sd_rad: Positive
     noise_rad: Spread
 
 
 @dataclass(frozen=True)
-class Eyes:
+class EyeCalibration:
     """Of a clip, (yaw, pitch): gain; half of left minus right, radians, as pupils have it and as it is believed.
 
-    `share`: how much of its changes is believed.
+    `shrinkage`: how much of its changes is believed.
     """
 
     gain: Float[ndarray, " 2"]
-    half_rad: Float[ndarray, " 2"]
-    believed_rad: Float[ndarray, " 2"]
-    share: float
+    measured_rad: Float[ndarray, " 2"]
+    posterior_rad: Float[ndarray, " 2"]
+    shrinkage: float
 
-    def corrected(self, gaze: Float[ndarray, "T 2 3"], both: Bool[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
+    def apply(self, gaze: Float[ndarray, "T 2 3"], both: Bool[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
         """Fitted eye-in-head as it would be for pupils that follow the eye, without torsion; `both`: eyes were seen."""
-        angles = angles_of_gaze(gaze) / self.gain
+        angles = gaze_to_angles(gaze) / self.gain
         half = (angles[:, 0] - angles[:, 1]) / 2
-        change = np.where(both[:, None], (1.0 - self.share) * (half - self.half_rad), 0.0)
-        apart = self.believed_rad - self.half_rad - change
-        return gaze_of_angles(angles + np.stack([apart, -apart], axis=1))
+        change = np.where(both[:, None], (1.0 - self.shrinkage) * (half - self.measured_rad), 0.0)
+        apart = self.posterior_rad - self.measured_rad - change
+        return angles_to_gaze(angles + np.stack([apart, -apart], axis=1))
 
 
-def eyes(
+def eye_calibration(
     gaze: Float[ndarray, "T 2 3"],
     head: Float[ndarray, "T 3"],
     open_: Bool[ndarray, "T 2"],
     fps: float,
-    settings: EyeSettings,
-) -> Eyes:
+    settings: EyeCalibrationSettings,
+) -> EyeCalibration:
     """The unknowns of a clip from fitted eye-in-head, the head, and which eyes were seen open."""
-    angles = angles_of_gaze(gaze)
+    angles = gaze_to_angles(gaze)
     both = np.asarray(open_.all(axis=1))
-    gain = _gain(angles.mean(axis=1), angles_of_direction(directions(head)), both, fps, settings)
-    prior = np.array([settings.apart_rad, 0.0])
-    share = settings.vergence_sd_rad**2 / (settings.vergence_sd_rad**2 + settings.noise_rad**2)
+    gain = _gain(angles.mean(axis=1), direction_to_angles(rotvec_to_direction(head)), both, fps, settings)
+    prior = np.array([settings.half_difference_rad, 0.0])
+    shrinkage = settings.vergence_sd_rad**2 / (settings.vergence_sd_rad**2 + settings.noise_rad**2)
     if not both.any():
-        return Eyes(gain, np.zeros(2), prior, share)
+        return EyeCalibration(gain, np.zeros(2), prior, shrinkage)
     half = np.median(angles[both, 0] - angles[both, 1], axis=0) / 2 / gain
-    spread = np.array([settings.apart_sd_rad, settings.level_sd_rad])
+    spread = np.array([settings.half_difference_sd_rad, settings.pitch_difference_sd_rad])
     believed = prior + spread**2 / (spread**2 + settings.noise_rad**2) * (half - prior)
-    return Eyes(gain, half, believed, share)
+    return EyeCalibration(gain, half, believed, shrinkage)
 
 
 def _gain(
@@ -104,7 +105,7 @@ def _gain(
     head_rad: Float[ndarray, "T 2"],
     known: Bool[ndarray, " T"],
     fps: float,
-    settings: EyeSettings,
+    settings: EyeCalibrationSettings,
 ) -> Float[ndarray, " 2"]:
     """Slope of eye on head between saccades, with its prior; three rounds, as what is a saccade depends on it."""
     lag = max(1, round(settings.lag_s * fps))
@@ -115,7 +116,7 @@ def _gain(
     eye, head = eye_rad[lag:] - eye_rad[:-lag], head_rad[lag:] - head_rad[:-lag]
     usable = known[lag:] & known[:-lag]
     for _ in range(3):
-        still = usable & (np.linalg.norm(eye / gain + head, axis=1) < settings.step_rad)
+        still = usable & (np.linalg.norm(eye / gain + head, axis=1) < settings.saccade_rad)
         if still.sum() < 2 * lag:
             return gain
         noise = np.var(eye[still] + gain * head[still], axis=0)
@@ -126,7 +127,7 @@ def _gain(
     return np.asarray(gain)
 
 
-def within_range(gaze: Float[ndarray, "*N 3"], limits: RangeSettings) -> Float[ndarray, "*N 3"]:
+def limit_to_range(gaze: Float[ndarray, "*N 3"], limits: OculomotorRangeSettings) -> Float[ndarray, "*N 3"]:
     """The torsion-free rotation vectors of the same directions, at the edge of the range where they are beyond it."""
     low = (-limits.side_rad, -limits.down_rad)
-    return gaze_of_angles(np.clip(angles_of_gaze(gaze), low, (limits.side_rad, limits.up_rad)))
+    return angles_to_gaze(np.clip(gaze_to_angles(gaze), low, (limits.side_rad, limits.up_rad)))

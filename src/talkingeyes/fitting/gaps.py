@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 
-def bridged(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"]) -> Float[ndarray, "T C"]:
+def interpolate_gaps(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"]) -> Float[ndarray, "T C"]:
     """Unknown frames by linear interpolation, at the ends by the nearest known frame; all 0 if none is known."""
     if not known.any():
         return np.zeros_like(values)
@@ -16,7 +16,7 @@ def bridged(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"]) -> Float[
     return np.stack(columns, axis=-1)
 
 
-def held(values: Float[ndarray, "T ..."], known: Bool[ndarray, " T"]) -> Float[ndarray, "T ..."]:
+def hold_last(values: Float[ndarray, "T ..."], known: Bool[ndarray, " T"]) -> Float[ndarray, "T ..."]:
     """Unknown frames at the last known one (before the first: at the first)."""
     return np.asarray(values[last_known(known)]) if known.any() else values
 

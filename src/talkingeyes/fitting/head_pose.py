@@ -18,12 +18,12 @@ from pydantic import Field
 from scipy.signal import savgol_filter
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import matrices, vectors
+from talkingeyes.core.rotation import matrix_to_rotvec, rotvec_to_matrix
 from talkingeyes.core.settings import Settings
-from talkingeyes.fitting.gaps import bridged
+from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.face_points import NAMES
-from talkingeyes.head.landmarks import RIGID
+from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmarks import RIGID_LANDMARKS
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -37,7 +37,7 @@ class HeadPoseSettings(Settings):
     steps: Annotated[int, Field(gt=0)]
     tolerance: Positive
     huber_px: Positive
-    least_points: Annotated[int, Field(ge=4, le=len(RIGID))]
+    min_points: Annotated[int, Field(ge=4, le=len(RIGID_LANDMARKS))]
     window: Annotated[int, Field(gt=0)]
     order: Annotated[int, Field(ge=0)]
 
@@ -60,24 +60,26 @@ def head_pose(
 
     `face`: where this person's points are in head coordinates when the face rests (`person`, or `rest_points`).
     """
-    if observed.shape[1] != len(NAMES):
-        raise InputError(f"landmarks should be the {len(NAMES)} of head.face_points.NAMES, got {observed.shape[1]}")
-    points, rest = observed[:, RIGID], face[RIGID]
+    if observed.shape[1] != len(LANDMARK_NAMES):
+        raise InputError(
+            f"landmarks should be the {len(LANDMARK_NAMES)} of head.face_points.NAMES, got {observed.shape[1]}"
+        )
+    points, rest = observed[:, RIGID_LANDMARKS], face[RIGID_LANDMARKS]
     visible = np.isfinite(points).all(axis=-1)
-    seen = visible.sum(axis=1) >= settings.least_points
+    seen = visible.sum(axis=1) >= settings.min_points
     frames = len(observed)
     head, translation, residual = np.zeros((frames, 3)), np.zeros((frames, 3)), np.full(frames, np.nan)
     if seen.any():
         turn, translation[seen] = solve_poses(points[seen], visible[seen], camera, settings, rest)
-        head[seen] = vectors(turn)
+        head[seen] = matrix_to_rotvec(turn)
         distance = pose_residual(turn, translation[seen], points[seen], visible[seen], camera, rest)
         residual[seen] = np.sqrt(np.sum(distance**2, axis=(1, 2)) / visible[seen].sum(axis=1))
     pose = np.concatenate([head, translation], axis=1)
-    pose = smoothed(bridged(pose, seen), settings)
+    pose = smooth_pose(interpolate_gaps(pose, seen), settings)
     return HeadPose(pose[:, :3], pose[:, 3:], seen, residual)
 
 
-def smoothed(pose: Float[ndarray, "T C"], settings: HeadPoseSettings) -> Float[ndarray, "T C"]:
+def smooth_pose(pose: Float[ndarray, "T C"], settings: HeadPoseSettings) -> Float[ndarray, "T C"]:
     """Savitzky-Golay over frames, with a shorter window where the clip is shorter."""
     window = min(settings.window, len(pose) - (len(pose) + 1) % 2)
     if window <= settings.order:
@@ -105,7 +107,7 @@ def solve_poses(
         hessian = weighted.swapaxes(1, 2) @ jacobian + 1e-9 * np.eye(6)
         step = -np.linalg.solve(hessian, weighted.swapaxes(1, 2) @ residual.reshape(frames, -1, 1))[..., 0]
         step[:, :3] *= np.minimum(1.0, 0.5 / np.maximum(np.linalg.norm(step[:, :3], axis=1, keepdims=True), 1e-9))
-        turn = matrices(step[:, :3]) @ turn
+        turn = rotvec_to_matrix(step[:, :3]) @ turn
         translation = translation + step[:, 3:]
         if np.abs(step).max() < settings.tolerance:
             break

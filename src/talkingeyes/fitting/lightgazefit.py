@@ -26,17 +26,17 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field
 
-from talkingeyes.core.rotation import directions, listing, matrices
+from talkingeyes.core.rotation import direction_to_rotvec, rotvec_to_direction, rotvec_to_matrix
 from talkingeyes.core.settings import Settings
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_M
+from talkingeyes.head.landmarks import EYE_CENTRES, PUPIL_OFFSET_M
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0)]
 DIAGONAL = np.arange(6)
-BLOCK = 4096  # frames that are solved together
+BLOCK_FRAMES = 4096  # frames that are solved together
 SMALL_RAD = 1e-4  # below it sin a / a and its like are taken at this angle (1e-9 off)
 
 
@@ -69,7 +69,7 @@ class LightGazeFitSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Sight:
+class PupilObservations:
     """What a fit of T frames starts from: observed pupils (NaN where hidden), and where the head and the camera are."""
 
     pupils: Float[ndarray, "T 2 2"]
@@ -82,10 +82,10 @@ class Sight:
         """Which pupils were observed."""
         return np.asarray(np.isfinite(self.pupils).all(axis=-1))
 
-    def between(self, start: int, stop: int) -> Sight:
+    def frame_range(self, start: int, stop: int) -> PupilObservations:
         """Some of the frames."""
         at = slice(start, stop)
-        return Sight(self.pupils[at], self.head[at], self.translation[at], self.camera)
+        return PupilObservations(self.pupils[at], self.head[at], self.translation[at], self.camera)
 
 
 @dataclass(frozen=True)
@@ -97,23 +97,29 @@ class Solution:
     steps: int
 
 
-def solve(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+def solve(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """The fit by the solver that the settings name."""
     solvers = {"adam": solve_adam, "newton": solve_newton, "listing": solve_listing}
-    return solvers[settings.solver](sight, settings)
+    return solvers[settings.solver](observations, settings)
 
 
-def solve_listing(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+def solve_listing(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """Gaze under Listing's law; frames in blocks, so that memory beside the result does not grow with the clip."""
-    blocks = [sight.between(start, start + BLOCK) for start in range(0, len(sight.head), BLOCK)]
-    gaze = [sighted_gaze(block) for block in blocks]
+    blocks = [
+        observations.frame_range(start, start + BLOCK_FRAMES)
+        for start in range(0, len(observations.head), BLOCK_FRAMES)
+    ]
+    gaze = [ray_gaze(block) for block in blocks]
     values = [_Problem.of(block, settings).value(found) for block, found in zip(blocks, gaze, strict=True)]
     return Solution(np.concatenate(gaze), np.concatenate(values), 1)
 
 
-def solve_newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+def solve_newton(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """Gauss-Newton, frames in blocks, so that memory beside the result does not grow with the clip."""
-    blocks = [sight.between(start, start + BLOCK) for start in range(0, len(sight.head), BLOCK)]
+    blocks = [
+        observations.frame_range(start, start + BLOCK_FRAMES)
+        for start in range(0, len(observations.head), BLOCK_FRAMES)
+    ]
     parts = [_newton(block, settings) for block in blocks]
     return Solution(
         np.concatenate([part.gaze for part in parts]),
@@ -122,14 +128,14 @@ def solve_newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
     )
 
 
-def _newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+def _newton(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """Gauss-Newton over all frames at once: one 6 x 6 system a frame, from where the pupil's ray meets the eyeball.
 
     Levenberg: a frame whose objective would rise keeps its state and damps its next step more.
     """
     newton = settings.newton
-    problem = _Problem.of(sight, settings)
-    gaze = sighted_gaze(sight)
+    problem = _Problem.of(observations, settings)
+    gaze = ray_gaze(observations)
     frames = len(gaze)
     damping = np.full(frames, newton.damping)
     term = problem.linearise(gaze)
@@ -156,23 +162,23 @@ def _newton(sight: Sight, settings: LightGazeFitSettings) -> Solution:
     return Solution(gaze, term.objective, step)
 
 
-def sighted_gaze(sight: Sight) -> Float[ndarray, "T 2 3"]:
+def ray_gaze(observations: PupilObservations) -> Float[ndarray, "T 2 3"]:
     """Where the rays through the pupils meet the sphere of pupils: the fit without regularisers and torsion.
 
     A ray that misses the sphere takes its nearest point; a hidden pupil copies the other eye, or looks ahead.
     """
-    camera, turn = sight.camera, matrices(sight.head)
-    centres = EYE_CENTRES @ turn.swapaxes(1, 2) + sight.translation[:, None]
-    offset = (sight.pupils - np.asarray(camera.centre_px)) / camera.focal_px
+    camera, turn = observations.camera, rotvec_to_matrix(observations.head)
+    centres = EYE_CENTRES @ turn.swapaxes(1, 2) + observations.translation[:, None]
+    offset = (observations.pupils - np.asarray(camera.centre_px)) / camera.focal_px
     ray = np.stack([offset[..., 0], -offset[..., 1], np.full(offset.shape[:-1], -1.0)], axis=-1)
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     to_centre = centres - np.array([0.0, 0.0, camera.distance_m])
     along = np.sum(ray * to_centre, axis=-1)
     miss = np.sum(to_centre**2, axis=-1) - along**2
-    reach = along - np.sqrt(np.maximum(PUPIL_M**2 - miss, 0.0))
+    reach = along - np.sqrt(np.maximum(PUPIL_OFFSET_M**2 - miss, 0.0))
     outward = ray * reach[..., None] - to_centre
     outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
-    gaze = listing(outward @ turn)
+    gaze = direction_to_rotvec(outward @ turn)
     gaze = np.where(np.isfinite(gaze), gaze, gaze[:, ::-1])
     return np.where(np.isfinite(gaze), gaze, 0.0)
 
@@ -207,22 +213,22 @@ class _Problem:
     unit_px: float
 
     @classmethod
-    def of(cls, sight: Sight, settings: LightGazeFitSettings) -> _Problem:
-        turn = matrices(sight.head)
+    def of(cls, observations: PupilObservations, settings: LightGazeFitSettings) -> _Problem:
+        turn = rotvec_to_matrix(observations.head)
         eye, both = np.eye(3), np.array([[1.0, -1.0], [-1.0, 1.0]])
         return cls(
             turn=turn,
-            centres=EYE_CENTRES @ turn.swapaxes(1, 2) + sight.translation[:, None],
-            pupils=np.nan_to_num(sight.pupils),
-            seen=sight.seen[..., None].astype(np.float64),
+            centres=EYE_CENTRES @ turn.swapaxes(1, 2) + observations.translation[:, None],
+            pupils=np.nan_to_num(observations.pupils),
+            seen=observations.seen[..., None].astype(np.float64),
             prior=settings.regularisation * np.eye(6) + settings.symmetry * np.kron(both, eye),
-            camera=sight.camera,
+            camera=observations.camera,
             unit_px=settings.unit_px,
         )
 
     def value(self, gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, " T"]:
         """The objective at these rotation vectors, without derivatives."""
-        points = self.centres + PUPIL_M * (directions(gaze) @ self.turn.swapaxes(1, 2))
+        points = self.centres + PUPIL_OFFSET_M * (rotvec_to_direction(gaze) @ self.turn.swapaxes(1, 2))
         residual = (self.camera.project(points) - self.pupils) * (self.seen / self.unit_px)
         state = gaze.reshape(-1, 6)
         return np.asarray(np.sum(residual**2, axis=(1, 2)) + np.sum((state @ self.prior) * state, axis=1))
@@ -230,13 +236,13 @@ class _Problem:
     def linearise(self, gaze: Float[ndarray, "T 2 3"]) -> _Terms:
         """Value and derivatives of the objective at these rotation vectors."""
         looking, by_gaze = direction_and_jacobian(gaze)
-        points = self.centres + PUPIL_M * (looking @ self.turn.swapaxes(1, 2))
+        points = self.centres + PUPIL_OFFSET_M * (looking @ self.turn.swapaxes(1, 2))
         scale = self.camera.focal_px / (self.camera.distance_m - points[..., 2])
         weight = self.seen / self.unit_px
         residual = (self.camera.project(points) - self.pupils) * weight
         along = points[..., :2] * (scale / self.camera.focal_px)[..., None]  # by how much depth moves the image
         by_turned = self.turn[:, None, :2] + along[..., None] * self.turn[:, None, 2:]
-        factor = PUPIL_M * weight * scale[..., None] * np.array([1.0, -1.0])
+        factor = PUPIL_OFFSET_M * weight * scale[..., None] * np.array([1.0, -1.0])
         jacobian = factor[..., None] * (by_turned @ by_gaze)
         transposed = jacobian.swapaxes(-1, -2)
         state = gaze.reshape(-1, 6)
@@ -276,14 +282,14 @@ def direction_and_jacobian(gaze: Float[ndarray, "*N 3"]) -> tuple[Float[ndarray,
     return looking, jacobian
 
 
-def solve_adam(sight: Sight, settings: LightGazeFitSettings) -> Solution:
+def solve_adam(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
     """The paper's way: Adam over all frames of the clip at once, from zero."""
     import torch
 
     adam = settings.adam
-    state = torch.zeros(len(sight.head), 2, 3, dtype=torch.float64, requires_grad=True)
+    state = torch.zeros(len(observations.head), 2, 3, dtype=torch.float64, requires_grad=True)
     optimiser = torch.optim.Adam([state], lr=adam.learning_rate)
-    objective = _torch_objective(sight, settings)
+    objective = _torch_objective(observations, settings)
     earlier, step = float("inf"), 0
     while step < adam.steps:
         optimiser.zero_grad()
@@ -299,15 +305,15 @@ def solve_adam(sight: Sight, settings: LightGazeFitSettings) -> Solution:
         return Solution(state.numpy().copy(), objective(state).numpy(), step)
 
 
-def _torch_objective(sight: Sight, settings: LightGazeFitSettings) -> Callable[[Tensor], Tensor]:
+def _torch_objective(observations: PupilObservations, settings: LightGazeFitSettings) -> Callable[[Tensor], Tensor]:
     """Eq. 1 of each frame as a function of the rotation vectors (T, 2, 3)."""
     import torch
 
-    camera, turn = sight.camera, matrices(sight.head)
+    camera, turn = observations.camera, rotvec_to_matrix(observations.head)
     rotation = torch.from_numpy(turn)[:, None]
-    centres = torch.from_numpy(np.einsum("tij,ej->tei", turn, EYE_CENTRES) + sight.translation[:, None])
-    pupils = torch.from_numpy(np.nan_to_num(sight.pupils))
-    weight = torch.from_numpy(sight.seen[..., None] / settings.unit_px)
+    centres = torch.from_numpy(np.einsum("tij,ej->tei", turn, EYE_CENTRES) + observations.translation[:, None])
+    pupils = torch.from_numpy(np.nan_to_num(observations.pupils))
+    weight = torch.from_numpy(observations.seen[..., None] / settings.unit_px)
     middle = torch.tensor(camera.centre_px, dtype=torch.float64)
 
     def objective(gaze: Tensor) -> Tensor:
@@ -316,7 +322,7 @@ def _torch_objective(sight: Sight, settings: LightGazeFitSettings) -> Callable[[
         s, c = angle.sin() / angle, (1 - angle.cos()) / angle**2
         x, y, z = gaze.unbind(-1)
         looking = torch.stack([y * s + x * z * c, -x * s + y * z * c, 1 - (x * x + y * y) * c], dim=-1)
-        points = centres + PUPIL_M * (rotation @ looking[..., None])[..., 0]
+        points = centres + PUPIL_OFFSET_M * (rotation @ looking[..., None])[..., 0]
         scale = camera.focal_px / (camera.distance_m - points[..., 2:])
         projected = middle + scale * torch.cat([points[..., :1], -points[..., 1:2]], dim=-1)
         centre = ((projected - pupils) * weight).square().sum((1, 2))

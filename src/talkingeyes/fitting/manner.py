@@ -22,12 +22,12 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.physiology.steps import find_saccades
 
 SPEAKERS_FILE = "speakers.json"
-SHORTEST_S = 1.0
-SHUT, LONGEST_BLINK_S = 0.35, 0.8
+MIN_CLIP_S = 1.0
+BLINK_CLOSURE, MAX_BLINK_S = 0.35, 0.8
 
 
 @dataclass(frozen=True)
-class Manner:
+class MotionStyle:
     """What is measured: means, standard deviations about them within a clip, rates a minute."""
 
     head_mean_rad: tuple[float, float, float]
@@ -38,13 +38,13 @@ class Manner:
     blinks_per_min: float
 
 
-def measured(motion: Motion) -> Manner:
+def measure_style(motion: Motion) -> MotionStyle:
     """The habits in one clip; its saccades are counted as a model's frames hold them (physiology.steps)."""
-    if motion.seconds < SHORTEST_S:
-        raise InputError(f"style: a clip should last at least {SHORTEST_S:g} s, got {motion.seconds:.2f} s")
+    if motion.seconds < MIN_CLIP_S:
+        raise InputError(f"style: a clip should last at least {MIN_CLIP_S:g} s, got {motion.seconds:.2f} s")
     space = rotation.gaze_in_space(motion.head, motion.gaze)
     found = find_saccades(space.mean(axis=1), motion.fps)
-    return Manner(
+    return MotionStyle(
         head_mean_rad=_triple(motion.head.mean(axis=0)),
         head_sd_rad=_triple(motion.head.std(axis=0)),
         gaze_mean_rad=_pair(space.mean(axis=(0, 1))),
@@ -55,18 +55,18 @@ def measured(motion: Motion) -> Manner:
 
 
 def _blinks(motion: Motion) -> int:
-    """How often lids shut by `SHUT` beyond where they usually are, and open again soon."""
+    """How often lids shut by `BLINK_CLOSURE` beyond where they usually are, and open again soon."""
     lid = motion.lid.mean(axis=1)
-    shut = lid - np.median(lid) >= SHUT
+    shut = lid - np.median(lid) >= BLINK_CLOSURE
     edges = np.flatnonzero(np.diff(np.concatenate([[0], shut, [0]])))
-    return int((edges[1::2] - edges[::2] <= LONGEST_BLINK_S * motion.fps).sum())
+    return int((edges[1::2] - edges[::2] <= MAX_BLINK_S * motion.fps).sum())
 
 
-def in_all(manners: Sequence[Manner], seconds: Sequence[float]) -> Manner:
+def mean_style(styles: Sequence[MotionStyle], seconds: Sequence[float]) -> MotionStyle:
     """The habits of a person over clips: means weighted by their length, ranges those within clips."""
     weight = np.asarray(seconds) / np.sum(seconds)
-    mean = {name: weight @ np.array([getattr(each, name) for each in manners]) for name in asdict(manners[0])}
-    return Manner(
+    mean = {name: weight @ np.array([getattr(each, name) for each in styles]) for name in asdict(styles[0])}
+    return MotionStyle(
         _triple(mean["head_mean_rad"]),
         _triple(mean["head_sd_rad"]),
         _pair(mean["gaze_mean_rad"]),
@@ -76,16 +76,18 @@ def in_all(manners: Sequence[Manner], seconds: Sequence[float]) -> Manner:
     )
 
 
-def save_speakers(path: Path, speakers: Mapping[str, Manner]) -> None:
+def save_speakers(path: Path, speakers: Mapping[str, MotionStyle]) -> None:
     """Keep the habits of speakers, by name, with a model."""
-    path.write_text(json.dumps({name: asdict(manner) for name, manner in sorted(speakers.items())}, indent=1))
+    path.write_text(
+        json.dumps({name: asdict(motion_style) for name, motion_style in sorted(speakers.items())}, indent=1)
+    )
 
 
-def load_speakers(path: Path) -> dict[str, Manner]:
+def load_speakers(path: Path) -> dict[str, MotionStyle]:
     """Those kept with a model. Raises InputError if the file is missing or damaged."""
     try:
         content = json.loads(path.read_text())
-        return {name: TypeAdapter(Manner).validate_python(values) for name, values in content.items()}
+        return {name: TypeAdapter(MotionStyle).validate_python(values) for name, values in content.items()}
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: should hold habits of speakers, got {error!r}") from None
 

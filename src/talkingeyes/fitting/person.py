@@ -32,32 +32,32 @@ from talkingeyes.fitting.head_pose import (
     projection_jacobian,
     solve_poses,
 )
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.face_points import EYES
-from talkingeyes.head.landmarks import RIGID, rest_points
+from talkingeyes.head.face_points import EYE_LANDMARKS
+from talkingeyes.head.landmarks import RIGID_LANDMARKS, rest_landmarks
 
 Positive = Annotated[float, Field(gt=0)]
-CORNERS = EYES[:, [0, 3]]  # outer, inner
-STEP = 1e-3  # of a weight, for the derivative of the resting face
+CORNERS = EYE_LANDMARKS[:, [0, 3]]  # outer, inner
+DERIVATIVE_STEP = 1e-3  # of a weight, for the derivative of the resting face
 
 
-class PersonSettings(Settings):
-    """`frames` of a clip that are looked at, in `rounds` of linearisation; noise of their landmarks' slow part.
+class FaceIdentitySettings(Settings):
+    """`frames` of a clip that are looked at, in `iterations` of linearisation; noise of their landmarks' slow part.
 
-    `weight_sd`, `weight_most`: of the weights of identity shapes; `offset_sd_m`: of the offsets of rigid points.
+    `weight_sd`, `max_weight`: of the weights of identity shapes; `offset_sd_m`: of the offsets of rigid points.
     """
 
     frames: Annotated[int, Field(ge=1)]
-    rounds: Annotated[int, Field(ge=0)]
+    iterations: Annotated[int, Field(ge=0)]
     noise_px: Positive
     weight_sd: Positive
-    weight_most: Positive
+    max_weight: Positive
     offset_sd_m: Positive
 
 
 @dataclass(frozen=True)
-class Person:
+class FaceIdentity:
     """The resting face, in head coordinates, and the weights of identity shapes in it."""
 
     face: Float[ndarray, "L 3"]
@@ -67,29 +67,29 @@ class Person:
 @cache
 def identity_slopes() -> Float[ndarray, "I L 3"]:
     """How the resting face changes with each weight of the head's identity shapes."""
-    weights = STEP * np.eye(len(open_head().identity_names))
-    slopes = [rest_points(tuple(row)) - rest_points(tuple(-row)) for row in weights]
-    return np.stack(slopes) / (2 * STEP)
+    weights = DERIVATIVE_STEP * np.eye(len(anny_head().identity_names))
+    slopes = [rest_landmarks(tuple(row)) - rest_landmarks(tuple(-row)) for row in weights]
+    return np.stack(slopes) / (2 * DERIVATIVE_STEP)
 
 
-def person(
-    observed: Float[ndarray, "T L 2"], camera: Camera, pose_settings: HeadPoseSettings, settings: PersonSettings
-) -> Person:
+def face_identity(
+    observed: Float[ndarray, "T L 2"], camera: Camera, pose_settings: HeadPoseSettings, settings: FaceIdentitySettings
+) -> FaceIdentity:
     """The person of a clip; the mean head where no frame shows enough."""
     slopes = identity_slopes()
-    weights, offsets = np.zeros(len(slopes)), np.zeros((len(RIGID), 3))
+    weights, offsets = np.zeros(len(slopes)), np.zeros((len(RIGID_LANDMARKS), 3))
     points = _stable(observed)
     rows = _chosen(np.isfinite(points).all(axis=(1, 2)), settings.frames)
-    for _ in range(settings.rounds if len(rows) else 0):
-        rest = _stable(rest_points() + np.tensordot(weights, slopes, axes=1))
-        rest[: len(RIGID)] += offsets
+    for _ in range(settings.iterations if len(rows) else 0):
+        rest = _stable(rest_landmarks() + np.tensordot(weights, slopes, axes=1))
+        rest[: len(RIGID_LANDMARKS)] += offsets
         change = _solved(
             points[rows], rest, np.concatenate([weights, offsets.ravel()]), camera, pose_settings, settings
         )
         weights, offsets = change[: len(slopes)], change[len(slopes) :].reshape(-1, 3)
-    face = rest_points() + np.tensordot(weights, slopes, axes=1)
-    face[RIGID] += offsets
-    return Person(face, weights)
+    face = rest_landmarks() + np.tensordot(weights, slopes, axes=1)
+    face[RIGID_LANDMARKS] += offsets
+    return FaceIdentity(face, weights)
 
 
 def _solved(
@@ -98,7 +98,7 @@ def _solved(
     state: Float[ndarray, " U"],
     camera: Camera,
     pose_settings: HeadPoseSettings,
-    settings: PersonSettings,
+    settings: FaceIdentitySettings,
 ) -> Float[ndarray, " U"]:
     """Weights and offsets of one round, from those in `state` and the poses under them."""
     slopes = identity_slopes()
@@ -108,8 +108,8 @@ def _solved(
     placed = np.einsum("tij,kj->tki", turn, rest) + translation[:, None]
     by_point = projection_jacobian(placed, camera) @ turn[:, None]
     by_weight = np.einsum("fkcd,ikd->fkci", by_point, np.stack([_stable(slope) for slope in slopes]))
-    by_offset = np.zeros((*by_point.shape[:3], len(RIGID), 3))
-    for point in range(len(RIGID)):
+    by_offset = np.zeros((*by_point.shape[:3], len(RIGID_LANDMARKS), 3))
+    for point in range(len(RIGID_LANDMARKS)):
         by_offset[:, point, :, point] = by_point[:, point]
     unknown = np.concatenate([by_weight, by_offset.reshape(*by_offset.shape[:3], -1)], axis=-1)
     unknown = unknown.reshape(frames, -1, len(state))
@@ -119,7 +119,7 @@ def _solved(
     noise_px = settings.noise_px * np.sqrt(frames)  # slow: many frames tell no more than one
     matrix = unknown.reshape(-1, len(state)) / noise_px
     target = matrix @ state - residual.ravel() / noise_px
-    bound = np.concatenate([np.full(len(slopes), settings.weight_most), np.full(len(state) - len(slopes), np.inf)])
+    bound = np.concatenate([np.full(len(slopes), settings.max_weight), np.full(len(state) - len(slopes), np.inf)])
     prior = 1.0 / np.concatenate(
         [np.full(len(slopes), settings.weight_sd), np.full(len(state) - len(slopes), settings.offset_sd_m)]
     )
@@ -131,7 +131,7 @@ def _solved(
 def _stable(points: Float[ndarray, "*T L C"]) -> Float[ndarray, "*T K C"]:
     """The rigid points, and the middles of the corners of both eyes."""
     middles = points[..., CORNERS, :].mean(axis=-2)
-    return np.concatenate([points[..., RIGID, :], middles], axis=-2)
+    return np.concatenate([points[..., RIGID_LANDMARKS, :], middles], axis=-2)
 
 
 def _chosen(usable: Bool[ndarray, " T"], most: int) -> Int[ndarray, " F"]:

@@ -26,17 +26,17 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.fitting.gaps import bridged, held, runs
-from talkingeyes.fitting.steps import noise_variance, piecewise_constant, with_saccades
+from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
+from talkingeyes.fitting.steps import insert_saccades, noise_variance, piecewise_constant
 
 Positive = Annotated[float, Field(gt=0)]
 HALF_WINDOW = 7  # frames before and after, between whose medians a frame should lie
 
 
 class BurstSettings(Settings):
-    """An excursion of one eye at least `least_rad` far and at most `frames` long that comes back is the detector's."""
+    """An excursion of one eye at least `min_amplitude_rad` far and `frames` long at most that comes back: an error."""
 
-    least_rad: Positive
+    min_amplitude_rad: Positive
     frames: Annotated[int, Field(ge=0, lt=HALF_WINDOW)]
 
 
@@ -51,7 +51,7 @@ class GaussianSettings(Settings):
 
     kind: Literal["gaussian"]
     sigma_s: Positive
-    vergence_s: Positive
+    vergence_sigma_s: Positive
     burst: BurstSettings
 
 
@@ -60,70 +60,76 @@ class QuadraticSettings(Settings):
 
     kind: Literal["quadratic"]
     weight: Positive
-    vergence_s: Positive
+    vergence_sigma_s: Positive
     burst: BurstSettings
 
 
-class StepSettings(Settings):
-    """`step_cost`: what a step costs, in variances of the frame noise; `longest_s`: of a stretch without a step.
+class PiecewiseConstantSettings(Settings):
+    """`step_cost`: what a step costs, in variances of the frame noise; `max_fixation_s`: of a stretch without a step.
 
-    `fixation_s`: sigma of the Gaussian inside fixations; `vergence_s`: of the one for the difference of the eyes.
+    `fixation_sigma_s`: sigma of the Gaussian inside fixations; `vergence_sigma_s`: of the one for the difference of the
+    eyes.
     """
 
     kind: Literal["steps", "saccades"]
     step_cost: Positive
-    longest_s: Positive
-    fixation_s: Positive
-    vergence_s: Positive
+    max_fixation_s: Positive
+    fixation_sigma_s: Positive
+    vergence_sigma_s: Positive
     burst: BurstSettings
 
 
 SmoothingSettings = Annotated[
-    NoSmoothing | GaussianSettings | QuadraticSettings | StepSettings, Field(discriminator="kind")
+    NoSmoothing | GaussianSettings | QuadraticSettings | PiecewiseConstantSettings, Field(discriminator="kind")
 ]
 
 
 def smooth_gaze(
-    space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: SmoothingSettings
+    gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: SmoothingSettings
 ) -> Float[ndarray, "T 2 2"]:
     """Smoothed (yaw, pitch) of gaze in space of both eyes; in frames where neither is `seen` gaze is held."""
     if isinstance(settings, NoSmoothing):
-        return held(space_rad, np.asarray(seen.any(axis=1)))
-    seen = seen & ~bursts(space_rad, seen, settings.burst)
+        return hold_last(gaze_in_space_rad, np.asarray(seen.any(axis=1)))
+    seen = seen & ~bursts(gaze_in_space_rad, seen, settings.burst)
     known = np.asarray(seen.any(axis=1))
     if not known.any():
-        return np.zeros_like(space_rad)
-    half = _half_difference(space_rad, seen, settings.vergence_s * fps)
+        return np.zeros_like(gaze_in_space_rad)
+    half = _half_difference(gaze_in_space_rad, seen, settings.vergence_sigma_s * fps)
     apart = np.stack([half, -half], axis=1)
     weight = seen[..., None].astype(np.float64)
-    version = np.where(seen[..., None], space_rad - apart, 0.0).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
-    return np.asarray(smooth_version(bridged(version, known), known, fps, settings)[:, None] + apart)
+    version = np.where(seen[..., None], gaze_in_space_rad - apart, 0.0).sum(axis=1) / np.maximum(
+        weight.sum(axis=1), 1.0
+    )
+    return np.asarray(smooth_version(interpolate_gaps(version, known), known, fps, settings)[:, None] + apart)
 
 
 def smooth_version(
     version: Float[ndarray, "T 2"],
     known: Bool[ndarray, " T"],
     fps: float,
-    settings: GaussianSettings | QuadraticSettings | StepSettings,
+    settings: GaussianSettings | QuadraticSettings | PiecewiseConstantSettings,
 ) -> Float[ndarray, "T 2"]:
     """The mean direction of both eyes, smoothed as the settings say."""
     match settings:
         case GaussianSettings():
-            return held(_gaussian(version, known, settings.sigma_s * fps), known)
+            return hold_last(_gaussian(version, known, settings.sigma_s * fps), known)
         case QuadraticSettings():
-            return held(quadratic(version, known, settings.weight), known)
-        case StepSettings():
-            cost, longest = settings.step_cost * noise_variance(version, known), max(2, round(settings.longest_s * fps))
+            return hold_last(whittaker_smooth(version, known, settings.weight), known)
+        case PiecewiseConstantSettings():
+            cost, longest = (
+                settings.step_cost * noise_variance(version, known),
+                max(2, round(settings.max_fixation_s * fps)),
+            )
             path = piecewise_constant(version, known, cost, longest)
             if settings.kind == "saccades":
-                path = with_saccades(version, known, path, fps)
-            rest = _gaussian(version - path, known, settings.fixation_s * fps)
-            return path + held(rest, known) if settings.kind == "saccades" else held(path + rest, known)
+                path = insert_saccades(version, known, path, fps)
+            rest = _gaussian(version - path, known, settings.fixation_sigma_s * fps)
+            return path + hold_last(rest, known) if settings.kind == "saccades" else hold_last(path + rest, known)
         case _:
             assert_never(settings)
 
 
-def quadratic(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: float) -> Float[ndarray, "T 2"]:
+def whittaker_smooth(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: float) -> Float[ndarray, "T 2"]:
     """The path of least squared distance in known frames + `weight` times its squared steps: one banded system."""
     frames = len(track)
     banded = np.zeros((2, frames))
@@ -135,7 +141,7 @@ def quadratic(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: 
 
 
 def bursts(
-    space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: BurstSettings
+    gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: BurstSettings
 ) -> Bool[ndarray, "T 2"]:
     """Frames of an eye that leave the way from the median before to the median after, and soon come back.
 
@@ -144,24 +150,26 @@ def bursts(
     flags = np.zeros(seen.shape, bool)
     for eye in range(2):
         known = seen[:, eye]
-        track = np.pad(bridged(space_rad[:, eye], known), ((HALF_WINDOW, HALF_WINDOW), (0, 0)), mode="edge")
+        track = np.pad(
+            interpolate_gaps(gaze_in_space_rad[:, eye], known), ((HALF_WINDOW, HALF_WINDOW), (0, 0)), mode="edge"
+        )
         windows = np.median(np.lib.stride_tricks.sliding_window_view(track, HALF_WINDOW, axis=0), axis=-1)
-        frames = len(space_rad)
+        frames = len(gaze_in_space_rad)
         before, after = windows[:frames], windows[HALF_WINDOW + 1 :]
-        away = _distance_to_segment(track[HALF_WINDOW:-HALF_WINDOW], before, after) > settings.least_rad
+        away = _distance_to_segment(track[HALF_WINDOW:-HALF_WINDOW], before, after) > settings.min_amplitude_rad
         for start, stop in runs(away):
             flags[start:stop, eye] = stop - start <= settings.frames
     return flags
 
 
 def _half_difference(
-    space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], sigma: float
+    gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], sigma: float
 ) -> Float[ndarray, "T 2"]:
     """Half of left minus right, heavily smoothed over frames that show both eyes."""
     both = np.asarray(seen.all(axis=1))
     if not both.any():
         return np.zeros((len(seen), 2))
-    return _gaussian((space_rad[:, 0] - space_rad[:, 1]) / 2, both, sigma)
+    return _gaussian((gaze_in_space_rad[:, 0] - gaze_in_space_rad[:, 1]) / 2, both, sigma)
 
 
 def _gaussian(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"], sigma: float) -> Float[ndarray, "T C"]:
@@ -169,7 +177,7 @@ def _gaussian(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"], sigma: 
     weight = gaussian_filter1d(known.astype(np.float64), sigma, mode="constant")
     total = gaussian_filter1d(np.where(known[:, None], values, 0.0), sigma, axis=0, mode="constant")
     reached = weight > 1e-6
-    return bridged(total / np.maximum(weight, 1e-12)[:, None], reached)
+    return interpolate_gaps(total / np.maximum(weight, 1e-12)[:, None], reached)
 
 
 def _distance_to_segment(

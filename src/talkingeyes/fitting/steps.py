@@ -5,7 +5,7 @@ A track of gaze in space is close to piecewise constant. The Potts functional,
     minimise over paths x    sum over known frames |y_t - x_t|^2  +  cost * number of steps of x
 
 has its least value by dynamic programming, and keeps saccades steep: too steep, for a saccade takes 30 to 100 ms
-and shows as one to three steps of a camera. `with_saccades` therefore lays a saccade of the main sequence
+and shows as one to three steps of a camera. `insert_saccades` therefore lays a saccade of the main sequence
 (`physiology.saccades`: its duration and shape follow from its amplitude) through every step, at the onset, a tenth of
 a frame fine, that meets the frames best. A step that falls into a gap is laid at the gap's beginning: most shifts under
 a blink start with it (Evinger et al. 1994).
@@ -22,11 +22,11 @@ from numpy import ndarray
 
 from talkingeyes.physiology.saccades import duration_s, progress, skew
 
-LEAST_NOISE_RAD = np.radians(0.02)  # of the estimate, so that exact data pass unchanged
-SHORTEST_S = 0.08  # of a fixation; what is shorter belongs to a saccade
+MIN_NOISE_RAD = np.radians(0.02)  # of the estimate, so that exact data pass unchanged
+MIN_FIXATION_S = 0.08  # of a fixation; what is shorter belongs to a saccade
 FLANK_S = 0.12  # before and after a step, whose frames tell where it lies
-ONSETS_A_FRAME = 10
-ROUNDS = 2  # of saccades by levels, levels by what the saccades leave
+ONSETS_PER_FRAME = 10
+ITERATIONS = 2  # of saccades by levels, levels by what the saccades leave
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ def noise_variance(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"]) -> 
     """Variance of the frame noise per axis, from the median of absolute differences of adjacent known frames."""
     adjacent = known[1:] & known[:-1]
     if not adjacent.any():
-        return float(LEAST_NOISE_RAD**2)
+        return float(MIN_NOISE_RAD**2)
     sigma = 1.4826 * np.median(np.abs(np.diff(track, axis=0)[adjacent])) / np.sqrt(2)
-    return float(max(sigma, LEAST_NOISE_RAD) ** 2)
+    return float(max(sigma, MIN_NOISE_RAD) ** 2)
 
 
 def piecewise_constant(
@@ -77,35 +77,35 @@ def piecewise_constant(
     return path
 
 
-def with_saccades(
+def insert_saccades(
     track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], path: Float[ndarray, "T 2"], fps: float
 ) -> Float[ndarray, "T 2"]:
     """The piecewise constant `path` of `track` with every step made a saccade. Some frame has to be known."""
-    shortest = SHORTEST_S * fps
-    fixations = [each for each in fixations_of(path) if known[each.start : each.stop].sum() >= shortest - 1e-9]
+    shortest = MIN_FIXATION_S * fps
+    fixations = [each for each in split_fixations(path) if known[each.start : each.stop].sum() >= shortest - 1e-9]
     if len(fixations) < 2:
         return path
     variance = noise_variance(track, known)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         drawn = np.repeat([fixations[0].level_rad], len(track), axis=0)
         still = np.ones(len(track), bool)
         for before, after in itertools.pairwise(fixations):
-            done = _done(track, known, before, after, variance, fps)
+            done = _saccade_progress(track, known, before, after, variance, fps)
             at = len(track) - len(done)
             drawn[at:] += done[:, None] * (after.level_rad - before.level_rad)
             still[at:] &= (done < 0.01) | (done > 0.99)
-        fixations = [_settled(track, known & still, each) for each in fixations]
+        fixations = [_refine_level(track, known & still, each) for each in fixations]
     return drawn
 
 
-def fixations_of(path: Float[ndarray, "T 2"]) -> list[Fixation]:
+def split_fixations(path: Float[ndarray, "T 2"]) -> list[Fixation]:
     """The stretches of a piecewise constant path."""
     edges = np.flatnonzero(np.any(np.diff(path, axis=0) != 0.0, axis=1)) + 1
     starts, stops = [0, *edges.tolist()], [*edges.tolist(), len(path)]
     return [Fixation(start, stop, path[start]) for start, stop in zip(starts, stops, strict=True)]
 
 
-def _done(
+def _saccade_progress(
     track: Float[ndarray, "T 2"],
     known: Bool[ndarray, " T"],
     before: Fixation,
@@ -122,7 +122,7 @@ def _done(
     amplitude = max(float(np.hypot(*step)), 1e-9)
     lasting = float(duration_s(amplitude)) * fps
     frames = np.arange(start, stop)
-    onsets = np.arange(start - lasting, stop, 1.0 / ONSETS_A_FRAME)
+    onsets = np.arange(start - lasting, stop, 1.0 / ONSETS_PER_FRAME)
     done = progress((frames - onsets[:, None]) / lasting, float(skew(amplitude)))
     away = (track[start:stop] - before.level_rad)[None] - done[..., None] * step
     misfit = np.sum(np.square(away) * known[start:stop, None], axis=(1, 2))
@@ -134,7 +134,7 @@ def _done(
     return np.asarray(progress((np.arange(start, len(track)) - onset) / lasting, float(skew(amplitude))))
 
 
-def _settled(track: Float[ndarray, "T 2"], usable: Bool[ndarray, " T"], fixation: Fixation) -> Fixation:
+def _refine_level(track: Float[ndarray, "T 2"], usable: Bool[ndarray, " T"], fixation: Fixation) -> Fixation:
     """The fixation with its level from frames outside saccades, if there are any."""
     inside = usable[fixation.start : fixation.stop]
     if not inside.any():

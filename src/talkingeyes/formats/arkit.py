@@ -19,22 +19,24 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
-from talkingeyes.head.drive import DRIVEN, DRIVEN_JAW, SIDE_RAD, SIDES
+from talkingeyes.head.drive import GAZE_LID_SHAPES, JAW_SHAPES, JAW_SIDE_RAD, SIDES
 
-LOOK_RAD = float(np.radians(37.0))
-WIDE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go
-EYES = ("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide")
+LOOK_RANGE_RAD = float(np.radians(37.0))
+WIDE_CLOSURE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go
+EYE_COEFFICIENTS = ("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide")
 _FACE = """jawForward jawLeft jawRight jawOpen mouthClose mouthFunnel mouthPucker mouthLeft mouthRight mouthSmileLeft
 mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight mouthStretchLeft mouthStretchRight
 mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper mouthPressLeft mouthPressRight mouthLowerDownLeft
 mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight browDownLeft browDownRight browInnerUp browOuterUpLeft
 browOuterUpRight cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut"""
-NAMES = (*(f"{what}{side}" for side in SIDES for what in EYES), *_FACE.split())  # Live Link's order
-EXPRESSION = tuple(name for name in NAMES if name not in DRIVEN + DRIVEN_JAW)  # what a Motion carries as expression
+NAMES = (*(f"{what}{side}" for side in SIDES for what in EYE_COEFFICIENTS), *_FACE.split())  # Live Link's order
+EXPRESSION = tuple(
+    name for name in NAMES if name not in GAZE_LID_SHAPES + JAW_SHAPES
+)  # what a Motion carries as expression
 
 
 @dataclass(frozen=True)
-class Taken:
+class DecodedFace:
     """What coefficients say: eye-in-head rotation vectors, closure, jaw, and the other 38."""
 
     gaze: Float[ndarray, "T 2 3"]
@@ -46,14 +48,14 @@ class Taken:
 def coefficients(motion: Motion) -> Float[ndarray, "T 52"]:
     """The 52 of a motion whose expression, if it has any, is that of the open head; in the order of NAMES, 0 to 1."""
     columns = {
-        **_looks(rotation.angles_of_gaze(motion.gaze)),
+        **_looks(rotation.gaze_to_angles(motion.gaze)),
         "jawOpen": motion.jaw[:, 0] / JAW_OPEN_RAD,
-        "jawLeft": motion.jaw[:, 1] / SIDE_RAD,
-        "jawRight": -motion.jaw[:, 1] / SIDE_RAD,
+        "jawLeft": motion.jaw[:, 1] / JAW_SIDE_RAD,
+        "jawRight": -motion.jaw[:, 1] / JAW_SIDE_RAD,
     }
     for eye, side in enumerate(SIDES):
         columns[f"eyeBlink{side}"] = motion.lid[:, eye]
-        columns[f"eyeWide{side}"] = -motion.lid[:, eye] / WIDE
+        columns[f"eyeWide{side}"] = -motion.lid[:, eye] / WIDE_CLOSURE
     table = np.zeros((len(motion), len(NAMES)))
     for name, column in columns.items():
         table[:, NAMES.index(name)] = np.maximum(column, 0.0)
@@ -62,18 +64,18 @@ def coefficients(motion: Motion) -> Float[ndarray, "T 52"]:
     return np.clip(table, 0.0, 1.0)
 
 
-def taken(table: Float[ndarray, "T 52"]) -> Taken:
+def decoded(table: Float[ndarray, "T 52"]) -> DecodedFace:
     """The inverse of `coefficients`; eyeWide becomes closure below 0, so it is 0 in the expression."""
     column = dict(zip(NAMES, table.T, strict=True))
     looks, lids = [], []
     for side, outward in zip(SIDES, (1.0, -1.0), strict=True):
         yaw = outward * (column[f"eyeLookOut{side}"] - column[f"eyeLookIn{side}"])
         looks.append(np.stack([yaw, column[f"eyeLookUp{side}"] - column[f"eyeLookDown{side}"]], axis=-1))
-        lids.append(column[f"eyeBlink{side}"] - WIDE * column[f"eyeWide{side}"])
-    jaw = [JAW_OPEN_RAD * column["jawOpen"], SIDE_RAD * (column["jawLeft"] - column["jawRight"])]
+        lids.append(column[f"eyeBlink{side}"] - WIDE_CLOSURE * column[f"eyeWide{side}"])
+    jaw = [JAW_OPEN_RAD * column["jawOpen"], JAW_SIDE_RAD * (column["jawLeft"] - column["jawRight"])]
     expression = [np.zeros(len(table)) if "eyeWide" in name else column[name] for name in EXPRESSION]
-    return Taken(
-        gaze=rotation.gaze_of_angles(LOOK_RAD * np.stack(looks, axis=1)),
+    return DecodedFace(
+        gaze=rotation.angles_to_gaze(LOOK_RANGE_RAD * np.stack(looks, axis=1)),
         lid=np.stack(lids, axis=1),
         jaw=np.stack([*jaw, np.zeros(len(table))], axis=1),
         expression=np.stack(expression, axis=1),
@@ -83,7 +85,7 @@ def taken(table: Float[ndarray, "T 52"]) -> Taken:
 def _looks(angles_rad: Float[ndarray, "T 2 2"]) -> dict[str, Float[ndarray, " T"]]:
     columns = {}
     for eye, side in enumerate(SIDES):
-        yaw, pitch = angles_rad[:, eye].T / LOOK_RAD
+        yaw, pitch = angles_rad[:, eye].T / LOOK_RANGE_RAD
         outward = yaw if side == "Left" else -yaw
         columns[f"eyeLookOut{side}"], columns[f"eyeLookIn{side}"] = outward, -outward
         columns[f"eyeLookUp{side}"], columns[f"eyeLookDown{side}"] = pitch, -pitch

@@ -11,45 +11,47 @@ from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 
 WIDTHS = {"rotation_vector": 3, "six_d": 6, "quaternion_xyzw": 4, "quaternion_wxyz": 4, "matrix": 9, "yaw_pitch": 2}
-EULER = "euler_"  # and three letters: capital ones turn with the body (XYZ), small ones about fixed axes
+EULER_PREFIX = "euler_"  # and three letters: capital ones turn with the body (XYZ), small ones about fixed axes
 
 
-def width_of(form: str) -> int:
+def rotation_width(rotation_format: str) -> int:
     """How many numbers a rotation of this form takes."""
-    letters = form.removeprefix(EULER)
+    letters = rotation_format.removeprefix(EULER_PREFIX)
     if (
-        form.startswith(EULER)
+        rotation_format.startswith(EULER_PREFIX)
         and sorted(letters.lower()) == ["x", "y", "z"]
         and (letters.isupper() or letters.islower())
     ):
         return 3
-    if form not in WIDTHS:
-        raise InputError(f"form: should be one of {', '.join(WIDTHS)} or {EULER}XYZ (any order), got {form!r}")
-    return WIDTHS[form]
+    if rotation_format not in WIDTHS:
+        raise InputError(
+            f"form: should be one of {', '.join(WIDTHS)} or {EULER_PREFIX}XYZ (any order), got {rotation_format!r}"
+        )
+    return WIDTHS[rotation_format]
 
 
-def as_vectors(values: Float[ndarray, "T C"], form: str) -> Float[ndarray, "T 3"]:
+def to_rotation_vectors(values: Float[ndarray, "T C"], rotation_format: str) -> Float[ndarray, "T 3"]:
     """Rotation vectors (radians). `six_d` is the first two rows of the matrix; angles are radians."""
-    if form == "rotation_vector":
+    if rotation_format == "rotation_vector":
         return np.asarray(values)
-    if form == "yaw_pitch":
-        return rotation.gaze_of_angles(values)
-    if form.startswith(EULER):
-        return np.asarray(Rotation.from_euler(form.removeprefix(EULER), values).as_rotvec())
-    if form == "six_d":
-        return rotation.vectors(_orthonormal(values))
-    if form == "matrix":
-        return rotation.vectors(values.reshape(-1, 3, 3))
-    return np.asarray(Rotation.from_quat(values, scalar_first=form == "quaternion_wxyz").as_rotvec())
+    if rotation_format == "yaw_pitch":
+        return rotation.angles_to_gaze(values)
+    if rotation_format.startswith(EULER_PREFIX):
+        return np.asarray(Rotation.from_euler(rotation_format.removeprefix(EULER_PREFIX), values).as_rotvec())
+    if rotation_format == "six_d":
+        return rotation.matrix_to_rotvec(_orthonormal(values))
+    if rotation_format == "matrix":
+        return rotation.matrix_to_rotvec(values.reshape(-1, 3, 3))
+    return np.asarray(Rotation.from_quat(values, scalar_first=rotation_format == "quaternion_wxyz").as_rotvec())
 
 
-def turns(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+def euler_yxz(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
     """Angles about +y, then the new +x, then the new +z (radians): yaw to the left, down, to the right shoulder."""
     return np.asarray(Rotation.from_rotvec(vectors).as_euler("YXZ"))
 
 
-def of_turns(angles_rad: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
-    """The inverse of `turns`."""
+def from_euler_yxz(angles_rad: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+    """The inverse of `euler_yxz`."""
     return np.asarray(Rotation.from_euler("YXZ", angles_rad).as_rotvec())
 
 
@@ -61,9 +63,9 @@ def quaternions(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 4"]:
     return np.asarray(found * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
-def composed(first: Float[ndarray, "T 3"], second: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
+def compose_rotations(first: Float[ndarray, "T 3"], second: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
     """The rotation vectors of R(first) R(second)."""
-    return rotation.vectors(rotation.matrices(first) @ rotation.matrices(second))
+    return rotation.matrix_to_rotvec(rotation.rotvec_to_matrix(first) @ rotation.rotvec_to_matrix(second))
 
 
 def _orthonormal(values: Float[ndarray, "T 6"]) -> Float[ndarray, "T 3 3"]:

@@ -14,22 +14,22 @@ from pathlib import Path
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny_data
-from talkingeyes.head.anny_build import NAME, build
-from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.head.anny_build import NAME, build_anny_head
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.head.eyelid.drive import with_eyelids
 from talkingeyes.head.model import HeadModel, load_head, save_head
 
-SOURCES = ("anny_build", "anny_data", "eyeball", "face_points", "model", "paint")
-LIDS = ("anatomy", "construction", "drive", "labels", "region")  # in eyelid/
+SOURCE_MODULES = ("anny_build", "anny_data", "eyeball", "face_points", "model", "paint")
+EYELID_SOURCES = ("anatomy", "construction", "drive", "labels", "region")  # in eyelid/
 
 
 @cache
-def open_head() -> HeadModel:
+def anny_head() -> HeadModel:
     """The open head, from the cache or built. Where nothing can be cached it is built each time."""
     path = cache_path()
     with contextlib.suppress(InputError):  # missing, or damaged since: built again
         return load_head(path)
-    model = with_eyelids(build(), Person())
+    model = with_eyelids(build_anny_head(), EyelidParameters())
     with contextlib.suppress(OSError):  # a folder that cannot be written costs a second, not the result
         path.parent.mkdir(parents=True, exist_ok=True)
         save_head(model, path)
@@ -41,6 +41,6 @@ def cache_path() -> Path:
     import platformdirs
 
     digest = hashlib.sha256(anny_data.data_version().encode())
-    for source in (*SOURCES, *(f"eyelid/{name}" for name in LIDS)):
+    for source in (*SOURCE_MODULES, *(f"eyelid/{name}" for name in EYELID_SOURCES)):
         digest.update((Path(__file__).parent / f"{source}.py").read_bytes())
     return Path(platformdirs.user_cache_dir("talkingeyes")) / f"{NAME}-{digest.hexdigest()[:12]}.npz"

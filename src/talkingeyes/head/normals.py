@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 def vertex_normals(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, "T V 3"]:
     """Unit normals that point out of faces seen counter-clockwise; zero at a vertex without faces."""
-    return summed(vertices, faces, incidence(faces, vertices.shape[1]))
+    return normals_from_incidence(vertices, faces, incidence(faces, vertices.shape[1]))
 
 
 def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
@@ -19,7 +19,9 @@ def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
     return csr_array((np.ones(faces.size, np.float32), (faces.ravel(), columns)), shape=(vertices, len(faces)))
 
 
-def summed(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"], around: csr_array) -> Float[ndarray, "T V 3"]:
+def normals_from_incidence(
+    vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"], around: csr_array
+) -> Float[ndarray, "T V 3"]:
     """`vertex_normals` with the incidence at hand."""
     first, second, third = (vertices[:, faces[:, corner]] for corner in range(3))
     of_faces = np.cross(second - first, third - first)

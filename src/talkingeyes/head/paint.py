@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from talkingeyes.head.face_points import from_front
+from talkingeyes.head.face_points import cast_from_front
 from talkingeyes.head.model import Landmarks
 from talkingeyes.head.normals import vertex_normals
 
@@ -26,7 +26,7 @@ SKIN, LIP, HAIR, LASH, WET = (
         (0.50, 0.20, 0.17),
     )
 )
-INSIDE = {
+INTERIOR_COLOURS = {
     "teeth": np.array([0.72, 0.68, 0.60]),
     "tongue": np.array([0.42, 0.14, 0.14]),
     "tissue": np.array([0.42, 0.16, 0.14]),
@@ -42,10 +42,10 @@ AMBIENT_REACH_M = 0.08
 
 
 @dataclass(frozen=True)
-class Brow:
+class BrowStrip:
     """A strip on the skin: the points under its vertices, its own triangles and colours."""
 
-    under: Landmarks
+    attachment: Landmarks
     faces: Int[ndarray, "F 3"]
     colours: Float[ndarray, "V 3"]
 
@@ -85,7 +85,9 @@ def _ear(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V
     return np.asarray((np.abs(x) > 71) & (y < 62) & (y > -10) & (z > -25))
 
 
-def brow(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], skin: Float[ndarray, "V 3"], sign: float) -> Brow:
+def build_brow(
+    vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], skin: Float[ndarray, "V 3"], sign: float
+) -> BrowStrip:
     """The left (sign 1) or right (-1) brow: dark along the middle line, the colour of the skin at the edge."""
     along = np.linspace(0, 1, BROW_COLUMNS)
     knots = np.linspace(0, 1, len(_BROW))
@@ -94,12 +96,12 @@ def brow(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], skin: Floa
     slope = np.gradient(y, x)
     lean = across[:, None] * half / np.hypot(1, slope)
     points = np.stack([sign * (x - slope * lean), y + lean], axis=-1).reshape(-1, 2) / 1000
-    hits = from_front(points, vertices, faces)
+    hits = cast_from_front(points, vertices, faces)
     ends = np.minimum(1, np.minimum(along / 0.12 + 0.15, (1 - along) / 0.1))
     depth = 0.92 * ((1 - across**2)[:, None] ** 0.5 * ends)
-    under = Landmarks((), faces[hits.face], hits.barycentric)
-    colours = _mixed(under.of(skin), HAIR * 1.4, np.clip(depth, 0, 1).ravel())
-    return Brow(under, _grid(BROW_ROWS, BROW_COLUMNS, sign), colours)
+    attachment = Landmarks((), faces[hits.face], hits.barycentric)
+    colours = _mixed(attachment.of(skin), HAIR * 1.4, np.clip(depth, 0, 1).ravel())
+    return BrowStrip(attachment, _grid(BROW_ROWS, BROW_COLUMNS, sign), colours)
 
 
 def ambient(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:

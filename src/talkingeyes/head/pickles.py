@@ -40,22 +40,22 @@ CHUMPY = (("chumpy.ch", "Ch"), ("chumpy", "Ch"))
 SPARSE = tuple((f"scipy.sparse{at}", f"{kind}_matrix") for kind in ("csc", "csr") for at in (f".{kind}", f"._{kind}"))
 
 
-class State:
+class PickledState:
     """Stands in for an object of a class that is not imported: keeps the state that the pickle gives it."""
 
     def __setstate__(self, state: Any) -> None:
         self.state = state if isinstance(state, dict) else {}
 
 
-class _Restricted(pickle.Unpickler):
+class _RestrictedUnpickler(pickle.Unpickler):
     """Resolves the names of the lists above, and no other."""
 
     def __init__(self, file: IO[bytes] | io.BytesIO) -> None:
         super().__init__(file, encoding="latin1")
         # A class of its own for every file: a hostile pickle can set attributes on what it is given.
-        self._chumpy = type("ChumpyValue", (State,), {})
-        self._sparse = type("SparseMatrix", (State,), {})
-        self._harmless: dict[tuple[str, str], Any] = {
+        self._chumpy = type("ChumpyValue", (PickledState,), {})
+        self._sparse = type("SparseMatrix", (PickledState,), {})
+        self._allowed: dict[tuple[str, str], Any] = {
             **dict.fromkeys(CHUMPY, self._chumpy),
             **dict.fromkeys(SPARSE, self._sparse),
             ("copyreg", "_reconstructor"): self._reconstructed,
@@ -66,26 +66,26 @@ class _Restricted(pickle.Unpickler):
         }
 
     def find_class(self, module: str, name: str) -> Any:
-        asked = (PYTHON2.get(module, module), name)
-        if asked in ARRAYS:
-            return super().find_class(asked[0].replace("numpy.core", "numpy._core"), name)
-        if asked not in self._harmless:
+        requested = (PYTHON2.get(module, module), name)
+        if requested in ARRAYS:
+            return super().find_class(requested[0].replace("numpy.core", "numpy._core"), name)
+        if requested not in self._allowed:
             raise pickle.UnpicklingError(f"it names {module}.{name}, which is not on the list of harmless names")
-        return self._harmless[asked]
+        return self._allowed[requested]
 
-    def _reconstructed(self, kind: type, _parent: type, _state: Any) -> State:
+    def _reconstructed(self, kind: type, _parent: type, _state: Any) -> PickledState:
         if kind not in (self._chumpy, self._sparse):
             raise pickle.UnpicklingError(f"it rebuilds {kind.__name__} in a way that no model file does")
-        return State.__new__(kind)
+        return PickledState.__new__(kind)
 
 
-class _Tensors(_Restricted):
+class _TensorUnpickler(_RestrictedUnpickler):
     """Knows torch's tensors too, and makes arrays of them."""
 
     def __init__(self, file: io.BytesIO, memory: Callable[[str], bytes]) -> None:
         super().__init__(file)
         self._memory = memory
-        self._harmless |= {
+        self._allowed |= {
             **{("torch", f"{name}Storage"): np.dtype(kind) for name, kind in STORAGES.items()},
             ("torch._utils", "_rebuild_tensor_v2"): _tensor,
             ("torch._utils", "_rebuild_parameter"): lambda data, *_: data,
@@ -113,7 +113,7 @@ def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
     try:
         with path.open("rb") as file:
             file.seek(skip_bytes)
-            return _loaded(path, _Restricted(file))
+            return _loaded(path, _RestrictedUnpickler(file))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
@@ -122,10 +122,10 @@ def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
 
 def read_tensors(path: Path, pickled: bytes, memory: Callable[[str], bytes]) -> Any:
     """The same for the pickle in a file that torch saved; `memory` gives the bytes of a tensor's storage."""
-    return _loaded(path, _Tensors(io.BytesIO(pickled), memory))
+    return _loaded(path, _TensorUnpickler(io.BytesIO(pickled), memory))
 
 
-def _loaded(path: Path, reader: _Restricted) -> Any:
+def _loaded(path: Path, reader: _RestrictedUnpickler) -> Any:
     try:
         return reader.load()
     except (EOFError, pickle.UnpicklingError) as error:
@@ -136,7 +136,7 @@ def _loaded(path: Path, reader: _Restricted) -> Any:
 
 def as_array(value: Any) -> ndarray:
     """The array in what `read_pickle` gave: an array itself, a chumpy value, a sparse matrix (made dense)."""
-    if isinstance(value, State):
+    if isinstance(value, PickledState):
         state = value.state
         if "x" in state:
             return as_array(state["x"])

@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.drive import motion_names
+from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.head.model import HeadModel
 
 RIDGE = 1e-3  # of the mean square of the target's displacements: keeps weights small where shapes overlap
@@ -27,7 +27,7 @@ PUPIL_DISTANCE_M = 0.063
 
 
 @dataclass(frozen=True)
-class Similarity:
+class SimilarityTransform:
     """target point = scale * source point + shift (heads look the same way, so nothing turns)."""
 
     scale: float
@@ -47,22 +47,22 @@ class ExpressionMap:
     target_names: tuple[str, ...]
     weights: Float[ndarray, "S T"]
     points: int
-    shown: Float[ndarray, "S C"]  # the displacements of the points that the source asks for, in the target's size
-    missed: Float[ndarray, "S C"]  # and those that the target does not give
+    requested: Float[ndarray, "S C"]  # the displacements of the points that the source asks for, in the target's size
+    residual: Float[ndarray, "S C"]  # and those that the target does not give
 
     @property
     def error_mm(self) -> Float[ndarray, " S"]:
         """Root mean square over the points, of each source shape at weight 1."""
-        return _rms_mm(self.missed)
+        return _rms_mm(self.residual)
 
     @property
-    def asked_mm(self) -> Float[ndarray, " S"]:
+    def requested_mm(self) -> Float[ndarray, " S"]:
         """How far each source shape moves the points, for comparison."""
-        return _rms_mm(self.shown)
+        return _rms_mm(self.requested)
 
     def motion_error_mm(self, motion: Motion) -> float:
         """Root mean square over points and frames of a motion of the source."""
-        return float(np.sqrt((_rms_mm(self._weights_of(motion) @ self.missed) ** 2).mean()))
+        return float(np.sqrt((_rms_mm(self._weights_of(motion) @ self.residual) ** 2).mean()))
 
     def motion(self, motion: Motion) -> Motion:
         """The motion for the target. Raises InputError if it was not made for the source."""
@@ -82,10 +82,10 @@ class ExpressionMap:
 
 def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
     """How the target shows the expressions of the source. Raises InputError if their faces do not correspond."""
-    lay = overlay(source, target)
-    here, there = corresponding(source, target, lay)
-    source_names, target_names = motion_names(source), motion_names(target)
-    asked = lay.scale * _displacements(source, source_names, here)
+    alignment = align_heads(source, target)
+    here, there = corresponding_vertices(source, target, alignment)
+    source_names, target_names = expression_shape_names(source), expression_shape_names(target)
+    asked = alignment.scale * _displacements(source, source_names, here)
     given = _displacements(target, target_names, there)
     gram = given @ given.T
     ridge = RIDGE * np.trace(gram) / max(len(gram), 1)
@@ -97,26 +97,26 @@ def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
         target_names=target_names,
         weights=weights,
         points=len(here),
-        shown=asked,
-        missed=asked - weights @ given,
+        requested=asked,
+        residual=asked - weights @ given,
     )
 
 
-def overlay(source: HeadModel, target: HeadModel) -> Similarity:
+def align_heads(source: HeadModel, target: HeadModel) -> SimilarityTransform:
     """Scale by the distance of the eyes; shift by eyes and jaw, or by the landmarks that both heads have."""
     scale = _eye_distance_m(target) / _eye_distance_m(source)
     shared = [name for name in source.landmarks.names if name in target.landmarks.names]
     if len(shared) < 3:
-        return Similarity(scale, (target.joints[2:] - scale * source.joints[2:]).mean(axis=0))
+        return SimilarityTransform(scale, (target.joints[2:] - scale * source.joints[2:]).mean(axis=0))
     places = [
         head.landmarks.of(head.template)[[head.landmarks.names.index(name) for name in shared]]
         for head in (source, target)
     ]
-    return Similarity(scale, (places[1] - scale * places[0]).mean(axis=0))
+    return SimilarityTransform(scale, (places[1] - scale * places[0]).mean(axis=0))
 
 
-def corresponding(
-    source: HeadModel, target: HeadModel, lay: Similarity
+def corresponding_vertices(
+    source: HeadModel, target: HeadModel, alignment: SimilarityTransform
 ) -> tuple[Int[ndarray, " K"], Int[ndarray, " K"]]:
     """Vertices of the source's face, and for each the vertex of the target's skin that lies nearest to it."""
     from scipy.spatial import cKDTree
@@ -128,7 +128,7 @@ def corresponding(
     face = skin[(np.linalg.norm(out, axis=1) < FACE_RADIUS_M * scale) & (out[:, 2] > -0.02 * scale)]
     if not len(face) or not len(goal):
         raise InputError(f"heads {source.name} and {target.name}: should both have a face, got {len(face)} points")
-    distance, nearest = cKDTree(target.template[goal]).query(lay(source.template[face]))
+    distance, nearest = cKDTree(target.template[goal]).query(alignment(source.template[face]))
     near = distance < NEAR_M * _eye_distance_m(target) / PUPIL_DISTANCE_M
     if near.sum() < 30:
         raise InputError(

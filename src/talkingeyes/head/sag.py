@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.rotation import matrices
+from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.model import HeadModel
 
@@ -66,7 +66,7 @@ class FaceSurface:
         weights[:, [self.model.shape(name) for name in motion.expression_names]] = motion.expression
         for name, column in shape_weights(self.model, ahead, open_lids, motion.jaw).items():
             weights[:, self.model.shape(name)] += column
-        towards = np.einsum("tij,i->tj", matrices(head), DOWN) - DOWN
+        towards = np.einsum("tij,i->tj", rotvec_to_matrix(head), DOWN) - DOWN
         return np.concatenate([weights, towards], axis=1)
 
     def shapes(self, factors: Float[ndarray, "T K"]) -> Float[ndarray, "T V 3"]:

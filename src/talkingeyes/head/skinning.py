@@ -27,26 +27,28 @@ def pose_vertices(
     identity: Float[Tensor, "B I"] | None = None,
 ) -> Float[Tensor, "B V 3"]:
     """The vertices of poses; `expression` weighs all shapes of the model, lids and jaw among them (`drive.pose_of`)."""
-    turns = rotation_matrices(torch.cat([torch.zeros_like(head)[:, None], head[:, None], jaw[:, None], gaze], dim=1))
-    rest = blended(_tensor(model.template, head), _tensor(model.expression, head), expression)
+    joint_rotations = rotation_matrices(
+        torch.cat([torch.zeros_like(head)[:, None], head[:, None], jaw[:, None], gaze], dim=1)
+    )
+    rest = add_blend_shapes(_tensor(model.template, head), _tensor(model.expression, head), expression)
     joints = _tensor(model.joints, head).expand(len(head), 5, 3)
     if identity is not None:
-        rest = blended(rest, _tensor(model.identity, head), identity)
-        joints = blended(joints, _tensor(model.identity_joints, head), identity)
+        rest = add_blend_shapes(rest, _tensor(model.identity, head), identity)
+        joints = add_blend_shapes(joints, _tensor(model.identity_joints, head), identity)
     if len(model.correctives):
-        bent = (turns[:, 1:] - torch.eye(3, dtype=head.dtype, device=head.device)).flatten(1)
-        rest = blended(rest, _tensor(model.correctives, head), bent)
-    return skinned(rest, joints, turns, _tensor(model.weights, head)) + translation[:, None]
+        bent = (joint_rotations[:, 1:] - torch.eye(3, dtype=head.dtype, device=head.device)).flatten(1)
+        rest = add_blend_shapes(rest, _tensor(model.correctives, head), bent)
+    return linear_blend_skinning(rest, joints, joint_rotations, _tensor(model.weights, head)) + translation[:, None]
 
 
-def posed(model: HeadModel, pose: Pose) -> Float[ndarray, "T V 3"]:
+def posed_vertices(model: HeadModel, pose: Pose) -> Float[ndarray, "T V 3"]:
     """`pose_vertices` for arrays, in single precision."""
     with torch.no_grad():
         arrays = (pose.expression, pose.head, pose.jaw, pose.gaze, pose.translation)
         return np.asarray(pose_vertices(model, *(torch.from_numpy(array.astype(np.float32)) for array in arrays)))
 
 
-def blended(
+def add_blend_shapes(
     rest: Float[Tensor, "*B V 3"], shapes: Float[Tensor, "K V 3"], amounts: Float[Tensor, "B K"]
 ) -> Float[Tensor, "B V 3"]:
     """`rest` plus the shapes by their amounts."""
@@ -54,18 +56,18 @@ def blended(
     return rest + moved
 
 
-def skinned(
+def linear_blend_skinning(
     rest: Float[Tensor, "B V 3"],
     joints: Float[Tensor, "B 5 3"],
-    turns: Float[Tensor, "B 5 3 3"],
+    joint_rotations: Float[Tensor, "B 5 3 3"],
     weights: Float[Tensor, "V 5"],
 ) -> Float[Tensor, "B V 3"]:
     """Linear blend skinning: each vertex goes with the weighted mean of what its joints do."""
-    turned, moved = [turns[:, 0]], [joints[:, 0]]
+    turned, moved = [joint_rotations[:, 0]], [joints[:, 0]]
     for joint, parent in list(enumerate(PARENTS))[1:]:
         offset = joints[:, joint] - joints[:, parent]
         moved.append(moved[parent] + (turned[parent] @ offset[..., None])[..., 0])
-        turned.append(turned[parent] @ turns[:, joint])
+        turned.append(turned[parent] @ joint_rotations[:, joint])
     turn = torch.stack(turned, dim=1)
     shift = torch.stack(moved, dim=1) - (turn @ joints[..., None])[..., 0]
     blend = torch.einsum("vj,bjk->bvk", weights, torch.cat([turn.flatten(2), shift], dim=2))

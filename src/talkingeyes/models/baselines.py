@@ -29,7 +29,7 @@ class BaselineSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Bank:
+class MotionBank:
     """Training motions end to end: clip i is frames starts[i] to starts[i + 1]; `features` describe its sound.
 
     `features` are means and standard deviations of the standardised speech embedding over the clip.
@@ -39,7 +39,7 @@ class Bank:
     motion: Float[ndarray, "F N"]
     features: Float[ndarray, "M D"]
 
-    def longest(self) -> int:
+    def max_frames(self) -> int:
         """Frames of the longest clip."""
         return int(np.diff(self.starts).max())
 
@@ -52,50 +52,50 @@ class BaselineMotion:
     gaze: Float[ndarray, "B T 2 3"]
 
 
-def describe(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
+def mean_and_std(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
     """What Similar Sample compares of a sound."""
     return np.concatenate([standardised.mean(0), standardised.std(0)]).astype(np.float32)
 
 
-def bank_of(
+def build_bank(
     speech: Sequence[Float[ndarray, "T C"]],
     head: Sequence[Float[ndarray, "T 3"]],
     gaze: Sequence[Float[ndarray, "T 2 3"]],
-) -> Bank:
+) -> MotionBank:
     """A bank of training clips; `speech` is standardised."""
-    return bank_of_motions(
+    return build_motion_bank(
         speech, [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
     )
 
 
-def bank_of_motions(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence[Float[ndarray, "T M"]]) -> Bank:
+def build_motion_bank(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence[Float[ndarray, "T M"]]) -> MotionBank:
     """A bank of any numbers a frame; a bank of faces is made of expression and jaw."""
-    return Bank(
+    return MotionBank(
         starts=np.cumsum([0, *map(len, motions)]),
         motion=np.concatenate(motions).astype(np.float32),
-        features=np.stack([describe(each) for each in speech]),
+        features=np.stack([mean_and_std(each) for each in speech]),
     )
 
 
 def generate(
-    settings: BaselineSettings, bank: Bank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
+    settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> BaselineMotion:
     """Head and gaze for a sound, a seed each."""
-    motion = draw(settings, bank, standardised, seeds)
+    motion = sample_bank(settings, bank, standardised, seeds)
     return BaselineMotion(motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
 
 
-def draw(
-    settings: BaselineSettings, bank: Bank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
+def sample_bank(
+    settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> Float[ndarray, "B T M"]:
     """Rows of the bank for a sound, a seed each. Frames beyond the longest training clip hold its last pose."""
     frames = len(standardised)
-    return np.stack([_rows(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds])
+    return np.stack([_sample_one(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds])
 
 
-def _rows(
+def _sample_one(
     settings: BaselineSettings,
-    bank: Bank,
+    bank: MotionBank,
     standardised: Float[ndarray, "T C"],
     frames: int,
     random: np.random.Generator,
@@ -103,11 +103,11 @@ def _rows(
     if settings.kind == "mean":
         return np.repeat(bank.motion.mean(0, keepdims=True), frames, axis=0)
     lengths = np.diff(bank.starts)
-    enough = np.flatnonzero(lengths >= min(frames, lengths.max()))
+    candidates = np.flatnonzero(lengths >= min(frames, lengths.max()))
     if settings.kind == "similar":
-        distance = np.linalg.norm(bank.features[enough] - describe(standardised), axis=1)
-        enough = enough[np.argsort(distance, kind="stable")[: settings.neighbours]]
-    clip = int(random.choice(enough))
+        distance = np.linalg.norm(bank.features[candidates] - mean_and_std(standardised), axis=1)
+        candidates = candidates[np.argsort(distance, kind="stable")[: settings.neighbours]]
+    clip = int(random.choice(candidates))
     source = bank.motion[bank.starts[clip] : bank.starts[clip + 1]]
     if settings.kind == "random":
         offset = int(random.integers(max(len(source) - frames, 0) + 1))

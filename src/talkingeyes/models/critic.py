@@ -26,9 +26,9 @@ from torch.nn import functional
 from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.core.settings import Settings
 
-PARTS = ("eyes", "space", "head")
+CRITIC_PARTS = ("eyes", "space", "head")
 # What a mirror image does to the angles of each part.
-MIRROR = {"eyes": (1.0, -1.0), "space": (-1.0, 1.0), "head": (1.0, -1.0, -1.0)}
+MIRROR_SIGNS = {"eyes": (1.0, -1.0), "space": (-1.0, 1.0), "head": (1.0, -1.0, -1.0)}
 
 
 class CriticNetworkSettings(Settings):
@@ -57,16 +57,16 @@ class Tower(nn.Module):
     def __init__(self, channels: int, settings: CriticNetworkSettings) -> None:
         super().__init__()
         width, kernel = settings.width, settings.kernel
-        self.enter = nn.Conv1d(channels, width, 1)
+        self.input_projection = nn.Conv1d(channels, width, 1)
         self.layers = nn.ModuleList(nn.Conv1d(width, width, kernel, padding="same") for _ in range(settings.layers))
         self.dropout = nn.Dropout(settings.dropout)
-        self.leave = nn.Conv1d(width, settings.features, 1)
+        self.output_projection = nn.Conv1d(width, settings.features, 1)
 
     def forward(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B N F"]:
-        hidden = self.enter(self.dropout(steps.transpose(1, 2)))
+        hidden = self.input_projection(self.dropout(steps.transpose(1, 2)))
         for layer in self.layers:
             hidden = hidden + functional.gelu(layer(self.dropout(hidden)))
-        features: Tensor = self.leave(self.dropout(hidden))
+        features: Tensor = self.output_projection(self.dropout(hidden))
         return features.transpose(1, 2)
 
 
@@ -101,9 +101,9 @@ class Critic(nn.Module):
         self.motion_tower = Tower(motion_angles + 3, settings)
         self.log_scale = nn.Parameter(torch.zeros(()))  # of InfoNCE; Corr. does not use it
 
-    def speech(self, heard: Float[Tensor, "B T H"]) -> Float[Tensor, "B N F"]:
+    def speech(self, speech_features: Float[Tensor, "B T H"]) -> Float[Tensor, "B N F"]:
         """Features of windows of the channels heard, without their mean over the window, which tells who speaks."""
-        standard = (self._steps(heard).mean(dim=2) - self.speech_mean) / self.speech_std
+        standard = (self._steps(speech_features).mean(dim=2) - self.speech_mean) / self.speech_std
         features: Tensor = self.speech_tower(standard - standard.mean(dim=1, keepdim=True))
         return features
 
@@ -112,9 +112,9 @@ class Critic(nn.Module):
         centred = angles - angles.median(dim=1, keepdim=True).values
         speed = functional.pad(angles.diff(dim=1).norm(dim=-1), (1, 0))
         pose = self._steps(centred).mean(dim=2) / self.motion_scale[0]
-        pace = self._steps(speed[..., None] / self.motion_scale[1])
+        speed_steps = self._steps(speed[..., None] / self.motion_scale[1])
         away = pose.norm(dim=-1, keepdim=True)
-        channels = [pose, away, torch.log1p(pace.mean(dim=2)), torch.log1p(pace.amax(dim=2))]
+        channels = [pose, away, torch.log1p(speed_steps.mean(dim=2)), torch.log1p(speed_steps.amax(dim=2))]
         features: Tensor = self.motion_tower(torch.cat(channels, dim=-1))
         return features
 

@@ -20,16 +20,16 @@ from numpy import ndarray
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.kinematics import eye_speed_deg_s, head_speed_deg_s, space_speed_deg_s
-from talkingeyes.core.rotation import angles_of_gaze, gaze_in_space
+from talkingeyes.core.kinematics import eye_speed_deg_s, gaze_in_space_speed_deg_s, head_speed_deg_s
+from talkingeyes.core.rotation import gaze_in_space, gaze_to_angles
 from talkingeyes.core.settings import Settings
 
 # Yaw and pitch of gaze in space and of eye-in-head and the head's rotation vector; then speeds, mean and peak.
-ANGLES = 2 + 2 + 3
-SLOW_DEG_S = 1.0  # speeds below count as none: they are noise of trackers
+ANGLE_COUNT = 2 + 2 + 3
+SPEED_FLOOR_DEG_S = 1.0  # speeds below count as none: they are noise of trackers
 
 
-class AutoencoderSettings(Settings):
+class MotionAutoencoderSettings(Settings):
     """Its size."""
 
     step_frames: Annotated[int, Field(gt=0)]
@@ -38,16 +38,21 @@ class AutoencoderSettings(Settings):
     kl_weight: Annotated[float, Field(gt=0)]  # of eq. 10 of Kingma & Welling, a described number
 
 
-def described(
+def window_features(
     head: Float[ndarray, "B T 3"], gaze: Float[ndarray, "B T 2 3"], fps: float, step_frames: int
 ) -> Float[ndarray, "B N 13"]:
     """Steps of windows: mean angles (degrees) and logarithms of mean and peak speed (degrees a second)."""
-    poses = [gaze_in_space(head, gaze).mean(axis=-2), angles_of_gaze(gaze).mean(axis=-2), head]
-    speeds = [space_speed_deg_s(head, gaze, fps), eye_speed_deg_s(gaze, fps), head_speed_deg_s(head, fps)]
+    poses = [gaze_in_space(head, gaze).mean(axis=-2), gaze_to_angles(gaze).mean(axis=-2), head]
+    speeds = [gaze_in_space_speed_deg_s(head, gaze, fps), eye_speed_deg_s(gaze, fps), head_speed_deg_s(head, fps)]
     pose = _steps(np.degrees(np.concatenate(poses, axis=-1)), step_frames)
-    pace = _steps(np.pad(np.stack(speeds, axis=-1), ((0, 0), (1, 0), (0, 0)), mode="edge"), step_frames)
+    speed_steps = _steps(np.pad(np.stack(speeds, axis=-1), ((0, 0), (1, 0), (0, 0)), mode="edge"), step_frames)
     return np.concatenate(
-        [pose.mean(axis=2), np.log(pace.mean(axis=2) + SLOW_DEG_S), np.log(pace.max(axis=2) + SLOW_DEG_S)], axis=-1
+        [
+            pose.mean(axis=2),
+            np.log(speed_steps.mean(axis=2) + SPEED_FLOOR_DEG_S),
+            np.log(speed_steps.max(axis=2) + SPEED_FLOOR_DEG_S),
+        ],
+        axis=-1,
     )
 
 
@@ -73,7 +78,7 @@ class MotionAutoencoder(nn.Module):
     error_std: Tensor
 
     def __init__(
-        self, settings: AutoencoderSettings, steps: int, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]
+        self, settings: MotionAutoencoderSettings, steps: int, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]
     ) -> None:
         """`steps` a window; `mean` and `std` of the channels over the train split."""
         super().__init__()
@@ -94,7 +99,7 @@ class MotionAutoencoder(nn.Module):
         """Channels of mean 0 and deviation 1."""
         return (steps - self.mean) / self.std
 
-    def scale_errors(self, steps: Float[Tensor, "B N C"]) -> None:
+    def fit_error_statistics(self, steps: Float[Tensor, "B N C"]) -> None:
         """Take the statistics of reconstruction errors from these windows; once, when it is trained."""
         errors = self._errors(steps, self._code_mean(steps))
         self.error_mean.copy_(errors.mean(dim=0))
@@ -112,12 +117,12 @@ class MotionAutoencoder(nn.Module):
     def _errors(self, steps: Float[Tensor, "B N C"], mean: Float[Tensor, "B L"]) -> Float[Tensor, "B 2"]:
         """Logarithms of the mean squared errors of angles and of speeds."""
         square = (self.decoder(mean).reshape(steps.shape) - self.standardised(steps)).square().mean(dim=1)
-        return torch.stack([square[:, :ANGLES].mean(dim=1), square[:, ANGLES:].mean(dim=1)], dim=1).log()
+        return torch.stack([square[:, :ANGLE_COUNT].mean(dim=1), square[:, ANGLE_COUNT:].mean(dim=1)], dim=1).log()
 
     def forward(self, steps: Float[Tensor, "B N C"], noise: Float[Tensor, "B D"]) -> Reconstruction:
         """`noise`: standard normal, 0 for the mean."""
         mean, log_variance = self.encoder(self.standardised(steps).flatten(1)).chunk(2, dim=1)
         log_variance = log_variance.clamp(-10.0, 4.0)
-        back: Tensor = self.decoder(mean + noise * torch.exp(0.5 * log_variance))
+        reconstructed: Tensor = self.decoder(mean + noise * torch.exp(0.5 * log_variance))
         divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(dim=1)
-        return Reconstruction(back.reshape(steps.shape), divergence)
+        return Reconstruction(reconstructed.reshape(steps.shape), divergence)

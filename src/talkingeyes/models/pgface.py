@@ -19,18 +19,18 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
 
 
 class PGFaceNetworkSettings(Settings):
     """Size of the network, and its losses."""
 
-    speech: SpeechSettings
+    speech: SpeechProjectionSettings
     width: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # Frames of a window, and the one of them whose shape is told, counted from 1 (the paper: 16 and 8).
     window: Annotated[int, Field(gt=1)]
-    told: Annotated[int, Field(gt=0)]
+    output_frame: Annotated[int, Field(gt=0)]
     coefficients: Annotated[int, Field(gt=0)]
     # m of eq. 7 on the lower face; 1 elsewhere.
     mask: Annotated[float, Field(ge=1)]
@@ -44,34 +44,34 @@ class PGFace(nn.Module):
 
     mean: Tensor
     basis: Tensor
-    weighed: Tensor
+    weighted_gram: Tensor
     pose_scale: Tensor
 
     def __init__(self, settings: PGFaceNetworkSettings, channels: Sequence[str], vertices: int) -> None:
         super().__init__()
         self.settings = settings
         count, width = settings.coefficients, settings.width
-        self.speech = SpeechInput(settings.speech, channels)
-        self.enter = nn.Linear(settings.speech.width + 6, width)
+        self.speech = SpeechProjection(settings.speech, channels)
+        self.input_projection = nn.Linear(settings.speech.width + 6, width)
         self.convolutions = nn.ModuleList(nn.Conv1d(width, width, 3, padding=1) for _ in range(2))
         self.drop = nn.Dropout(settings.dropout)
         self.out = nn.Linear(width * settings.window, count)
         self.register_buffer("mean", torch.zeros(vertices, 3))
         self.register_buffer("basis", torch.zeros(count, vertices, 3))
-        self.register_buffer("weighed", torch.eye(count))
+        self.register_buffer("weighted_gram", torch.eye(count))
         self.register_buffer("pose_scale", torch.ones(6))
 
-    def learn_basis(self, mean: Float[Tensor, "V 3"], basis: Float[Tensor, "K V 3"], lower: Tensor) -> None:
+    def set_basis(self, mean: Float[Tensor, "V 3"], basis: Float[Tensor, "K V 3"], lower: Tensor) -> None:
         """Take the basis, and the quadratic form that stands for the masked sum over vertices (square millimetres)."""
         self.mean.copy_(mean)
         self.basis.copy_(basis)
         mask = torch.where(lower, self.settings.mask, 1.0)[:, None]
         masked = (1000.0 * basis * mask).flatten(1)
-        self.weighed.copy_(masked @ masked.T / (3 * len(mean)))
+        self.weighted_gram.copy_(masked @ masked.T / (3 * len(mean)))
 
     def forward(self, speech: Float[Tensor, "B W C"], pose: Float[Tensor, "B W 6"]) -> Float[Tensor, "B K"]:
         """Coefficients of the frame that is told of each window."""
-        h = self.enter(torch.cat([self.speech(speech), pose / self.pose_scale], dim=-1)).transpose(1, 2)
+        h = self.input_projection(torch.cat([self.speech(speech), pose / self.pose_scale], dim=-1)).transpose(1, 2)
         for convolution in self.convolutions:
             h = h + self.drop(functional.leaky_relu(convolution(h), 0.2))
         coefficients: Tensor = self.out(h.flatten(1))
@@ -81,20 +81,20 @@ class PGFace(nn.Module):
         """Vertices in head coordinates."""
         return self.mean + torch.einsum("bk,kvc->bvc", coefficients, self.basis)
 
-    def squared(self, difference: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
+    def masked_squared_error(self, difference: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
         """Eq. 7 of a difference: the masked square, mean over vertices and their coordinates."""
-        return torch.einsum("bk,kl,bl->b", difference, self.weighed, difference).mean()
+        return torch.einsum("bk,kl,bl->b", difference, self.weighted_gram, difference).mean()
 
-    def terms(
+    def loss_terms(
         self,
-        made: Float[Tensor, "B K"],
+        generated: Float[Tensor, "B K"],
         true: Float[Tensor, "B K"],
-        made_next: Float[Tensor, "B K"],
+        generated_next: Float[Tensor, "B K"],
         true_next: Float[Tensor, "B K"],
     ) -> dict[str, Tensor]:
         """Eq. 8 and its two terms."""
-        shape = self.squared(true - made)
-        motion = self.squared((true_next - true) - (made_next - made))
+        shape = self.masked_squared_error(true - generated)
+        motion = self.masked_squared_error((true_next - true) - (generated_next - generated))
         return {
             "total": self.settings.shape * shape + self.settings.motion * motion,
             "shape": shape,

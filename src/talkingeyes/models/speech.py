@@ -19,7 +19,7 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 
 
-class SpeechSettings(Settings):
+class SpeechProjectionSettings(Settings):
     """Size of the projection."""
 
     # Channels of the embedding that are heard; null: all; none of them: the model is deaf, its features constant.
@@ -32,33 +32,35 @@ class SpeechSettings(Settings):
     channel_dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
-class CausalSpeechSettings(SpeechSettings):
-    """A projection for streams: it hears the past and no more than `ahead` frames of what comes."""
+class CausalSpeechProjectionSettings(SpeechProjectionSettings):
+    """A projection for streams: it hears the past and no more than `lookahead` frames of what comes."""
 
-    ahead: Annotated[int, Field(ge=0)]
+    lookahead: Annotated[int, Field(ge=0)]
 
 
-class SpeechInput(nn.Module):
+class SpeechProjection(nn.Module):
     """Speech features a frame from an embedding of C named channels."""
 
-    heard: Tensor
+    channel_indices: Tensor
     mean: Tensor
     std: Tensor
 
-    def __init__(self, settings: SpeechSettings, names: Sequence[str]) -> None:
+    def __init__(self, settings: SpeechProjectionSettings, names: Sequence[str]) -> None:
         """Raises InputError if a channel of the settings is not among the names."""
         super().__init__()
         chosen = tuple(names) if settings.channels is None else settings.channels
         strange = [name for name in chosen if name not in names]
         if strange:
             raise InputError(f"speech.channels: should be channels of the embedding, got {', '.join(strange)}")
-        self.register_buffer("heard", torch.tensor([list(names).index(name) for name in chosen], dtype=torch.long))
+        self.register_buffer(
+            "channel_indices", torch.tensor([list(names).index(name) for name in chosen], dtype=torch.long)
+        )
         self.register_buffer("mean", torch.zeros(len(names)))
         self.register_buffer("std", torch.ones(len(names)))
         self.drop = nn.Dropout1d(settings.channel_dropout)
         size = (max(len(chosen), 1), settings.width, settings.layers, settings.dropout)
-        ahead = settings.ahead if isinstance(settings, CausalSpeechSettings) else None
-        self.stack = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
+        lookahead = settings.lookahead if isinstance(settings, CausalSpeechProjectionSettings) else None
+        self.stack = ConvolutionStack(*size) if lookahead is None else CausalConvolutionStack(*size, lookahead)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
         """Set the statistics of the train split; channels that never vary are left at zero."""
@@ -67,11 +69,11 @@ class SpeechInput(nn.Module):
 
     def forward(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T S"]:
         """Projected features."""
-        features: Tensor = self.stack(self.drop(self.standard(embedding).transpose(1, 2)).transpose(1, 2))
+        features: Tensor = self.stack(self.drop(self.standardise(embedding).transpose(1, 2)).transpose(1, 2))
         return features
 
-    def standard(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
+    def standardise(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
         """The channels that are heard, in units of their standard deviations; of a deaf model, one of zeros."""
-        if not len(self.heard):
+        if not len(self.channel_indices):
             return torch.zeros_like(embedding[..., :1])
-        return ((embedding - self.mean) / self.std)[..., self.heard]
+        return ((embedding - self.mean) / self.std)[..., self.channel_indices]

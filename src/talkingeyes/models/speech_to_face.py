@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
-from talkingeyes.models.face.generator import FACE_GENERATORS, FaceGenerator, FacePartSettings
+from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSettings, FaceGenerator
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
 
 
 class SpeechToFaceSettings(Settings):
@@ -28,12 +28,12 @@ class SpeechToFaceSettings(Settings):
     parts: tuple[Literal["face"], ...]
     # The pretrained motion autoencoder that the generator needs; null: none.
     prior: str | None
-    speech: SpeechSettings
+    speech: SpeechProjectionSettings
     # What of the style is told; none: the paper's ablation.
     style: tuple[StyleInput, ...]
     # Share of the windows whose speaker is the mean of all in training, so that a stranger has a style.
     speaker_dropout: Annotated[float, Field(ge=0, lt=1)]
-    face: FacePartSettings
+    face: FaceComponentSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
     # Temperatures to choose from on val; one: taken as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
@@ -53,45 +53,47 @@ class FaceBatch:
 
 
 class SpeechToFace(nn.Module):
-    """The whole model. `temperature` is chosen on val after training; faces stay between `lowest` and `highest`."""
+    """The whole model. `temperature` is chosen on val after training; faces stay between `min_face` and `max_face`."""
 
     temperature: Tensor
-    lowest: Tensor
-    highest: Tensor
-    told: Tensor
+    min_face: Tensor
+    max_face: Tensor
+    style_columns: Tensor
 
     def __init__(
         self,
         settings: SpeechToFaceSettings,
         channels: Sequence[str],
         vocabulary: StyleVocabulary,
-        numbers: int,
+        face_dim: int,
         prior: FaceAutoencoder | None,
     ) -> None:
         super().__init__()
         self.settings, self.speakers = settings, len(vocabulary.speakers)
-        self.speech = SpeechInput(settings.speech, channels)
+        self.speech = SpeechProjection(settings.speech, channels)
         columns = vocabulary.columns(settings.style)
-        self.register_buffer("told", torch.tensor(columns, dtype=torch.long))
+        self.register_buffer("style_columns", torch.tensor(columns, dtype=torch.long))
         self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
         if self.style is not None:
             nn.init.ones_(self.style.bias)  # training starts from speech as it is
-        self.face: FaceGenerator = FACE_GENERATORS.make(settings.face, settings.speech.width, numbers, prior)
+        self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, prior)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
-        self.register_buffer("lowest", torch.full((numbers,), -torch.inf))
-        self.register_buffer("highest", torch.full((numbers,), torch.inf))
+        self.register_buffer("min_face", torch.full((face_dim,), -torch.inf))
+        self.register_buffer("max_face", torch.full((face_dim,), torch.inf))
 
-    def bound_by(self, lowest: Float[Tensor, " F"], highest: Float[Tensor, " F"]) -> None:
+    def set_range(self, min_face: Float[Tensor, " F"], max_face: Float[Tensor, " F"]) -> None:
         """Take how far each number goes in the train split."""
-        self.lowest.copy_(lowest)
-        self.highest.copy_(highest)
+        self.min_face.copy_(min_face)
+        self.max_face.copy_(max_face)
 
-    def terms(self, batch: FaceBatch) -> dict[str, Tensor]:
+    def loss_terms(self, batch: FaceBatch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
         batch = batch.to(self.temperature.device)
-        terms = self.face.terms(self._fused(batch.speech, self._with_strangers(batch.style)), batch.face)
-        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
-        return {"total": total, **terms}  # type: ignore[dict-item]
+        loss_terms = self.face.loss_terms(
+            self._stylised_speech(batch.speech, self._drop_speakers(batch.style)), batch.face
+        )
+        total = sum(weight * loss_terms[name] for name, weight in self.settings.weights.items())
+        return {"total": total, **loss_terms}  # type: ignore[dict-item]
 
     @torch.no_grad()
     def generate(
@@ -103,15 +105,17 @@ class SpeechToFace(nn.Module):
     ) -> Float[Tensor, "B T F"]:
         """Faces of one speech under one course of style (a vector for all frames, or one each), a seed each."""
         device = self.temperature.device
-        fused = self._fused(embedding[None].to(device), style[None].to(device))
+        fused = self._stylised_speech(embedding[None].to(device), style[None].to(device))
         chosen = float(self.temperature) if temperature is None else temperature
-        return self.face.sample(fused, seeds, chosen).clamp(self.lowest, self.highest)
+        return self.face.sample(fused, seeds, chosen).clamp(self.min_face, self.max_face)
 
-    def _fused(self, embedding: Float[Tensor, "B T C"], style: Float[Tensor, "B U D"]) -> Float[Tensor, "B T S"]:
+    def _stylised_speech(
+        self, embedding: Float[Tensor, "B T C"], style: Float[Tensor, "B U D"]
+    ) -> Float[Tensor, "B T S"]:
         features: Tensor = self.speech(embedding)
-        return features if self.style is None else features * self.style(style[..., self.told])
+        return features if self.style is None else features * self.style(style[..., self.style_columns])
 
-    def _with_strangers(self, style: Float[Tensor, "B U D"]) -> Float[Tensor, "B U D"]:
+    def _drop_speakers(self, style: Float[Tensor, "B U D"]) -> Float[Tensor, "B U D"]:
         strange = torch.rand(len(style), device=style.device) < self.settings.speaker_dropout
         speaker = torch.where(strange[:, None, None], 1 / self.speakers, style[..., : self.speakers])
         return torch.cat([speaker, style[..., self.speakers :]], dim=-1)

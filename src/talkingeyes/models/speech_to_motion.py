@@ -16,24 +16,24 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.condition.conditioner import (
     CONDITIONERS,
-    NOTHING,
+    NO_CONDITIONING,
     Conditioner,
+    ConditionFeatures,
+    ConditioningInputs,
+    ConditioningSpec,
     ConditionSettings,
-    Given,
-    Known,
-    Need,
-    Seen,
-    Told,
+    InputName,
+    TrainingStatistics,
 )
-from talkingeyes.models.gaze.generator import GAZE_GENERATORS, Condition, GazeGenerator, GazePartSettings
+from talkingeyes.models.gaze.generator import GAZE_GENERATORS, GazeComponentSettings, GazeCondition, GazeGenerator
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadGenerator, HeadPartSettings
+from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator
 from talkingeyes.models.layers import share
-from talkingeyes.models.speech import CausalSpeechSettings, SpeechInput, SpeechSettings
-from talkingeyes.models.wave import WaveEncoder, WaveSpeechSettings
+from talkingeyes.models.speech import CausalSpeechProjectionSettings, SpeechProjection, SpeechProjectionSettings
+from talkingeyes.models.wave import WaveformEncoder, WaveformSpeechSettings
 
 
 class HeadMixSettings(Settings):
@@ -49,7 +49,7 @@ class HeadMixSettings(Settings):
     @model_validator(mode="after")
     def _whole(self) -> HeadMixSettings:
         if abs(self.truth + self.posterior + self.prior - 1) > 1e-6:
-            raise out_of_bounds(
+            raise bounds_error(
                 "truth, posterior and prior should be 1 together", self.truth + self.posterior + self.prior
             )
         return self
@@ -63,11 +63,11 @@ class SpeechToMotionSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
     prior: str | None
-    speech: CausalSpeechSettings | WaveSpeechSettings | SpeechSettings
+    speech: CausalSpeechProjectionSettings | WaveformSpeechSettings | SpeechProjectionSettings
     # What it is told besides its own speech: parts of models/condition/, perhaps none.
     conditions: tuple[ConditionSettings, ...]
-    head: HeadPartSettings
-    gaze: GazePartSettings
+    head: HeadComponentSettings
+    gaze: GazeComponentSettings
     head_mix: HeadMixSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
     # Temperatures to choose from on val, by aliveness; one: taken as it is.
@@ -79,7 +79,7 @@ class SpeechToMotionSettings(Settings):
         for part in ("head", "gaze"):
             process = getattr(getattr(self, part), "process", None)
             if getattr(process, "codebook", None) == "vq_vae" and not self.weights.get(f"{part}_codebook"):
-                raise out_of_bounds(
+                raise bounds_error(
                     f"weights.{part}_codebook should be above 0 for {part}.process.codebook=vq_vae",
                     self.weights.get(f"{part}_codebook", "none"),
                 )
@@ -87,21 +87,23 @@ class SpeechToMotionSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Batch:
+class MotionBatch:
     """Speech embedding and true motion of B windows of T frames."""
 
     speech: Float[Tensor, "B T C"]
     head: Float[Tensor, "B T 3"]
     gaze: Float[Tensor, "B T 2 3"]
-    given: Given = NOTHING
+    conditioning: ConditioningInputs = NO_CONDITIONING
 
-    def to(self, device: torch.device) -> Batch:
+    def to(self, device: torch.device) -> MotionBatch:
         """The same on a device."""
-        return Batch(self.speech.to(device), self.head.to(device), self.gaze.to(device), self.given.to(device))
+        return MotionBatch(
+            self.speech.to(device), self.head.to(device), self.gaze.to(device), self.conditioning.to(device)
+        )
 
 
 @dataclass(frozen=True)
-class Generated:
+class GeneratedMotion:
     """Sampled head and eye-in-head rotation vectors, a row a seed."""
 
     head: Float[Tensor, "B T 3"]
@@ -124,20 +126,24 @@ class SpeechToMotion(nn.Module):
         """`speakers` are those of the train split; `architecture` rebuilds a wave encoder without its checkpoint."""
         super().__init__()
         self.settings, self.speakers = settings, tuple(speakers)
-        heard, names = settings.speech, tuple(channels)
-        self.wave = WaveEncoder(heard.wave, architecture) if isinstance(heard, WaveSpeechSettings) else None
-        if self.wave is not None:
-            own = names if heard.channels is None else heard.channels
-            heard = heard.model_copy(update={"channels": (*own, *self.wave.channels)})
-            names = (*names, *self.wave.channels)
-        self.speech = SpeechInput(heard, names)
+        speech_settings, names = settings.speech, tuple(channels)
+        self.waveform_encoder = (
+            WaveformEncoder(speech_settings.waveform_encoder, architecture)
+            if isinstance(speech_settings, WaveformSpeechSettings)
+            else None
+        )
+        if self.waveform_encoder is not None:
+            own = names if speech_settings.channels is None else speech_settings.channels
+            speech_settings = speech_settings.model_copy(update={"channels": (*own, *self.waveform_encoder.channels)})
+            names = (*names, *self.waveform_encoder.channels)
+        self.speech = SpeechProjection(speech_settings, names)
         width = settings.speech.width * (1 + len(settings.conditions))
-        self.head: HeadGenerator = HEAD_GENERATORS.make(settings.head, width)
-        self.gaze: GazeGenerator = GAZE_GENERATORS.make(settings.gaze, width, codebook)
+        self.head: HeadGenerator = HEAD_GENERATORS.build(settings.head, width)
+        self.gaze: GazeGenerator = GAZE_GENERATORS.build(settings.gaze, width, codebook)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
-        known = Known(tuple(channels), self.speakers)
+        spec = ConditioningSpec(tuple(channels), self.speakers)
         self.conditions = nn.ModuleList(
-            CONDITIONERS.make(each, settings.speech.width, known) for each in settings.conditions
+            CONDITIONERS.build(each, settings.speech.width, spec) for each in settings.conditions
         )
 
     @property
@@ -146,48 +152,50 @@ class SpeechToMotion(nn.Module):
         return list(self.conditions)  # type: ignore[arg-type]
 
     @property
-    def needs(self) -> frozenset[Need]:
+    def required_inputs(self) -> frozenset[InputName]:
         """What must be given besides the embedding of the speech."""
-        told = frozenset(need for each in self.conditioners for need in each.needs)
-        return told | {"sound"} if self.wave is not None else told
+        condition_features = frozenset(need for each in self.conditioners for need in each.required_inputs)
+        return condition_features | {"sound"} if self.waveform_encoder is not None else condition_features
 
-    def learn_from(self, seen: Seen) -> None:
+    def fit_statistics(self, seen: TrainingStatistics) -> None:
         """Take the statistics of the train split; what the wave encoder says has its own scale."""
-        more = len(self.wave.channels) if self.wave is not None else 0
+        more = len(self.waveform_encoder.channels) if self.waveform_encoder is not None else 0
         self.speech.standardise_by(F.pad(seen.mean, (0, more)), F.pad(seen.std, (0, more), value=1.0))
         for each in self.conditioners:
-            each.learn_from(seen)
+            each.fit_statistics(seen)
 
-    def hear(self, embedding: Float[Tensor, "B T C"], given: Given) -> Told:
+    def encode_speech(self, embedding: Float[Tensor, "B T C"], conditioning: ConditioningInputs) -> ConditionFeatures:
         """Speech features, and beside them all that is told, a row a frame. Raises InputError if the waveform is heard
         and missing."""
-        if self.wave is not None:
-            if given.sound is None:
+        if self.waveform_encoder is not None:
+            if conditioning.sound is None:
                 raise InputError("speech.wave: a model that hears the waveform needs the sound, got none")
-            embedding = torch.cat([embedding, self.wave(given.sound, embedding.shape[1])], dim=-1)
+            embedding = torch.cat([embedding, self.waveform_encoder(conditioning.sound, embedding.shape[1])], dim=-1)
         features: Tensor = self.speech(embedding)
-        told = [each.forward(given, len(features)) for each in self.conditioners]
-        head = _beside(features, [each.head for each in told])
-        alike = all(each.gaze is each.head for each in told)
-        return Told(head, head if alike else _beside(features, [each.gaze for each in told]))
+        condition_features = [each.forward(conditioning, len(features)) for each in self.conditioners]
+        head = _concat_features(features, [each.head for each in condition_features])
+        same_for_both = all(each.gaze is each.head for each in condition_features)
+        return ConditionFeatures(
+            head, head if same_for_both else _concat_features(features, [each.gaze for each in condition_features])
+        )
 
-    def terms(self, batch: Batch) -> dict[str, Tensor]:
+    def loss_terms(self, batch: MotionBatch) -> dict[str, Tensor]:
         """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported.
 
         Raises InputError for a weight of a term that there is not.
         """
         batch = batch.to(self.temperature.device)
-        speech = self.hear(batch.speech, batch.given)
+        speech = self.encode_speech(batch.speech, batch.conditioning)
         predicted = self.head.predict(speech.head, batch.head)
-        seen = self._seen(speech.head, batch.head, predicted.head)
-        condition = Condition(speech.gaze, batch.head, self.head.normal(seen))
-        terms = predicted.terms | self.gaze.terms(condition, batch.gaze)
-        if unknown := self.settings.weights.keys() - terms.keys():
-            raise InputError(f"weights: should be among {', '.join(sorted(terms))}; got {min(unknown)!r}")
-        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
-        return {"total": total, **terms}  # type: ignore[dict-item]
+        seen = self._mix_heads(speech.head, batch.head, predicted.head)
+        condition = GazeCondition(speech.gaze, batch.head, self.head.normal(seen))
+        loss_terms = predicted.loss_terms | self.gaze.loss_terms(condition, batch.gaze)
+        if unknown := self.settings.weights.keys() - loss_terms.keys():
+            raise InputError(f"weights: should be among {', '.join(sorted(loss_terms))}; got {min(unknown)!r}")
+        total = sum(weight * loss_terms[name] for name, weight in self.settings.weights.items())
+        return {"total": total, **loss_terms}  # type: ignore[dict-item]
 
-    def _seen(
+    def _mix_heads(
         self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]
     ) -> Float[Tensor, "B T 3"]:
         """The heads that gaze is conditioned on in training, mixed from all that there are."""
@@ -195,7 +203,7 @@ class SpeechToMotion(nn.Module):
         head = torch.where((drawn < mix.posterior)[:, None, None], posterior, true)
         if mix.prior == 0:
             return head
-        seeds = share.own(torch.randint(2**31, (len(true) * share.processes(),)).tolist())
+        seeds = share.local_rows(torch.randint(2**31, (len(true) * share.world_size(),)).tolist())
         with torch.no_grad():
             prior = self.head.sample(speech, seeds)
         return torch.where((drawn >= 1 - mix.prior)[:, None, None], prior, head)
@@ -206,38 +214,48 @@ class SpeechToMotion(nn.Module):
         embedding: Float[Tensor, "T C"],
         seeds: list[int],
         temperature: float | None = None,
-        given: Given = NOTHING,
-    ) -> Generated:
-        """Motions of one speech, a seed each; `given` is one window, the whole speech."""
-        speech = self._heard(embedding, given, len(seeds))
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> GeneratedMotion:
+        """Motions of one speech, a seed each; `conditioning` is one window, the whole speech."""
+        speech = self._encode_utterance(embedding, conditioning, len(seeds))
         head = self.head.sample(speech.head, seeds)
-        return Generated(head, self._gaze(speech.gaze, head, seeds, temperature))
+        return GeneratedMotion(head, self._gaze(speech.gaze, head, seeds, temperature))
 
     @torch.no_grad()
-    def turn(self, embedding: Float[Tensor, "T C"], seeds: list[int], given: Given = NOTHING) -> Float[Tensor, "B T 3"]:
+    def generate_head(
+        self, embedding: Float[Tensor, "T C"], seeds: list[int], conditioning: ConditioningInputs = NO_CONDITIONING
+    ) -> Float[Tensor, "B T 3"]:
         """Heads alone, a seed each."""
-        return self.head.sample(self._heard(embedding, given, len(seeds)).head, seeds)
+        return self.head.sample(self._encode_utterance(embedding, conditioning, len(seeds)).head, seeds)
 
     @torch.no_grad()
-    def look(
-        self, embedding: Float[Tensor, "T C"], head: Float[Tensor, "B T 3"], seeds: list[int], given: Given = NOTHING
+    def generate_gaze(
+        self,
+        embedding: Float[Tensor, "T C"],
+        head: Float[Tensor, "B T 3"],
+        seeds: list[int],
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Float[Tensor, "B T 2 3"]:
         """Gaze for heads that another model moves, a seed each."""
-        speech = self._heard(embedding, given, len(seeds)).gaze
+        speech = self._encode_utterance(embedding, conditioning, len(seeds)).gaze
         return self._gaze(speech, head.to(speech.device), seeds, None)
 
-    def _heard(self, embedding: Float[Tensor, "T C"], given: Given, rows: int) -> Told:
+    def _encode_utterance(
+        self, embedding: Float[Tensor, "T C"], conditioning: ConditioningInputs, rows: int
+    ) -> ConditionFeatures:
         device = self.temperature.device
-        one = self.hear(embedding[None].to(device), given.to(device))
-        return Told(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
+        one = self.encode_speech(embedding[None].to(device), conditioning.to(device))
+        return ConditionFeatures(one.head.expand(rows, -1, -1), one.gaze.expand(rows, -1, -1))
 
     def _gaze(
         self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"], seeds: list[int], temperature: float | None
     ) -> Float[Tensor, "B T 2 3"]:
         chosen = float(self.temperature) if temperature is None else temperature
-        return self.gaze.sample(Condition(speech, head, self.head.normal(head)), seeds, chosen)
+        return self.gaze.sample(GazeCondition(speech, head, self.head.normal(head)), seeds, chosen)
 
 
-def _beside(features: Float[Tensor, "_ T S"], told: list[Float[Tensor, "_ _ S"]]) -> Float[Tensor, "B T F"]:
-    rows = max(map(len, (features, *told)))
-    return torch.cat([each.expand(rows, features.shape[1], -1) for each in (features, *told)], dim=-1)
+def _concat_features(
+    features: Float[Tensor, "_ T S"], condition_features: list[Float[Tensor, "_ _ S"]]
+) -> Float[Tensor, "B T F"]:
+    rows = max(map(len, (features, *condition_features)))
+    return torch.cat([each.expand(rows, features.shape[1], -1) for each in (features, *condition_features)], dim=-1)

@@ -19,12 +19,18 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseSettings
-from talkingeyes.models.head.pose import POSE_GENERATORS, Heard, PoseGenerator, PosePartSettings, PosePrediction
-from talkingeyes.models.head.rival import Rival, RivalSettings
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.models.head.pose import (
+    POSE_GENERATORS,
+    PoseComponentSettings,
+    PoseGenerator,
+    PoseInputs,
+    PosePrediction,
+)
+from talkingeyes.models.head.rival import Discriminator, DiscriminatorSettings
+from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
 
 # Poses that a first window may start at, of each speaker.
-STARTS = 64
+START_POSES = 64
 
 
 class SpeechToPoseSettings(Settings):
@@ -34,10 +40,10 @@ class SpeechToPoseSettings(Settings):
     parts: tuple[Literal["head"], ...]
     prior: None
     poses: PoseSettings
-    speech: SpeechSettings
-    head: PosePartSettings
+    speech: SpeechProjectionSettings
+    head: PoseComponentSettings
     # The discriminator; null: none.
-    rival: RivalSettings | None
+    discriminator: DiscriminatorSettings | None
     weights: dict[str, Annotated[float, Field(ge=0)]]
 
 
@@ -51,43 +57,43 @@ class PoseBatch:
 
 
 class SpeechToPose(nn.Module):
-    """The model. `scale` is the deviation of each number, `rest` the mean pose, `starts` poses of the speakers."""
+    """The model. `scale` is the deviation of each number, `start_poses` are poses of the speakers."""
 
     scale: Tensor
-    rest: Tensor
-    starts: Tensor
+    mean_pose: Tensor
+    start_poses: Tensor
 
     def __init__(self, settings: SpeechToPoseSettings, channels: Sequence[str], speakers: Sequence[str]) -> None:
         super().__init__()
         self.settings, self.speakers = settings, tuple(speakers)
-        self.speech = SpeechInput(settings.speech, channels)
+        self.speech = SpeechProjection(settings.speech, channels)
         self.styles = nn.Linear(len(speakers), settings.speech.width, bias=False)
-        embedding = len(self.speech.heard)
-        self.head: PoseGenerator = POSE_GENERATORS.make(settings.head, settings.speech.width, embedding)
-        self.rival = Rival(settings.rival, len(speakers)) if settings.rival else None
+        embedding = len(self.speech.channel_indices)
+        self.head: PoseGenerator = POSE_GENERATORS.build(settings.head, settings.speech.width, embedding)
+        self.discriminator = Discriminator(settings.discriminator, len(speakers)) if settings.discriminator else None
         self.register_buffer("scale", torch.ones(6))
-        self.register_buffer("rest", torch.zeros(6))
-        self.register_buffer("starts", torch.zeros(len(speakers), STARTS, 6))
+        self.register_buffer("mean_pose", torch.zeros(6))
+        self.register_buffer("start_poses", torch.zeros(len(speakers), START_POSES, 6))
 
-    def hear(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> Heard:
+    def encode_speech(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> PoseInputs:
         """Learnt features with the style added, the style, and the embedding as it comes."""
         vector = self.styles(style)
-        return Heard(self.speech(speech) + vector[:, None], vector, self.speech.standard(speech))
+        return PoseInputs(self.speech(speech) + vector[:, None], vector, self.speech.standardise(speech))
 
     def predict(self, batch: PoseBatch) -> PosePrediction:
         """Poses (in units of the deviation), all terms of the loss and their weighted sum, `total`."""
         true = batch.pose / self.scale
-        predicted = self.head.predict(self.hear(batch.speech, batch.style), true)
-        terms = dict(predicted.terms)
-        if self.rival is not None:
-            terms["adversarial"] = self.rival.doubt(predicted.pose, batch.style)
-        total = sum(weight * terms[name] for name, weight in self.settings.weights.items())
-        return PosePrediction(predicted.pose, {"total": total, **terms})  # type: ignore[dict-item]
+        predicted = self.head.predict(self.encode_speech(batch.speech, batch.style), true)
+        loss_terms = dict(predicted.loss_terms)
+        if self.discriminator is not None:
+            loss_terms["adversarial"] = self.discriminator.generator_loss(predicted.pose, batch.style)
+        total = sum(weight * loss_terms[name] for name, weight in self.settings.weights.items())
+        return PosePrediction(predicted.pose, {"total": total, **loss_terms})  # type: ignore[dict-item]
 
-    def contest(self, batch: PoseBatch, made: Float[Tensor, "B T 6"]) -> dict[str, Tensor]:
+    def discriminator_terms(self, batch: PoseBatch, generated: Float[Tensor, "B T 6"]) -> dict[str, Tensor]:
         """The terms of the rival for poses that were made (in units of the deviation)."""
-        assert self.rival is not None
-        return self.rival.terms(batch.pose / self.scale, made.detach(), batch.style)
+        assert self.discriminator is not None
+        return self.discriminator.loss_terms(batch.pose / self.scale, generated.detach(), batch.style)
 
     def stream(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
@@ -96,15 +102,15 @@ class SpeechToPose(nn.Module):
 
         Without a style, each seed draws one of the training speakers.
         """
-        noise = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
-        styles = torch.stack([self._style(style, each) for each in noise]).to(self.scale.device)
-        pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, noise, strict=True)])
+        generators = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
+        styles = torch.stack([self._style(style, each) for each in generators]).to(self.scale.device)
+        pose = torch.stack([self._start(shares, each) for shares, each in zip(styles, generators, strict=True)])
         length = self.head.window or max(len(speech), 2)
         for first in range(0, max(len(speech) - 1, 1), length - 1):
-            made = self._window(speech[first : first + length], styles, pose, noise)
-            pose = made[:, -1]
+            generated = self._window(speech[first : first + length], styles, pose, generators)
+            pose = generated[:, -1]
             # The first frame of a further window is the last one of the window before.
-            yield (made[:, min(first, 1) :] * self.scale).cpu().numpy()
+            yield (generated[:, min(first, 1) :] * self.scale).cpu().numpy()
 
     def sample(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
@@ -122,17 +128,17 @@ class SpeechToPose(nn.Module):
         speech: Float[ndarray, "T C"],
         styles: Float[Tensor, "S K"],
         start: Float[Tensor, "S 6"],
-        noise: list[torch.Generator],
+        generators: list[torch.Generator],
     ) -> Float[Tensor, "S T 6"]:
-        part = torch.from_numpy(np.array(speech, np.float32)).to(styles.device).expand(len(noise), -1, -1)
-        return self.head.sample(self.hear(part, styles), start, noise)
+        part = torch.from_numpy(np.array(speech, np.float32)).to(styles.device).expand(len(generators), -1, -1)
+        return self.head.sample(self.encode_speech(part, styles), start, generators)
 
-    def _style(self, style: Float[ndarray, " K"] | None, noise: torch.Generator) -> Float[Tensor, " K"]:
-        drawn = torch.randint(len(self.speakers), (1,), generator=noise)
+    def _style(self, style: Float[ndarray, " K"] | None, generators: torch.Generator) -> Float[Tensor, " K"]:
+        drawn = torch.randint(len(self.speakers), (1,), generator=generators)
         if style is not None:
             return torch.from_numpy(np.asarray(style, np.float32))
         return torch.eye(len(self.speakers))[drawn[0]]
 
-    def _start(self, style: Float[Tensor, " K"], noise: torch.Generator) -> Float[Tensor, " 6"]:
+    def _start(self, style: Float[Tensor, " K"], generators: torch.Generator) -> Float[Tensor, " 6"]:
         """A pose that the person that the style is most of has had; the paper starts at rest."""
-        return self.starts[style.argmax(), torch.randint(STARTS, (1,), generator=noise)[0]]
+        return self.start_poses[style.argmax(), torch.randint(START_POSES, (1,), generator=generators)[0]]

@@ -17,36 +17,36 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.audio.windows import Stride, fade, window_starts
+from talkingeyes.audio.windows import FrameGrid, crossfade_weight, window_starts
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.speech import SpeechSettings
+from talkingeyes.models.speech import SpeechProjectionSettings
 
 if TYPE_CHECKING:
     from transformers import Wav2Vec2Config, Wav2Vec2Model
 
 
-class WaveSettings(Settings):
+class WaveformEncoderSettings(Settings):
     """The encoder of waveforms, and how much of it is trained."""
 
     # A local folder or a hub name of a wav2vec 2.0 model.
     checkpoint: Annotated[str, Field(min_length=1)]
     # Transformer layers that are trained, counted from the last.
-    trained_layers: Annotated[int, Field(ge=0)]
+    trainable_layers: Annotated[int, Field(ge=0)]
     window_s: Annotated[float, Field(ge=1, le=30)]
     overlap_s: Annotated[float, Field(ge=0, lt=1)]
 
 
-class WaveSpeechSettings(SpeechSettings):
+class WaveformSpeechSettings(SpeechProjectionSettings):
     """A projection that hears wav2vec 2.0 beside those channels of the embedding that it names."""
 
-    wave: WaveSettings
+    waveform_encoder: WaveformEncoderSettings
 
 
-class WaveEncoder(nn.Module):
+class WaveformEncoder(nn.Module):
     """Sound to features a motion frame."""
 
-    def __init__(self, settings: WaveSettings, architecture: Mapping[str, Any] | None) -> None:
+    def __init__(self, settings: WaveformEncoderSettings, architecture: Mapping[str, Any] | None) -> None:
         """`architecture` builds the network of a trained model, whose weights follow; None reads the checkpoint.
 
         Raises InputError if that cannot be read, or has fewer layers than are to be trained.
@@ -55,19 +55,19 @@ class WaveEncoder(nn.Module):
         self.settings = settings
         self.network = _network(settings, architecture)
         config = self.network.config
-        if settings.trained_layers > config.num_hidden_layers:
+        if settings.trainable_layers > config.num_hidden_layers:
             raise InputError(
-                f"speech.wave.trained_layers: should be at most {config.num_hidden_layers}, "
-                f"got {settings.trained_layers}"
+                f"speech.waveform_encoder.trainable_layers: should be at most {config.num_hidden_layers}, "
+                f"got {settings.trainable_layers}"
             )
-        self.first_trained = config.num_hidden_layers - settings.trained_layers
-        self.stride = Stride.of_convolutions(tuple(config.conv_kernel), tuple(config.conv_stride))
+        self.first_trained = config.num_hidden_layers - settings.trainable_layers
+        self.stride = FrameGrid.of_convolutions(tuple(config.conv_kernel), tuple(config.conv_stride))
         self.channels = tuple(f"wave_{index}" for index in range(config.hidden_size))
         self.network.requires_grad_(False)
-        for layer in self.trained():
+        for layer in self.trainable_modules():
             layer.requires_grad_(True)
 
-    def trained(self) -> list[nn.Module]:
+    def trainable_modules(self) -> list[nn.Module]:
         """The layers that learn."""
         return list(self.network.encoder.layers[self.first_trained :])
 
@@ -76,11 +76,11 @@ class WaveEncoder(nn.Module):
         found: dict[str, Any] = self.network.config.to_diff_dict()
         return found
 
-    def train(self, mode: bool = True) -> WaveEncoder:
+    def train(self, mode: bool = True) -> WaveformEncoder:
         """What is frozen stays as in use: no dropout, no masks, no skipped layers."""
         super().train(mode)
         self.network.eval()
-        for layer in self.trained():
+        for layer in self.trainable_modules():
             layer.train(mode)
         return self
 
@@ -88,28 +88,30 @@ class WaveEncoder(nn.Module):
         """Features at `frames` times, the first at the first sample, N / T samples apart."""
         step = sound.shape[1] / frames
         times = np.arange(frames) * step
-        sound = nn.functional.pad(sound, (0, max(self.stride.shortest - sound.shape[1], 0)))
+        sound = nn.functional.pad(sound, (0, max(self.stride.receptive_field - sound.shape[1], 0)))
         parts, weights = [], []
         overlap = round(self.settings.overlap_s * SAMPLE_RATE)
         for start in window_starts(sound.shape[1], round(self.settings.window_s * SAMPLE_RATE), overlap):
             part = sound[:, start : start + round(self.settings.window_s * SAMPLE_RATE)]
             inside = slice(*np.searchsorted(times, [start, start + part.shape[1]]))
             positions = torch.from_numpy((times[inside] - start - self.stride.first) / self.stride.samples)
-            weight = torch.from_numpy(fade(times[inside] - start, part.shape[1], float(overlap))).to(sound)[:, None]
+            weight = torch.from_numpy(crossfade_weight(times[inside] - start, part.shape[1], float(overlap))).to(sound)[
+                :, None
+            ]
             around = (0, 0, inside.start, frames - inside.stop)
-            heard = at_positions(self._encoded(part), positions.to(sound))
-            parts.append(nn.functional.pad(heard * weight, around))
+            encoded = interpolate_at(self._encoded(part), positions.to(sound))
+            parts.append(nn.functional.pad(encoded * weight, around))
             weights.append(nn.functional.pad(weight, around))
         return torch.stack(parts).sum(0) / torch.stack(weights).sum(0)
 
     def _encoded(self, sound: Float[Tensor, "B N"]) -> Float[Tensor, "B K H"]:
         """Zero mean and unit variance, as the feature extractor of every released checkpoint gives it."""
         normal = (sound - sound.mean(1, keepdim=True)) / (sound.var(1, correction=0, keepdim=True) + 1e-7).sqrt()
-        heard: Tensor = self.network(normal).last_hidden_state
-        return heard
+        encoded: Tensor = self.network(normal).last_hidden_state
+        return encoded
 
 
-def at_positions(features: Float[Tensor, "B K H"], positions: Float[Tensor, " T"]) -> Float[Tensor, "B T H"]:
+def interpolate_at(features: Float[Tensor, "B K H"], positions: Float[Tensor, " T"]) -> Float[Tensor, "B T H"]:
     """Linear interpolation at fractional indices; beyond the ends the end value holds."""
     place = positions.clamp(0, features.shape[1] - 1)
     low = place.floor().long().clamp(max=max(features.shape[1] - 2, 0))
@@ -118,7 +120,7 @@ def at_positions(features: Float[Tensor, "B K H"], positions: Float[Tensor, " T"
     return features[:, low] * (1 - share) + features[:, high] * share
 
 
-def _network(settings: WaveSettings, architecture: Mapping[str, Any] | None) -> Wav2Vec2Model:
+def _network(settings: WaveformEncoderSettings, architecture: Mapping[str, Any] | None) -> Wav2Vec2Model:
     try:
         from transformers import Wav2Vec2Config, Wav2Vec2Model
     except ImportError:

@@ -15,19 +15,19 @@ import yaml
 
 from talkingeyes.core.errors import InputError
 
-CHECKOUT = Path(__file__).resolve().parents[3]
+REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
 # Where the corpus stands that the project makes itself.
-OWN_CORPUS = "data/synthesize"
+DEFAULT_CORPUS = "data/synthesize"
 
 
 @dataclass(frozen=True)
-class Call:
+class StageCall:
     """One call of a stage, for one item if it runs over several."""
 
     stage: str
     item: str | None
-    data: tuple[str, ...]  # what it reads under data/, or of a corpus from elsewhere
-    code: tuple[str, ...]  # the rooms and files that it imports
+    inputs: tuple[str, ...]  # what it reads under data/, or of a corpus from elsewhere
+    code_deps: tuple[str, ...]  # the rooms and files that it imports
     sections: tuple[str, ...]  # the dotted keys that it reads of the composition
 
     @property
@@ -45,30 +45,32 @@ class Call:
         """The arguments of the stage's function."""
         return () if self.item is None else (self.item,)
 
-    def reads(self, other: Call) -> bool:
+    def reads(self, other: StageCall) -> bool:
         """Whether it reads what another call writes, or a part of it."""
         return any(path.is_relative_to(other.folder) or other.folder.is_relative_to(path) for path in self._paths())
 
     def _paths(self) -> list[Path]:
-        return [Path(each) for each in self.data]
+        return [Path(each) for each in self.inputs]
 
 
-def recipe(params: Mapping[str, Any], order: Iterable[Sequence[str]], path: Path = CHECKOUT / "dvc.yaml") -> list[Call]:
+def stage_calls(
+    params: Mapping[str, Any], order: Iterable[Sequence[str]], path: Path = REPOSITORY_ROOT / "dvc.yaml"
+) -> list[StageCall]:
     """The calls (stage, or stage and item) of a chain, in the given order, with all that dvc.yaml says of them."""
     stages = yaml.safe_load(path.read_text())["stages"]
     return [_call(stages[stage], stage, rest[0] if rest else None, params) for stage, *rest in order]
 
 
-def needed(calls: Sequence[Call], until: str) -> list[Call]:
-    """The calls that `until` needs, itself the last: an address such as train@talkingeyes, or a stage with all items.
+def required_calls(calls: Sequence[StageCall], target: str) -> list[StageCall]:
+    """The calls that `target` needs, itself the last: an address such as train@talkingeyes, or a stage with all items.
 
     Raises InputError if there is none.
     """
-    wanted = [call for call in calls if until in (call.address, call.stage)]
+    wanted = [call for call in calls if target in (call.address, call.stage)]
     if not wanted:
         addresses = ", ".join(call.address for call in calls)
-        raise InputError(f"until: should be a stage or one of {addresses}; got {until!r}")
-    found: dict[str, Call] = {}
+        raise InputError(f"target: should be a stage or one of {addresses}; got {target!r}")
+    found: dict[str, StageCall] = {}
     while wanted:
         call = wanted.pop()
         if call.address not in found:
@@ -77,7 +79,7 @@ def needed(calls: Sequence[Call], until: str) -> list[Call]:
     return [call for call in calls if call.address in found]
 
 
-def section(params: Mapping[str, Any], key: str) -> Any:
+def get_section(params: Mapping[str, Any], key: str) -> Any:
     """The node at a dotted key. Raises InputError if it is not there."""
     node: Any = params
     for part in key.split("."):
@@ -87,18 +89,18 @@ def section(params: Mapping[str, Any], key: str) -> Any:
     return node
 
 
-def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: Mapping[str, Any]) -> Call:
+def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: Mapping[str, Any]) -> StageCall:
     own = definition.get("do", definition)
     scope = _scope(definition, item)
     deps = [each for each in (_filled(text, scope, params) for text in own.get("deps", [])) if each]
-    code = tuple(each for each in deps if each.startswith(("src/", "pipelines/")))
-    data = tuple(each for each in deps if each not in code)
+    code_deps = tuple(each for each in deps if each.startswith(("src/", "pipelines/")))
+    inputs = tuple(each for each in deps if each not in code_deps)
     if stage == "train" and item is not None:  # a model may be made of others that are trained, or start from one
-        model = section(params, f"model.{item}")
-        others = [*model.get("made_of", ()), *filter(None, [model.get("start_from")])]
-        data += tuple(f"data/train/{each}" for each in others)
+        model = get_section(params, f"model.{item}")
+        others = [*model.get("source_models", ()), *filter(None, [model.get("init_from")])]
+        inputs += tuple(f"data/train/{each}" for each in others)
     sections = tuple(filter(None, (_filled(each, scope, params) for each in own.get("params", []))))
-    return Call(stage, item, data, code, sections)
+    return StageCall(stage, item, inputs, code_deps, sections)
 
 
 def _scope(definition: Mapping[str, Any], item: str | None) -> dict[str, str]:
@@ -118,7 +120,7 @@ def _scope(definition: Mapping[str, Any], item: str | None) -> dict[str, str]:
 def _filled(text: str, scope: Mapping[str, str], params: Mapping[str, Any]) -> str:
     """The text with every ${reference} replaced; empty if one of them is null (a model without a prior reads none)."""
     for reference in re.findall(r"\$\{([\w.]+)\}", text):
-        value = scope[reference] if reference in scope else section(params, reference)
+        value = scope[reference] if reference in scope else get_section(params, reference)
         inner = "" if value is None else _filled(str(value), scope, params)
         if not inner:
             return ""

@@ -26,14 +26,14 @@ from talkingeyes.orchestration.comparison import TAG, saved_view
 # What one call of log_batch takes at most.
 METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
 # Sections that say where and how something runs, not what: no parameters of a row.
-NO_PARAMETERS = {"machine", "workspace", "store", "until", "objective", "study"}
+EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objective", "study"}
 # Sections that only models depend on; truth, fitted and mismatched motion do not.
-OF_MODELS = {"pretrain", "train", "model", "assess", "sample"}
-CHECKOUT = Path(__file__).resolve().parents[3]
+MODEL_SECTIONS = {"pretrain", "train", "model", "validation", "sample"}
+REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
 
 
 @dataclass(frozen=True)
-class Row:
+class MethodResult:
     """One method in the flat comparison. Metrics are keyed split/part/metric."""
 
     name: str
@@ -50,7 +50,7 @@ class Report:
 
     metrics: Mapping[str, float] = field(default_factory=dict)
     artifacts: Sequence[Path] = ()
-    rows: Sequence[Row] = ()
+    rows: Sequence[MethodResult] = ()
     history: Sequence[Mapping[str, float]] = ()
 
 
@@ -66,12 +66,12 @@ class _Run:
     history: Sequence[Mapping[str, float]] = ()
 
 
-def record(
+def log_run(
     root: Path,
     stage: str,
     name: str,
     params: Mapping[str, Any],
-    used: set[str],
+    sections_read: set[str],
     seconds: float,
     report: Report,
     overrides: Sequence[str] = (),
@@ -82,7 +82,9 @@ def record(
     """
     client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": revision()}
     flat = flatten(params)
-    of_stage = {key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in used)}
+    of_stage = {
+        key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in sections_read)
+    }
     metrics = {**report.metrics, "seconds": seconds}
     run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
     with _alone(root):
@@ -105,14 +107,14 @@ def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
+def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
     """What the row of a method depends on.
 
     The sections of models flat: of models and priors its own alone, under keys without their names, so that the same
     parameter of two models stands in one column. What all models share, and what seldom varies, two levels deep, the
     rest as JSON; a key of it that was overridden stands by itself too.
     """
-    shared = {key: value for key, value in params.items() if key not in NO_PARAMETERS | OF_MODELS}
+    shared = {key: value for key, value in params.items() if key not in EXCLUDED_SECTIONS | MODEL_SECTIONS}
     if params.get("corpus") != "data/synthesize":
         shared.pop("synthesize", None)
     flat = {key: json.dumps(value) if isinstance(value, Mapping) else value for key, value in _two_levels(shared)}
@@ -121,7 +123,7 @@ def parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] 
     models = params.get("model", {})
     if method not in models:
         return flat
-    own = {key: params[key] for key in ("train", "assess", "sample") if key in params}
+    own = {key: params[key] for key in ("train", "validation", "sample") if key in params}
     priors = {prior: params["pretrain"][prior] for prior in _priors(models[method])}
     prior = next(iter(priors.values())) if len(priors) == 1 else priors
     return flat | flatten({**own, "model": models[method], "pretrain": prior})
@@ -134,7 +136,7 @@ def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides:
     train, sample = (params.get(section, {}).get("seed", 0) for section in ("train", "sample"))
     seed = f"seed {train}" if train == sample else f"seed {train}, sampled {sample}"
     own = [f"model.{method}.", *(f"pretrain.{prior}." for prior in _priors(params["model"][method]))]
-    said = {"train.seed", "sample.seed", "sweep", "experiment", "hydra", *NO_PARAMETERS}
+    said = {"train.seed", "sample.seed", "sweep", "experiment", "hydra", *EXCLUDED_SECTIONS}
     short = []
     for key, value in _given(overrides).items():
         others = key.startswith(("model.", "pretrain.")) and not key.startswith(tuple(own))
@@ -151,9 +153,9 @@ def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
     return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
 
 
-def _run_of(row: Row, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
+def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
     """A row as a run. Its key stands for all that is in it, so that the same row is known again."""
-    own = parameters(row.name, params, overrides)
+    own = method_parameters(row.name, params, overrides)
     content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
     more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
     if "train.seed" in own:
@@ -270,8 +272,8 @@ def _batches(items: list[Any], size: int) -> Iterator[list[Any]]:
 
 def revision() -> str:
     """The git revision that the code stands at, `none` outside a repository."""
-    if not (CHECKOUT / ".git").exists():
+    if not (REPOSITORY_ROOT / ".git").exists():
         return "none"
     described = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
-    found = subprocess.run(described, cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    found = subprocess.run(described, cwd=REPOSITORY_ROOT, capture_output=True, text=True, check=False)
     return found.stdout.strip() or "none"

@@ -21,19 +21,30 @@ from typing import Any, NoReturn, TypeVar
 import yaml
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import Settings, validated
-from talkingeyes.orchestration.record import Report, Row, record
+from talkingeyes.core.settings import Settings, validate_section
+from talkingeyes.orchestration.record import MethodResult, Report, log_run
 
 S = TypeVar("S", bound=Settings)
 A = TypeVar("A")
 B = TypeVar("B")
 
 
-__all__ = ["Report", "Row", "Workspace", "clip_parallel", "each", "main", "perform", "progress", "quiet", "shell"]
+__all__ = [
+    "MethodResult",
+    "Report",
+    "Workspace",
+    "configure_environment",
+    "main",
+    "parallel_backend",
+    "parallel_map",
+    "progress_bar",
+    "run_command",
+    "run_stage",
+]
 
 Stage = Callable[..., Report]
 
-SUMS = "SHA256SUMS"
+CHECKSUMS_FILE = "SHA256SUMS"
 
 
 @dataclass(frozen=True)
@@ -41,13 +52,13 @@ class Workspace:
     """A folder that holds data/ and the resolved composition (params.yaml) that fills it.
 
     `sections_read` records what `settings` was asked for, so that a run is logged with the parameters it used.
-    `watch` is told the figures of every validation of a training, and may raise to end one that leads nowhere.
+    `on_validation` is told the figures of every validation of a training, and may raise to end one that leads nowhere.
     """
 
     root: Path
     params: Mapping[str, Any]
     sections_read: set[str] = field(default_factory=set, compare=False, repr=False)
-    watch: Callable[[int, dict[str, float]], None] | None = field(default=None, compare=False, repr=False)
+    on_validation: Callable[[int, dict[str, float]], None] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def open(cls, root: Path) -> Workspace:
@@ -61,7 +72,7 @@ class Workspace:
             raise InputError(f"{path}: should be a mapping of sections; `make params` writes it")
         return cls(root, params)
 
-    def settings(self, section: str, kind: type[S]) -> S:
+    def settings(self, section: str, settings_class: type[S]) -> S:
         """The section at a dotted key, validated. Raises InputError: the key, the bound and the value that came."""
         node: Any = self.params
         for key in section.split("."):
@@ -69,7 +80,7 @@ class Workspace:
                 raise InputError(f"params: section {section} is missing; `make params` writes it from conf/")
             node = node[key]
         self.sections_read.add(section)
-        return validated(section, kind, node)
+        return validate_section(section, settings_class, node)
 
     @property
     def corpus(self) -> Path:
@@ -86,26 +97,27 @@ class Workspace:
         return self.root.joinpath("data", *parts)
 
     @contextmanager
-    def output(self, *parts: str, made_of: str | None = None) -> Iterator[Path]:
+    def output(self, *parts: str, fingerprint: str | None = None) -> Iterator[Path]:
         """A new folder that becomes data/<parts> only when the block ends well: never a half-made output.
 
         SHA256SUMS in it stands for all its files: DVC looks at one file for each stage that reads thousands.
-        A stage that says what it is `made_of` finds again what a run of the very same left when it was cut off.
+        A stage with a `fingerprint` of what it is made of finds again what a run of the very same left when it was cut
+        off.
         """
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
         mark = partial / "MADE_OF"
-        if made_of is None or not mark.is_file() or mark.read_text() != made_of:
+        if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
-            if made_of is not None:
-                mark.write_text(made_of)
+            if fingerprint is not None:
+                mark.write_text(fingerprint)
         try:
             yield partial
             mark.unlink(missing_ok=True)
-            (partial / SUMS).write_text(sums(partial))
+            (partial / CHECKSUMS_FILE).write_text(checksums(partial))
         except BaseException:
-            if made_of is None:
+            if fingerprint is None:
                 shutil.rmtree(partial, ignore_errors=True)
             raise
         shutil.rmtree(final, ignore_errors=True)
@@ -121,16 +133,16 @@ def code_digest(rooms: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def sums(folder: Path) -> str:
+def checksums(folder: Path) -> str:
     """What `sha256sum` prints for the files of a folder."""
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     return "".join(f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
 
 
-def each(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
+def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
     """The one joblib call for clip-parallel work: results in order, a progress bar, memory that does not grow.
 
-    `clip_parallel` says where it runs. Inside a worker of another joblib call (a job of a sweep) items go one after
+    `parallel_backend` says where it runs. Inside a worker of another joblib call (a job of a sweep) items go one after
     another: the cores are taken already, and the threads that joblib would use there share torch's seed.
     """
     import joblib
@@ -144,12 +156,12 @@ def each(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) 
         return_as="generator" if backend.supports_return_generator else "list",
         pre_dispatch="4*n_jobs",
     )(tasks)
-    yield from progress(results, title, len(items))
+    yield from progress_bar(results, title, len(items))
 
 
 @contextmanager
-def clip_parallel(machine: Mapping[str, Any]) -> Iterator[None]:
-    """Where `each` runs: processes of this machine, or Ray (docs/scale.md), as the section `machine` says."""
+def parallel_backend(machine: Mapping[str, Any]) -> Iterator[None]:
+    """Where `parallel_map` runs: processes of this machine, or Ray (docs/scale.md), as the section `machine` says."""
     if machine.get("backend", "processes") == "processes":
         yield
         return
@@ -172,7 +184,7 @@ def _cluster(machine: Mapping[str, Any]) -> dict[str, Any]:
     return {**size, "include_dashboard": False, "log_to_driver": False, "_node_ip_address": "127.0.0.1"}
 
 
-def progress(items: Iterable[A], title: str, total: int | None = None) -> Iterable[A]:
+def progress_bar(items: Iterable[A], title: str, total: int | None = None) -> Iterable[A]:
     """The progress bar of everything that takes longer than a few seconds."""
     from tqdm import tqdm
 
@@ -180,7 +192,7 @@ def progress(items: Iterable[A], title: str, total: int | None = None) -> Iterab
     return bar
 
 
-def quiet() -> None:
+def configure_environment() -> None:
     """One thread a process, and no telemetry of any dependency. Called before they are imported."""
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -193,9 +205,9 @@ def quiet() -> None:
     )
 
 
-def shell(command: Callable[[], None]) -> NoReturn:
+def run_command(command: Callable[[], None]) -> NoReturn:
     """Run a command and leave: status 2 and one line on stderr for what a person can mend, 130 when interrupted."""
-    quiet()
+    configure_environment()
     try:
         command()
     except InputError as error:
@@ -220,18 +232,18 @@ def main(run: Stage) -> NoReturn:
             raise InputError(
                 f"{stage}: should get {' '.join(expected) or 'no arguments'}, got {' '.join(given) or 'none'}"
             )
-        perform(stage, run, Workspace.open(Path.cwd()), *given)
+        run_stage(stage, run, Workspace.open(Path.cwd()), *given)
 
-    shell(command)
+    run_command(command)
 
 
-def perform(stage: str, run: Stage, workspace: Workspace, *names: str) -> Report:
+def run_stage(stage: str, run: Stage, workspace: Workspace, *names: str) -> Report:
     """Run a stage and log it to MLflow: parameters of the sections that it read, metrics, files, duration."""
     workspace.sections_read.clear()
     start = time.monotonic()
-    with clip_parallel(workspace.params.get("machine", {})):
+    with parallel_backend(workspace.params.get("machine", {})):
         report = run(workspace, *names)
     seconds = time.monotonic() - start
     title = "-".join([stage, *names])
-    record(workspace.root, stage, title, workspace.params, workspace.sections_read, seconds, report)
+    log_run(workspace.root, stage, title, workspace.params, workspace.sections_read, seconds, report)
     return report

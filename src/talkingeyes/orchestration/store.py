@@ -28,21 +28,21 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.recipe import CHECKOUT, OWN_CORPUS, Call, section
-from talkingeyes.orchestration.run import SUMS, Report, Row, Workspace
+from talkingeyes.orchestration.recipe import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, get_section
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, MethodResult, Report, Workspace
 
 KEY_LENGTH = 16
 # What a stage may know beside its sections: where the corpus is, and the machine, which changes no result.
-ALWAYS = ("corpus", "machine")
+IMPLICIT_SECTIONS = ("corpus", "machine")
 
 # What of the machine changes rounding in what is learnt; `dvc repro` leaves it to the person.
-ROUNDING = ("device", "precision")
+ROUNDING_KEYS = ("device", "precision")
 
-Make = Callable[[Call, Workspace], Report]
+StageRunner = Callable[[StageCall, Workspace], Report]
 
 
 @dataclass(frozen=True)
-class Entry:
+class StoredResult:
     """One result in the store. `origin` tells where it came from this time: made, store or dvc.
 
     `cpu_s` is what the making process took (not those that it started); None of what `dvc repro` made. A stage that
@@ -61,14 +61,14 @@ class Entry:
         return self.folder / "output"
 
 
-def obtain(
+def get_or_run(
     store: Path,
-    call: Call,
+    call: StageCall,
     params: Mapping[str, Any],
-    upstream: Mapping[Path, Entry],
-    make: Make,
-    checkout: Path = CHECKOUT,
-) -> Entry:
+    upstream: Mapping[Path, StoredResult],
+    make: StageRunner,
+    checkout: Path = REPOSITORY_ROOT,
+) -> StoredResult:
     """The result of a call: from the store, from data/ of the checkout if it fits, or made.
 
     `upstream` holds the entry of every call before it, by the folder under data/ that it stands for.
@@ -84,7 +84,7 @@ def obtain(
         if folder.exists():
             damage = _damage(folder)
             if damage is None:
-                return Entry(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
+                return StoredResult(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
             print(f"store: {folder.name} is damaged ({damage}); it is made again", file=sys.stderr)
             shutil.rmtree(folder)
         making = store / f".{folder.name}.partial"
@@ -98,10 +98,10 @@ def obtain(
             cpu_s = time.process_time() - start
         _keep(making, call, folder, {**made_from, "cpu_s": cpu_s}, report)
         shutil.rmtree(making)
-        return Entry(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
+        return StoredResult(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
 
 
-def link(entry: Entry, place: Path) -> None:
+def link(entry: StoredResult, place: Path) -> None:
     """Show an entry under a workspace's data/, in the place of what stood there."""
     if place.is_symlink() or not place.is_dir():
         place.unlink(missing_ok=True)
@@ -111,7 +111,7 @@ def link(entry: Entry, place: Path) -> None:
     place.symlink_to(entry.output.resolve())
 
 
-def code_version(paths: Sequence[str], checkout: Path = CHECKOUT) -> dict[str, str]:
+def code_version(paths: Sequence[str], checkout: Path = REPOSITORY_ROOT) -> dict[str, str]:
     """A hash of each room or file."""
     return {path: _code_md5(checkout / path) for path in paths}
 
@@ -129,21 +129,23 @@ def md5(path: Path) -> str:
 _code_md5 = cache(md5)  # code does not change under a running process
 
 
-def _reads(call: Call, folder: Path) -> bool:
-    return any(Path(each).is_relative_to(folder) or folder.is_relative_to(each) for each in call.data)
+def _reads(call: StageCall, folder: Path) -> bool:
+    return any(Path(each).is_relative_to(folder) or folder.is_relative_to(each) for each in call.inputs)
 
 
-def _made_from(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry], checkout: Path) -> dict[str, Any]:
+def _made_from(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], checkout: Path
+) -> dict[str, Any]:
     found = {
         "stage": call.address,
-        "sections": {key: section(params, key) for key in call.sections},
+        "sections": {key: get_section(params, key) for key in call.sections},
         "reads": {folder.as_posix(): entry.key for folder, entry in sorted(read.items())},
-        "code": code_version(call.code, checkout),
+        "code": code_version(call.code_deps, checkout),
     }
-    if any("training" in each for each in call.code):
-        found["rounding"] = {key: params["machine"].get(key) for key in ROUNDING}
+    if any("training" in each for each in call.code_deps):
+        found["rounding"] = {key: params["machine"].get(key) for key in ROUNDING_KEYS}
     corpus = str(params["corpus"])
-    if corpus != OWN_CORPUS and any(Path(each).is_relative_to(corpus) for each in call.data):
+    if corpus != DEFAULT_CORPUS and any(Path(each).is_relative_to(corpus) for each in call.inputs):
         index = Path(corpus, "clips.parquet")  # holds a hash a clip
         if not index.is_file():
             raise InputError(f"corpus: {corpus} should be a folder with clips.parquet")
@@ -151,14 +153,16 @@ def _made_from(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry]
     return found
 
 
-def _make(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry], making: Path, make: Make) -> Report:
+def _make(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], making: Path, make: StageRunner
+) -> Report:
     """Run the stage where it sees nothing but what it declared. What a killed run left there may be gone on with."""
-    seen: dict[str, Any] = {key: params[key] for key in ALWAYS}
+    seen: dict[str, Any] = {key: params[key] for key in IMPLICIT_SECTIONS}
     for key in call.sections:
         node = seen
         for part in key.split(".")[:-1]:
             node = node.setdefault(part, {})
-        node[key.split(".")[-1]] = section(params, key)
+        node[key.split(".")[-1]] = get_section(params, key)
     for folder, entry in read.items():
         link(entry, making / folder)
     try:
@@ -168,7 +172,7 @@ def _make(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry], mak
         raise
 
 
-def _keep(making: Path, call: Call, folder: Path, made_from: Mapping[str, Any], report: Report) -> None:
+def _keep(making: Path, call: StageCall, folder: Path, made_from: Mapping[str, Any], report: Report) -> None:
     """Move an output into the store: the entry is put together beside it, and renamed."""
     output, whole = making / call.folder, making / "entry"
     shutil.rmtree(whole, ignore_errors=True)
@@ -195,7 +199,7 @@ def _report_of(folder: Path) -> Report:
     def paths(names: Sequence[str]) -> list[Path]:
         return [folder / "output" / name for name in names]
 
-    rows = [Row(**{**row, "artifacts": paths(row["artifacts"])}) for row in plain["rows"]]
+    rows = [MethodResult(**{**row, "artifacts": paths(row["artifacts"])}) for row in plain["rows"]]
     return Report(plain["metrics"], paths(plain["artifacts"]), rows)
 
 
@@ -220,20 +224,26 @@ def _damage(folder: Path) -> str | None:
     output = folder / "output"
     try:
         stamps = json.loads((folder / "made.json").read_text())["files"]
-        lines = [line.split("  ", 1) for line in (output / SUMS).read_text().splitlines()]
+        lines = [line.split("  ", 1) for line in (output / CHECKSUMS_FILE).read_text().splitlines()]
         sums = {name: sum_ for sum_, name in lines}
     except (OSError, ValueError, KeyError) as error:
-        return f"{type(error).__name__} in made.json or {SUMS}"
+        return f"{type(error).__name__} in made.json or {CHECKSUMS_FILE}"
     for name, stamp in stamps.items():
         path = output / name
         if not path.is_file():
             return f"{name} is missing"
-        if _stamp(path) != stamp and name != SUMS and hashlib.sha256(path.read_bytes()).hexdigest() != sums.get(name):
-            return f"{name} does not match {SUMS}"
+        if (
+            _stamp(path) != stamp
+            and name != CHECKSUMS_FILE
+            and hashlib.sha256(path.read_bytes()).hexdigest() != sums.get(name)
+        ):
+            return f"{name} does not match {CHECKSUMS_FILE}"
     return None
 
 
-def _dvc_output(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry], checkout: Path) -> Path | None:
+def _dvc_output(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], checkout: Path
+) -> Path | None:
     """The folder in data/ that `dvc repro` made from the very same, or None.
 
     dvc.lock holds the values and hashes of all that it was made from, and of what came out.
@@ -241,14 +251,14 @@ def _dvc_output(call: Call, params: Mapping[str, Any], read: Mapping[Path, Entry
     output = checkout / call.folder
     lock = checkout / "dvc.lock"
     stages = _locked(lock, lock.stat().st_mtime_ns) if lock.is_file() else {}
-    if call.address not in stages or not (output / SUMS).is_file():
+    if call.address not in stages or not (output / CHECKSUMS_FILE).is_file():
         return None
     locked = stages[call.address]
     values = locked.get("params", {}).get("params.yaml", {})
-    if values != {key: section(params, key) for key in call.sections}:
+    if values != {key: get_section(params, key) for key in call.sections}:
         return None
     places = {each["path"]: each.get("md5") for each in locked.get("deps", [])}
-    here = {path: md5(_inside(read, path)) for path in call.data} | code_version(call.code, checkout)
+    here = {path: md5(_inside(read, path)) for path in call.inputs} | code_version(call.code_deps, checkout)
     outs = {each["path"]: each.get("md5") for each in locked.get("outs", [])}
     # Last, because it reads the whole output.
     return output if here == places and outs == {call.folder.as_posix(): md5(output)} else None
@@ -260,7 +270,7 @@ def _locked(lock: Path, changed_ns: int) -> dict[str, Any]:
     return dict(YAML(typ="safe").load(lock.read_text())["stages"])
 
 
-def _inside(read: Mapping[Path, Entry], path: str) -> Path:
+def _inside(read: Mapping[Path, StoredResult], path: str) -> Path:
     """Where a declared path lies in the store."""
     for folder, entry in read.items():
         if Path(path).is_relative_to(folder):

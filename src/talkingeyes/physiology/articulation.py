@@ -21,17 +21,17 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 
-FIELDS = ("jaw", "round", "spread", "part")
+MOUTH_PARAMETERS = ("jaw", "round", "spread", "part")
 THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])  # how fast a phoneme's pull grows before it, and fades after
 THETA_AFTER_PER_S = np.array([25.0, 15.0, 17.0, 20.0])
 REST_DOMINANCE = np.array([0.06, 0.10, 0.10, 0.10])
-NEAREST = 17  # phonemes that a moment is reckoned from
+NEAREST_PHONEMES = 17  # phonemes that a moment is reckoned from
 UNDERSHOOT_GAIN = 1.2  # of vowels: between consonants the jaw does not get where they want it
 LOUDNESS_EXPONENT, LOUDNESS_GAIN = 0.3, (0.6, 1.45)
 JAW_LIMIT_RAD = 0.30
 APEX = 0.45  # of a phoneme's length; of a diphthong's first and second part:
 DIPHTHONG_APEX = (0.3, 0.8)
-CONTACT_RAMP_S = 0.055  # lips take so long to meet and to part
+LIP_CONTACT_RAMP_S = 0.055  # lips take so long to meet and to part
 CONTACT_S, CONTACT_SHARE = 0.045, 0.5  # they touch for so long at least, or this share of the phoneme
 
 # jaw (radians) and its dominance; rounding, spreading and parting of the lips, and their dominance. By the first
@@ -68,8 +68,8 @@ _TARGETS: dict[str, tuple[float, float, float, float, float, float]] = {
 }
 _OTHER = (0.05, 0.3, 0.0, 0.1, 0.1, 0.2)
 VOWELS = frozenset("@3IiUuyYWeEoO0VaA&")
-CLOSED = ("p", "b", "m")
-TUCKED = ("f", "v")
+BILABIALS = ("p", "b", "m")
+LABIODENTALS = ("f", "v")
 
 # What the fields do to the lips of a head with ARKit's shapes (a name without its side stands for both). Funnel only as
 # far as the jaw is open: it parts the lips.
@@ -79,12 +79,14 @@ SPREAD = {"mouthStretch": 0.22, "mouthSmile": 0.14, "mouthDimple": 0.10}
 PART = {"mouthLowerDown": 0.45, "mouthUpperUp": 0.28}
 PRESS = {"mouthPress": 0.25, "mouthRollLower": 0.15}
 TUCK = {"mouthRollLower": 0.55, "mouthShrugLower": 0.18, "mouthUpperUp": 0.16}
-TUCK_CLOSES = 0.55  # of what the jaw opens
-SIDED = frozenset(("mouthStretch", "mouthSmile", "mouthDimple", "mouthLowerDown", "mouthUpperUp", "mouthPress"))
+LABIODENTAL_CLOSURE = 0.55  # of what the jaw opens
+LATERAL_SHAPES = frozenset(
+    ("mouthStretch", "mouthSmile", "mouthDimple", "mouthLowerDown", "mouthUpperUp", "mouthPress")
+)
 
 
 @dataclass(frozen=True)
-class MouthHabit:
+class ArticulationStyle:
     """How one person speaks with the mouth: factors about 1 on jaw and lips; how far the jaw goes aside as it opens.
 
     `jaw_rest_rad` is where the jaw hangs in silence: 0 but for some emotions.
@@ -97,7 +99,7 @@ class MouthHabit:
 
 
 @dataclass(frozen=True)
-class Mouth:
+class MouthMotion:
     """The mouth at T times: jaw rotation (radians), weights of lip shapes by name, and how far lips are held closed."""
 
     jaw: Float[ndarray, "T 3"]
@@ -105,12 +107,12 @@ class Mouth:
     closed: Float[ndarray, " T"]
 
 
-def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: MouthHabit) -> Mouth:
+def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle) -> MouthMotion:
     """Jaw and lips at ascending times."""
-    fields = lip_and_jaw_fields(phonemes, times_s, habit)
+    fields = coarticulated_parameters(phonemes, times_s, style)
     opening = np.clip(fields[:, 0], 0.0, JAW_LIMIT_RAD)
-    rounding, spreading, parting = np.clip(habit.lip_scale * fields[:, 1:], 0.0, 1.2).T
-    closed, tucked = contact(phonemes, times_s, CLOSED), contact(phonemes, times_s, TUCKED)
+    rounding, spreading, parting = np.clip(style.lip_scale * fields[:, 1:], 0.0, 1.2).T
+    closed, tucked = lip_contact(phonemes, times_s, BILABIALS), lip_contact(phonemes, times_s, LABIODENTALS)
     free = (1.0 - closed) * (1.0 - tucked)
     open_share = np.minimum(opening / 0.10, 1.3)
     shapes: dict[str, Float[ndarray, " T"]] = {}
@@ -121,54 +123,56 @@ def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: Mou
         (PART, parting * free),
         (PRESS, closed),
         (TUCK, tucked),
-        ({"mouthClose": 1.0 / JAW_OPEN_RAD}, opening * np.maximum(closed, TUCK_CLOSES * tucked)),
+        ({"mouthClose": 1.0 / JAW_OPEN_RAD}, opening * np.maximum(closed, LABIODENTAL_CLOSURE * tucked)),
     ):
         for name, weight in weights.items():
-            for shape in (f"{name}Left", f"{name}Right") if name in SIDED else (name,):
+            for shape in (f"{name}Left", f"{name}Right") if name in LATERAL_SHAPES else (name,):
                 shapes[shape] = shapes.get(shape, 0.0) + weight * drive
-    jaw = np.stack([opening, habit.jaw_asymmetry * opening, np.zeros_like(opening)], axis=-1)
-    return Mouth(jaw, shapes, np.maximum(closed, tucked))
+    jaw = np.stack([opening, style.jaw_asymmetry * opening, np.zeros_like(opening)], axis=-1)
+    return MouthMotion(jaw, shapes, np.maximum(closed, tucked))
 
 
-def lip_and_jaw_fields(
-    phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], habit: MouthHabit
+def coarticulated_parameters(
+    phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle
 ) -> Float[ndarray, "T 4"]:
     """The FIELDS: jaw in radians (scaled to the person), the others 0 to 1."""
-    rest = np.array([habit.jaw_rest_rad, 0.0, 0.0, 0.0])
+    rest = np.array([style.jaw_rest_rad, 0.0, 0.0, 0.0])
     if not phonemes:
         return np.tile(rest, (len(times_s), 1))
-    pulls = np.array([pull for phoneme in phonemes for pull in _pulls(phoneme)])
-    middle_s, targets = pulls[:, 0], pulls[:, 1:5].copy()
-    targets[:, 0] *= habit.jaw_scale
-    strength = pulls[:, [5, 6, 6, 6]]
-    near = nearest(middle_s, times_s, NEAREST)
+    targets_by_phoneme = np.array([pull for phoneme in phonemes for pull in _dominance_targets(phoneme)])
+    middle_s, targets = targets_by_phoneme[:, 0], targets_by_phoneme[:, 1:5].copy()
+    targets[:, 0] *= style.jaw_scale
+    strength = targets_by_phoneme[:, [5, 6, 6, 6]]
+    near = nearest_indices(middle_s, times_s, NEAREST_PHONEMES)
     after_s = (times_s[:, None] - middle_s[near])[..., None]
     dominance = strength[near] * np.exp(-np.where(after_s < 0, -THETA_BEFORE_PER_S, THETA_AFTER_PER_S) * after_s)
     pulled = (dominance * targets[near]).sum(axis=1) + REST_DOMINANCE * rest
     return np.asarray(pulled / (dominance.sum(axis=1) + REST_DOMINANCE))
 
 
-def contact(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], kinds: tuple[str, ...]) -> Float[ndarray, " T"]:
+def lip_contact(
+    phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], kinds: tuple[str, ...]
+) -> Float[ndarray, " T"]:
     """How far the lips touch (0 to 1) for the phonemes of some kinds; wholly for a while in each of them."""
     spans = np.array([(p.start_s, p.end_s) for p in phonemes if p.symbol.startswith(kinds)])
     if not len(spans):
         return np.zeros(len(times_s))
     middle_s = spans.mean(axis=1)
     half_s = np.maximum(CONTACT_SHARE * (spans[:, 1] - spans[:, 0]), CONTACT_S) / 2.0
-    near = nearest(middle_s, times_s, 4)
-    away = (np.abs(times_s[:, None] - middle_s[near]) - half_s[near]) / CONTACT_RAMP_S
+    near = nearest_indices(middle_s, times_s, 4)
+    away = (np.abs(times_s[:, None] - middle_s[near]) - half_s[near]) / LIP_CONTACT_RAMP_S
     left = 1.0 - np.clip(away, 0.0, 1.0)
     return np.asarray((left * left * (3.0 - 2.0 * left)).max(axis=1))
 
 
-def nearest(at_s: Float[ndarray, " N"], times_s: Float[ndarray, " T"], count: int) -> Int[ndarray, "T K"]:
+def nearest_indices(at_s: Float[ndarray, " N"], times_s: Float[ndarray, " T"], count: int) -> Int[ndarray, "T K"]:
     """Indices of the `count` moments around each time, or of all where there are fewer."""
     count = min(count, len(at_s))
     first = np.clip(np.searchsorted(at_s, times_s) - count // 2, 0, len(at_s) - count)
     return np.asarray(first[:, None] + np.arange(count))
 
 
-def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
+def _dominance_targets(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
     """When, what targets and how strongly: once for a phoneme, twice for a diphthong."""
     gain = 1.0
     if phoneme.symbol[:1] in VOWELS:
@@ -178,12 +182,12 @@ def _pulls(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
     second = next((letter for letter in phoneme.symbol[1:] if letter in VOWELS), "")
     parts = [phoneme.symbol, second] if second and phoneme.symbol[0] in VOWELS else [phoneme.symbol]
     for part, apex in zip(parts, DIPHTHONG_APEX if len(parts) == 2 else (APEX,), strict=True):
-        jaw_rad, jaw_dominance, *lips, lip_dominance = target_of(part)
+        jaw_rad, jaw_dominance, *lips, lip_dominance = phoneme_targets(part)
         yield (phoneme.start_s + apex * length_s, gain * jaw_rad, *lips, jaw_dominance, lip_dominance)
 
 
 @cache
-def target_of(symbol: str) -> tuple[float, float, float, float, float, float]:
+def phoneme_targets(symbol: str) -> tuple[float, float, float, float, float, float]:
     """A row of the table: jaw and its dominance; rounding, spreading, parting, and their dominance."""
     for length in range(len(symbol), 0, -1):
         if symbol[:length] in _TARGETS:

@@ -1,8 +1,8 @@
 """Blinks: how often, when, and how the lid runs.
 
-Rates: `PAPER` is the paper's N(40.10, 15.42) a minute with its 5-frame window (Sect. IV-E); `PHYSIO` is log-normal
-over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, where the
-speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has
+Rates: `PAPER` is the paper's N(40.10, 15.42) a minute with its 5-frame window (Sect. IV-E); `PHYSIOLOGICAL` is
+log-normal over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, where
+the speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has
 the same form. While the lids shut, the eyes turn down and towards the nose (Collewijn et al. 1985). Times are seconds.
 """
 
@@ -28,8 +28,8 @@ PHRASE_END_S, PARTNER_END_S = (-0.1, 0.5), (0.25, 0.5)
 PHRASE_END_FACTOR, PAUSE_FACTOR, PHRASE_FACTOR = 3.0, 2.0, 0.7
 PARTNER_END_FACTOR, LISTENING_FACTOR = 3.0, 0.9
 REFRACTORY_S = 0.25
-USUAL_BLINK_S = 0.33
-FULL_SHARE = 0.7
+MEAN_BLINK_S = 0.33
+COMPLETE_PROBABILITY = 0.7
 OPENING_DECAY = 3.0
 # How far a full blink turns each eye: down, and towards the nose (1 to 5 degrees in all).
 DOWN_RAD, NASAL_RAD = np.radians(1.6), np.radians(0.6)
@@ -43,22 +43,22 @@ class BlinkProfile:
     what people do. `window_s` is the fixed length of a blink, or None for physiological kinematics.
     """
 
-    law: Literal["normal", "lognormal"]
+    distribution: Literal["normal", "lognormal"]
     centre_per_min: float
     spread: float
     window_s: float | None = None
     # Whether blinks come at the ends of phrases and in pauses, where they are known.
-    heeds_speech: bool = True
+    speech_dependent: bool = True
 
 
-PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200, heeds_speech=False)
-PHYSIO = BlinkProfile("lognormal", 23.0, 0.35)
-PROFILES = {"paper": PAPER, "physio": PHYSIO}
+PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200, speech_dependent=False)
+PHYSIOLOGICAL = BlinkProfile("lognormal", 23.0, 0.35)
+PROFILES = {"paper": PAPER, "physio": PHYSIOLOGICAL}
 
 
-def draw_rate_per_min(profile: BlinkProfile, random: np.random.Generator) -> float:
+def sample_blink_rate(profile: BlinkProfile, random: np.random.Generator) -> float:
     """Blinks a minute of one person (or clip)."""
-    if profile.law == "lognormal":
+    if profile.distribution == "lognormal":
         return float(
             np.clip(profile.centre_per_min * np.exp(profile.spread * random.standard_normal()), *RATE_LIMITS_PER_MIN)
         )
@@ -68,41 +68,43 @@ def draw_rate_per_min(profile: BlinkProfile, random: np.random.Generator) -> flo
     return float(rate)
 
 
-def rate_at_per_min(profile: BlinkProfile, share: float) -> float:
+def blink_rate_quantile(profile: BlinkProfile, share: float) -> float:
     """Blinks a minute than which a share of the people (0 to 1, both left out) of a profile blink less often."""
-    if profile.law == "lognormal":
+    if profile.distribution == "lognormal":
         return float(np.clip(profile.centre_per_min * np.exp(profile.spread * ndtri(share)), *RATE_LIMITS_PER_MIN))
     below = ndtr(-profile.centre_per_min / profile.spread)  # what is cut off at 0
     return float(profile.centre_per_min + profile.spread * ndtri(below + (1.0 - below) * share))
 
 
-def draw_blinks(
+def sample_blinks(
     profile: BlinkProfile,
     seconds: float,
     random: np.random.Generator,
     annotation: Annotation | None = None,
     rate_per_min: float | None = None,
-    full: float = FULL_SHARE,
+    full: float = COMPLETE_PROBABILITY,
 ) -> tuple[Blink, ...]:
     """Blinks over `seconds`, at a rate drawn from the profile unless given; `full` is how likely the lids meet.
 
     A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives, if
     the profile heeds it.
     """
-    rate = draw_rate_per_min(profile, random) if rate_per_min is None else rate_per_min
+    rate = sample_blink_rate(profile, random) if rate_per_min is None else rate_per_min
     mean_s = 60.0 / max(rate, 1e-6)
-    length_s = profile.window_s or USUAL_BLINK_S + REFRACTORY_S
+    length_s = profile.window_s or MEAN_BLINK_S + REFRACTORY_S
     dead_s = min(length_s, 0.6 * mean_s)
     warm_up_s = 4.0 * mean_s
     count = int(2.0 * (seconds + warm_up_s) / mean_s) + 20
     steps_s = dead_s + random.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
     even_s = np.cumsum(steps_s) - warm_up_s
     even_s = even_s[(even_s >= 0) & (even_s < seconds)]
-    onsets_s = _warped(even_s, seconds, annotation if profile.heeds_speech else None)
-    return without_overlap([draw_blink(profile, onset, random, full) for onset in onsets_s])
+    onsets_s = _warp_times(even_s, seconds, annotation if profile.speech_dependent else None)
+    return drop_overlapping([sample_blink(profile, onset, random, full) for onset in onsets_s])
 
 
-def draw_blink(profile: BlinkProfile, onset_s: float, random: np.random.Generator, full: float = FULL_SHARE) -> Blink:
+def sample_blink(
+    profile: BlinkProfile, onset_s: float, random: np.random.Generator, full: float = COMPLETE_PROBABILITY
+) -> Blink:
     """One blink; `full` is the probability that the lids meet."""
     if profile.window_s is not None:
         return Blink(float(onset_s), 0.4 * profile.window_s, 0.2 * profile.window_s, 0.4 * profile.window_s, 1.0)
@@ -115,7 +117,7 @@ def draw_blink(profile: BlinkProfile, onset_s: float, random: np.random.Generato
     )
 
 
-def without_overlap(first: Sequence[Blink], others: Sequence[Blink] = ()) -> tuple[Blink, ...]:
+def drop_overlapping(first: Sequence[Blink], others: Sequence[Blink] = ()) -> tuple[Blink, ...]:
     """Blinks in order of onset: of `first`, and then of `others`, those that no blink already taken overlaps."""
     kept: list[Blink] = []
     for group in (first, others):
@@ -149,18 +151,18 @@ def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[nda
     return total
 
 
-def eye_shift_rad(closed: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 2"]:
+def blink_eye_rotation_rad(closed: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 2"]:
     """How far (yaw, pitch) blinks that close the left and the right eye so far turn them."""
     nasal = np.stack([-closed[:, 0], closed[:, 1]], axis=-1)
     return np.stack([NASAL_RAD * nasal, -DOWN_RAD * closed], axis=-1)
 
 
-def evoked_probability(amplitude_rad: float) -> float:
+def evoked_blink_probability(amplitude_rad: float) -> float:
     """Probability that a gaze shift of this amplitude brings a blink (Evinger 1994)."""
     return float(0.97 * np.clip((np.degrees(amplitude_rad) - 5.0) / 28.0, 0.0, 1.0))
 
 
-def _warped(even_s: Float[ndarray, " N"], seconds: float, annotation: Annotation | None) -> Float[ndarray, " N"]:
+def _warp_times(even_s: Float[ndarray, " N"], seconds: float, annotation: Annotation | None) -> Float[ndarray, " N"]:
     """Times whose share of the summed hazard is that of `even_s` in the whole; the number of blinks stays."""
     if annotation is None or len(even_s) == 0:
         return even_s

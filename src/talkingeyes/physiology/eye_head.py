@@ -15,13 +15,13 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core import rotation
-from talkingeyes.core.motion import HeadMove
+from talkingeyes.core.motion import HeadMovement
 from talkingeyes.physiology.vergence import lines_of_sight, optical_axes_rad
 
 # 30 degrees to the sides and down, 20 up (Guitton & Volle 1987; Stahl 1999), and never on the edge itself.
 YAW_LIMIT_RAD = np.radians(29.5)
 PITCH_LIMITS_RAD = (np.radians(-29.5), np.radians(19.5))
-NEAREST_LIMIT_RAD = min(YAW_LIMIT_RAD, *np.abs(PITCH_LIMITS_RAD))
+SMALLEST_LIMIT_RAD = min(YAW_LIMIT_RAD, *np.abs(PITCH_LIMITS_RAD))
 ONSET_LAG_S = (0.030, 0.040)
 ONSET_LAG_LIMITS_S = (-0.100, 0.150)
 
@@ -40,7 +40,7 @@ def head_duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarra
     return np.asarray(0.250 + 0.012 * np.degrees(amplitude_rad))
 
 
-def draw_onset_lag_s(random: np.random.Generator) -> float:
+def sample_onset_lag_s(random: np.random.Generator) -> float:
     """How much later than the eye the head starts (negative: earlier)."""
     return float(np.clip(random.normal(*ONSET_LAG_S), *ONSET_LAG_LIMITS_S))
 
@@ -51,7 +51,7 @@ def minimum_jerk(phase: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
     return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
 
 
-def head_path(moves: Sequence[HeadMove], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+def head_path(moves: Sequence[HeadMovement], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
     """Sum of the head movements as a rotation vector (their angles are small enough to add)."""
     total = np.zeros((len(times_s), 3))
     for move in moves:
@@ -59,33 +59,34 @@ def head_path(moves: Sequence[HeadMove], times_s: Float[ndarray, " T"]) -> Float
     return total
 
 
-def eyes(
+def eye_rotations(
     head: Float[ndarray, "T 3"],
-    space_rad: Float[ndarray, "T 2"],
+    gaze_in_space_rad: Float[ndarray, "T 2"],
     vergence: Float[ndarray, " T"],
     kappa_rad: Float[ndarray, "2 2"],
     blink_rad: Float[ndarray, "T 2 2"],
 ) -> Float[ndarray, "T 2 3"]:
     """Both eyes of a turning head, without torsion and within their range: where their optical axes point.
 
-    Their lines of sight meet in direction `space_rad` under the angle `vergence`; what a blink moves them by is added.
+    Their lines of sight meet in direction `gaze_in_space_rad` under the angle `vergence`; what a blink moves them by is
+    added.
     """
-    straight = np.einsum("tji,tj->ti", rotation.matrices(head), rotation.direction_of_angles(space_rad))
+    straight = np.einsum("tji,tj->ti", rotation.rotvec_to_matrix(head), rotation.angles_to_direction(gaze_in_space_rad))
     axes = optical_axes_rad(lines_of_sight(straight, vergence), kappa_rad) + blink_rad
-    return rotation.gaze_of_angles(within_limits(axes))
+    return rotation.angles_to_gaze(clamp_angles(axes))
 
 
-def within_range(gaze: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
+def clamp_to_eye_range(gaze: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
     """Rotation vectors of eyes, no further than eyes turn; what is within stays as it is."""
-    far = np.einsum("...i,...i->...", gaze, gaze) > NEAREST_LIMIT_RAD**2
+    far = np.einsum("...i,...i->...", gaze, gaze) > SMALLEST_LIMIT_RAD**2
     if not far.any():
         return gaze
     held = gaze.copy()
-    held[far] = rotation.gaze_of_angles(within_limits(rotation.angles_of_gaze(gaze[far])))
+    held[far] = rotation.angles_to_gaze(clamp_angles(rotation.gaze_to_angles(gaze[far])))
     return held
 
 
-def within_limits(axes_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
+def clamp_angles(axes_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
     """Yaw and pitch of eyes in the head, no further than eyes turn."""
     least, most = np.transpose([(-YAW_LIMIT_RAD, YAW_LIMIT_RAD), PITCH_LIMITS_RAD])
     return np.asarray(axes_rad.clip(least, most))

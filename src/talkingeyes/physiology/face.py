@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.physiology.articulation import Mouth
+from talkingeyes.physiology.articulation import MouthMotion
 from talkingeyes.physiology.eye_head import minimum_jerk
 
 
@@ -36,13 +36,13 @@ FACE_SHAPES: tuple[str, ...] = tuple(
         )
     )
 )
-PARTING = frozenset(_both("mouthUpperUp", "mouthLowerDown"))
-SHARE_OF_INTENSITY = (0.0, 0.4, 0.7, 1.0)
-BROWS: Mapping[str, float] = {"browInnerUp": 0.8, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0}
+LIP_PARTING_SHAPES = frozenset(_both("mouthUpperUp", "mouthLowerDown"))
+INTENSITY_STRENGTH = (0.0, 0.4, 0.7, 1.0)
+BROW_RAISE_SHAPES: Mapping[str, float] = {"browInnerUp": 0.8, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0}
 
 
 @dataclass(frozen=True)
-class Feeling:
+class EmotionExpression:
     """An emotion in the face at full intensity: weights of shapes (both sides where a name has sides), closure that
     is added to the lids, the angle at which the jaw rests, and a factor on how far it opens in speech."""
 
@@ -52,7 +52,7 @@ class Feeling:
     jaw_scale: float = 1.0
 
 
-def _sides(**weights: float) -> Mapping[str, float]:
+def _expand_sides(**weights: float) -> Mapping[str, float]:
     """Weights by the names of FACE_SHAPES; a name without its side stands for both."""
     return {
         shape: weight
@@ -61,18 +61,27 @@ def _sides(**weights: float) -> Mapping[str, float]:
     }
 
 
-FEELINGS: Mapping[str, Feeling] = MappingProxyType(
+EMOTION_EXPRESSIONS: Mapping[str, EmotionExpression] = MappingProxyType(
     {
-        "neutral": Feeling({}),
-        "happy": Feeling(_sides(cheekSquint=0.5, mouthSmile=0.55, mouthDimple=0.1), 0.04, 0.0, 1.1),
-        "sad": Feeling(_sides(browInnerUp=0.7, browDown=0.2, mouthFrown=0.45, mouthShrugLower=0.15), 0.12, 0.0, 0.85),
-        "surprised": Feeling(_sides(browInnerUp=0.8, browOuterUp=0.8), -0.18, 0.05, 1.15),
-        "fear": Feeling(_sides(browInnerUp=0.8, browOuterUp=0.35, browDown=0.3, mouthStretch=0.4), -0.15, 0.02, 1.0),
-        "disgusted": Feeling(
-            _sides(noseSneer=0.5, mouthUpperUp=0.2, mouthFrown=0.3, browDown=0.35, cheekSquint=0.2), 0.08, 0.0, 0.95
+        "neutral": EmotionExpression({}),
+        "happy": EmotionExpression(_expand_sides(cheekSquint=0.5, mouthSmile=0.55, mouthDimple=0.1), 0.04, 0.0, 1.1),
+        "sad": EmotionExpression(
+            _expand_sides(browInnerUp=0.7, browDown=0.2, mouthFrown=0.45, mouthShrugLower=0.15), 0.12, 0.0, 0.85
         ),
-        "angry": Feeling(_sides(browDown=0.8, eyeSquint=0.2, mouthPress=0.2, noseSneer=0.12), -0.06, 0.0, 1.15),
-        "contempt": Feeling(_sides(mouthSmileLeft=0.35, mouthDimpleLeft=0.5), 0.06, 0.0, 0.95),
+        "surprised": EmotionExpression(_expand_sides(browInnerUp=0.8, browOuterUp=0.8), -0.18, 0.05, 1.15),
+        "fear": EmotionExpression(
+            _expand_sides(browInnerUp=0.8, browOuterUp=0.35, browDown=0.3, mouthStretch=0.4), -0.15, 0.02, 1.0
+        ),
+        "disgusted": EmotionExpression(
+            _expand_sides(noseSneer=0.5, mouthUpperUp=0.2, mouthFrown=0.3, browDown=0.35, cheekSquint=0.2),
+            0.08,
+            0.0,
+            0.95,
+        ),
+        "angry": EmotionExpression(
+            _expand_sides(browDown=0.8, eyeSquint=0.2, mouthPress=0.2, noseSneer=0.12), -0.06, 0.0, 1.15
+        ),
+        "contempt": EmotionExpression(_expand_sides(mouthSmileLeft=0.35, mouthDimpleLeft=0.5), 0.06, 0.0, 0.95),
     }
 )
 
@@ -93,7 +102,7 @@ class BrowRaise:
 
 
 @dataclass(frozen=True)
-class Face:
+class FacialBehaviour:
     """What the face does in a take beside speech. `share` is how much of the emotion shows (0 to 1)."""
 
     emotion: str = "neutral"
@@ -101,28 +110,30 @@ class Face:
     brows: tuple[BrowRaise, ...] = ()
 
     @property
-    def feeling(self) -> Feeling:
+    def emotion_expression(self) -> EmotionExpression:
         """The emotion at full intensity."""
-        return FEELINGS[self.emotion]
+        return EMOTION_EXPRESSIONS[self.emotion]
 
 
 def expression(
-    face: Face, mouth: Mouth, times_s: Float[ndarray, " T"], tide: Float[ndarray, " T"]
+    face: FacialBehaviour, mouth: MouthMotion, times_s: Float[ndarray, " T"], strength_over_time: Float[ndarray, " T"]
 ) -> Float[ndarray, "T C"]:
-    """Weights of FACE_SHAPES, 0 to 1. `tide` is how strongly the emotion shows at each time, about 1."""
+    """Weights of FACE_SHAPES, 0 to 1. `strength_over_time` is how strongly the emotion shows at each time, about 1."""
     weights = np.zeros((len(times_s), len(FACE_SHAPES)))
-    brows = raised(face.brows, times_s)
-    felt = face.share * tide
-    for name, weight in face.feeling.shapes.items():
-        weights[:, FACE_SHAPES.index(name)] += weight * felt * (1.0 - mouth.closed if name in PARTING else 1.0)
-    for name, weight in BROWS.items():
+    brows = brow_height(face.brows, times_s)
+    felt = face.share * strength_over_time
+    for name, weight in face.emotion_expression.shapes.items():
+        weights[:, FACE_SHAPES.index(name)] += (
+            weight * felt * (1.0 - mouth.closed if name in LIP_PARTING_SHAPES else 1.0)
+        )
+    for name, weight in BROW_RAISE_SHAPES.items():
         weights[:, FACE_SHAPES.index(name)] += weight * brows
     for name, column in mouth.shapes.items():
         weights[:, FACE_SHAPES.index(name)] += column
     return np.clip(weights, 0.0, 1.0)
 
 
-def raised(raises: Sequence[BrowRaise], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
+def brow_height(raises: Sequence[BrowRaise], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
     """How far the brows are up at ascending times; of raises that overlap, the higher counts."""
     total = np.zeros(len(times_s))
     for one in raises:

@@ -17,44 +17,46 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.eyelid.anatomy import Person, draw_person, upper_turn_rad
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.eyelid.anatomy import EyelidParameters, sample_eyelid_parameters, upper_lid_rotation_rad
 from talkingeyes.head.eyelid.construction import predictors
 from talkingeyes.head.eyelid.drive import AHEAD, LID_SHAPES, SIDES
 
-LATE_S = 0.005  # the lid after the eye
-LEAST_OPEN_M = 0.002  # openings that gaze leaves are taken to be at least this, in what lids are measured by
-WIDEST, OPEN_MOST = -0.5, 0.6  # what lids do without a blink, as closure
+LID_LAG_S = 0.005  # the lid after the eye
+MIN_OPENING_M = 0.002  # openings that gaze leaves are taken to be at least this, in what lids are measured by
+MIN_CLOSURE, MAX_CLOSURE = -0.5, 0.6  # what lids do without a blink, as closure
 
 
-MEAN_EYES = (Person(), Person())
-EYES_DIFFER_RAD = np.radians(0.5)
+MEAN_EYELIDS = (EyelidParameters(), EyelidParameters())
+LID_ASYMMETRY_RAD = np.radians(0.5)
 
 
-def draw_eyes(random: np.random.Generator) -> tuple[Person, Person]:
+def sample_eyelids(random: np.random.Generator) -> tuple[EyelidParameters, EyelidParameters]:
     """The lids of somebody's left and right eye: alike, but at rest half a degree apart."""
-    person, apart_rad = draw_person(random), EYES_DIFFER_RAD * random.standard_normal(2)
+    person, apart_rad = sample_eyelid_parameters(random), LID_ASYMMETRY_RAD * random.standard_normal(2)
     left, right = (replace(person, droop_rad=float(person.droop_rad + each)) for each in apart_rad)
     return left, right
 
 
-def open_lids(
+def lid_closure_by_gaze(
     angles_rad: Float[ndarray, "T 2 2"],
     lid_pitch_rad: Float[ndarray, "T 2"],
-    unrest_rad: Float[ndarray, "T 2"],
-    eyes: tuple[Person, Person],
+    drift_rad: Float[ndarray, "T 2"],
+    eyes: tuple[EyelidParameters, EyelidParameters],
 ) -> Float[ndarray, "T 2"]:
     """`Motion.lid` without blinks at eye-in-head angles (yaw, pitch). `lid_pitch_rad` is the pitch that lids follow."""
     frame = _lid_frame()
     inputs = predictors(angles_rad) - AHEAD
     modelled_m = np.einsum("tep,ep->te", inputs, frame.upper_by_gaze)
-    turned = np.stack([upper_turn_rad(lid_pitch_rad[:, eye], eyes[eye]) for eye in range(2)], axis=-1) + unrest_rad
+    turned = (
+        np.stack([upper_lid_rotation_rad(lid_pitch_rad[:, eye], eyes[eye]) for eye in range(2)], axis=-1) + drift_rad
+    )
     person_m = frame.radius_m * (np.sin(frame.rest_rad + turned) - np.sin(frame.rest_rad))
-    left_open = np.maximum(frame.opening_m + np.einsum("tep,ep->te", inputs, frame.opening_by_gaze), LEAST_OPEN_M)
-    return np.asarray(np.clip((modelled_m - person_m) / (frame.upper_share * left_open), WIDEST, OPEN_MOST))
+    left_open = np.maximum(frame.opening_m + np.einsum("tep,ep->te", inputs, frame.opening_by_gaze), MIN_OPENING_M)
+    return np.asarray(np.clip((modelled_m - person_m) / (frame.upper_share * left_open), MIN_CLOSURE, MAX_CLOSURE))
 
 
-def blinking(
+def add_blinks(
     open_: Float[ndarray, "T 2"],
     shut: Float[
         ndarray,
@@ -82,7 +84,7 @@ class _LidFrame:
 
 @cache
 def _lid_frame() -> _LidFrame:
-    head = open_head()
+    head = anny_head()
     names, first = head.landmarks.names, head.shape(LID_SHAPES[0])
     rest, shapes = head.landmarks.of(head.template), head.landmarks.of(head.expression[first : first + 10])
     at = {lid: [[names.index(f"{side}_eye_{lid}_{x}") for x in ("outer", "inner")] for side in SIDES]

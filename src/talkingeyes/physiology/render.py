@@ -17,12 +17,12 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.head.eyelid.anatomy import Person
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.physiology import articulation, blinks, eye_head, face, lids, saccades, vergence
 
 
 @dataclass(frozen=True)
-class Waves:
+class Sinusoids:
     """A sum of K sinusoids in C channels."""
 
     frequency_hz: Float[ndarray, " K"]
@@ -37,7 +37,7 @@ class Waves:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PiecewiseLinear:
     """A polyline in time, constant beyond its ends."""
 
     knots_s: Float[ndarray, " K"]
@@ -49,12 +49,12 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Continuous:
+class ContinuousMotion:
     """What moves all the time, beside the events.
 
-    `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speaking` is the unrest of the
-    head that grows with `activity` (0 still, 1 speaking); `lid_rest` is a closure beside the blinks, `lid_unrest` the
-    slow motion of the lids (radians), `face_tide` how much more or less of an emotion shows;
+    `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speech_motion` is the unrest of
+    the head that grows with `activity` (0 still, 1 speaking); `lid_rest` is a closure beside the blinks, `lid_drift`
+    the slow motion of the lids (radians), `emotion_fluctuation` how much more or less of an emotion shows;
     `kappa_rad` is what each eye's optical axis (yaw, pitch) has over its line of sight, `blink_lag_s` how much later
     the right lid moves than the left.
     """
@@ -62,65 +62,72 @@ class Continuous:
     gaze_rest_rad: tuple[float, float]
     kappa_rad: Float[ndarray, "2 2"]
     head_rest: Float[ndarray, " 3"]
-    head_waves: Waves
-    head_speaking: Waves
-    activity: Curve
-    translation: Waves
-    eyelids: tuple[Person, Person]
+    head_drift: Sinusoids
+    head_speech_motion: Sinusoids
+    activity: PiecewiseLinear
+    translation: Sinusoids
+    eyelids: tuple[EyelidParameters, EyelidParameters]
     lid_rest: float
-    lid_unrest: Waves
+    lid_drift: Sinusoids
     blink_lag_s: float
     phonemes: Sequence[Phoneme]
-    mouth: articulation.MouthHabit
-    face: face.Face
-    face_tide: Waves
+    mouth: articulation.ArticulationStyle
+    face: face.FacialBehaviour
+    emotion_fluctuation: Sinusoids
 
 
-def head(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
+def head(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
     """Head rotation vectors: rest, unrest, and the sum of the head movements."""
-    speaking = continuous.activity.at(times_s)[:, None] * continuous.head_speaking.at(times_s)
-    moves = eye_head.head_path(events.head_moves, times_s)
-    return np.asarray(continuous.head_rest + continuous.head_waves.at(times_s) + speaking + moves)
+    speaking = continuous_motion.activity.at(times_s)[:, None] * continuous_motion.head_speech_motion.at(times_s)
+    moves = eye_head.head_path(events.head_movements, times_s)
+    return np.asarray(continuous_motion.head_rest + continuous_motion.head_drift.at(times_s) + speaking + moves)
 
 
-def render(events: Events, continuous: Continuous, times_s: Float[ndarray, " T"], fps: float) -> Motion:
+def render(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"], fps: float) -> Motion:
     """The state at each of the ascending times; `fps` is what the Motion says of itself."""
-    turned = head(events, continuous, times_s)
-    gaze_space = saccades.path(events.saccades, continuous.gaze_rest_rad, times_s)
-    lags_s = (-continuous.blink_lag_s / 2.0, continuous.blink_lag_s / 2.0)
+    turned = head(events, continuous_motion, times_s)
+    gaze_space = saccades.path(events.saccades, continuous_motion.gaze_rest_rad, times_s)
+    lags_s = (-continuous_motion.blink_lag_s / 2.0, continuous_motion.blink_lag_s / 2.0)
     shut = np.stack([blinks.closure(events.blinks, times_s - lag) for lag in lags_s], axis=-1)
-    turned_in = vergence.vergence_path(events.refocuses, events.saccades, times_s)
-    gaze = eye_head.eyes(turned, gaze_space, turned_in, continuous.kappa_rad, blinks.eye_shift_rad(shut))
-    mouth = articulation.mouth(continuous.phonemes, times_s, continuous.mouth)
-    tide = 1.0 + continuous.face_tide.at(times_s)[:, 0]
-    behind = gaze_space - saccades.path(events.saccades, continuous.gaze_rest_rad, times_s - lids.LATE_S)
+    turned_in = vergence.vergence_path(events.vergence_movements, events.saccades, times_s)
+    gaze = eye_head.eye_rotations(
+        turned, gaze_space, turned_in, continuous_motion.kappa_rad, blinks.blink_eye_rotation_rad(shut)
+    )
+    mouth = articulation.mouth(continuous_motion.phonemes, times_s, continuous_motion.mouth)
+    strength_over_time = 1.0 + continuous_motion.emotion_fluctuation.at(times_s)[:, 0]
+    behind = gaze_space - saccades.path(events.saccades, continuous_motion.gaze_rest_rad, times_s - lids.LID_LAG_S)
     return Motion.of(
         fps=fps,
         head=turned,
         gaze=gaze,
-        translation=continuous.translation.at(times_s),
-        lid=lids.blinking(_open_lids(continuous, gaze, behind[:, 1], times_s, tide), shut),
+        translation=continuous_motion.translation.at(times_s),
+        lid=lids.add_blinks(_open_lids(continuous_motion, gaze, behind[:, 1], times_s, strength_over_time), shut),
         jaw=mouth.jaw,
-        expression=face.expression(continuous.face, mouth, times_s, tide),
+        expression=face.expression(continuous_motion.face, mouth, times_s, strength_over_time),
         expression_names=face.FACE_SHAPES,
     )
 
 
 def _open_lids(
-    continuous: Continuous,
+    continuous_motion: ContinuousMotion,
     gaze: Float[ndarray, "T 2 3"],
     behind_rad: Float[ndarray, " T"],
     times_s: Float[ndarray, " T"],
-    tide: Float[ndarray, " T"],
+    strength_over_time: Float[ndarray, " T"],
 ) -> Float[ndarray, "T 2"]:
     """Lids without blinks: they follow the eyes, `behind_rad` late; person and mood say where they rest."""
-    angles = rotation.angles_of_gaze(gaze)
+    angles = rotation.gaze_to_angles(gaze)
     followed = angles[..., 1] - behind_rad[:, None]
-    open_ = lids.open_lids(angles, followed, continuous.lid_unrest.at(times_s), continuous.eyelids)
-    rest = continuous.lid_rest + continuous.face.feeling.lid * continuous.face.share * tide[:, None]
-    return np.clip(open_ + rest, lids.WIDEST, lids.OPEN_MOST)
+    open_ = lids.lid_closure_by_gaze(
+        angles, followed, continuous_motion.lid_drift.at(times_s), continuous_motion.eyelids
+    )
+    rest = (
+        continuous_motion.lid_rest
+        + continuous_motion.face.emotion_expression.lid * continuous_motion.face.share * strength_over_time[:, None]
+    )
+    return np.clip(open_ + rest, lids.MIN_CLOSURE, lids.MAX_CLOSURE)
 
 
-def render_at(events: Events, continuous: Continuous, fps: float, frames: int) -> Motion:
+def render_at(events: Events, continuous_motion: ContinuousMotion, fps: float, frames: int) -> Motion:
     """Frames 0 to `frames` at `fps`: frame t is the state at t / fps."""
-    return render(events, continuous, np.arange(frames) / fps, fps)
+    return render(events, continuous_motion, np.arange(frames) / fps, fps)

@@ -31,7 +31,7 @@ DIRECTION_JITTER_RAD = np.radians(12.0)
 VERTICAL_SHRINK = 0.8
 AMPLITUDE_MIN_DEG = 0.315
 AMPLITUDE_MEAN_DEG = 6.9
-TALKING_CAP_DEG = 27.5
+MAX_TALKING_AMPLITUDE_DEG = 27.5
 
 
 def duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
@@ -82,32 +82,32 @@ def path(
         return np.tile(np.asarray(rest_rad, np.float64), (len(times_s), 1))
     onset, duration, skewness = np.array([(s.onset_s, s.duration_s, s.skew) for s in saccades]).T
     start, end = np.array([s.start_rad for s in saccades]), np.array([s.end_rad for s in saccades])
-    at = course(onset, duration, skewness, times_s)
-    return np.asarray(start[at.index] + (end - start)[at.index] * at.done[:, None])
+    at = saccade_progress(onset, duration, skewness, times_s)
+    return np.asarray(start[at.index] + (end - start)[at.index] * at.completed[:, None])
 
 
 @dataclass(frozen=True)
-class Course:
+class SaccadeProgress:
     """At T times: the last saccade that has begun (before the first, the first), its phase, the share that is done."""
 
     index: Int[ndarray, " T"]
     phase: Float[ndarray, " T"]
-    done: Float[ndarray, " T"]
+    completed: Float[ndarray, " T"]
 
 
-def course(
+def saccade_progress(
     onset_s: Float[ndarray, " K"],
     duration_s: Float[ndarray, " K"],
     skewness: Float[ndarray, " K"],
     times_s: Float[ndarray, " T"],
-) -> Course:
+) -> SaccadeProgress:
     """How far a chain of one saccade or more has come, in order of onset."""
     index = np.maximum(np.searchsorted(onset_s, times_s, side="right") - 1, 0)
     phase = np.clip((times_s - onset_s[index]) / duration_s[index], 0.0, 1.0)
-    done = phase.copy()
+    completed = phase.copy()
     moving = (phase > 0.0) & (phase < 1.0)
-    done[moving] = progress(phase[moving], skewness[index[moving]])
-    return Course(index, phase, done)
+    completed[moving] = progress(phase[moving], skewness[index[moving]])
+    return SaccadeProgress(index, phase, completed)
 
 
 def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
@@ -138,17 +138,17 @@ def saccade(
     )
 
 
-def draw_amplitudes_rad(
-    count: int, random: np.random.Generator, least_deg: float = 0.0, cap_deg: float = TALKING_CAP_DEG
+def sample_amplitudes_rad(
+    count: int, random: np.random.Generator, min_deg: float = 0.0, max_deg: float = MAX_TALKING_AMPLITUDE_DEG
 ) -> Float[ndarray, " N"]:
     """Amplitudes of Eyes Alive's law, .315 + Exp(6.9) degrees, between two bounds (by the inverse of the cut law)."""
     low, high = (
-        1.0 - np.exp(-max(0.0, bound - AMPLITUDE_MIN_DEG) / AMPLITUDE_MEAN_DEG) for bound in (least_deg, cap_deg)
+        1.0 - np.exp(-max(0.0, bound - AMPLITUDE_MIN_DEG) / AMPLITUDE_MEAN_DEG) for bound in (min_deg, max_deg)
     )
     return np.asarray(np.radians(AMPLITUDE_MIN_DEG - AMPLITUDE_MEAN_DEG * np.log1p(-random.uniform(low, high, count))))
 
 
-def draw_directions(
+def sample_directions(
     count: int, random: np.random.Generator, octants: Float[ndarray, " 8"] = DIRECTION_PERCENT
 ) -> Float[ndarray, "N 2"]:
     """Steps of unit amplitude; Eyes Alive's directions, cardinals about twice as often as diagonals, unless given."""

@@ -20,19 +20,19 @@ STEP_RAD = np.radians(1.0)
 EDGE_RAD = np.radians(0.2)
 
 
-def find_saccades(space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
+def find_saccades(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
     """Saccades of gaze in space (yaw, pitch; the mean of the eyes): runs of steps, amplitude their sum."""
     found = []
-    steps = np.linalg.norm(np.diff(space_rad, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(gaze_in_space_rad, axis=0), axis=1)
     for first, last in _runs(steps >= EDGE_RAD):
-        start, end = space_rad[first], space_rad[last + 1]
+        start, end = gaze_in_space_rad[first], gaze_in_space_rad[last + 1]
         amplitude = float(np.linalg.norm(end - start))
         if amplitude < STEP_RAD or steps[first : last + 1].max() < STEP_RAD:
             continue
         duration, skew = float(saccades.duration_s(amplitude)), float(saccades.skew(amplitude))
         found.append(
             Saccade(
-                onset_s=_onset_s(space_rad[first : last + 2], duration, skew, first / fps, fps),
+                onset_s=_onset_s(gaze_in_space_rad[first : last + 2], duration, skew, first / fps, fps),
                 duration_s=duration,
                 start_rad=(float(start[0]), float(start[1])),
                 end_rad=(float(end[0]), float(end[1])),

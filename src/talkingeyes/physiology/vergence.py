@@ -15,10 +15,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core import rotation
-from talkingeyes.core.motion import Refocus, Saccade
+from talkingeyes.core.motion import Saccade, VergenceMovement
 
-HALF_EYE_DISTANCE_M = 0.03145
-GAIN = 0.7
+HALF_INTERPUPILLARY_M = 0.03145
+VERGENCE_GAIN = 0.7
 TIME_CONSTANT_S = 0.200
 # Of a saccade's horizontal part: 10 degrees diverge by half a degree in flight, none by more than 3.
 DIVERGENCE_SHARE, DIVERGENCE_LIMIT_RAD = 0.05, np.radians(3.0)
@@ -27,11 +27,11 @@ DIVERGENCE_STRETCH = 1.6  # it is gone somewhat after the saccade
 
 def vergence_rad(distance_m: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
     """The angle between the lines of sight of somebody who looks at a distance."""
-    return np.asarray(GAIN * 2.0 * np.arctan(HALF_EYE_DISTANCE_M / np.asarray(distance_m)))
+    return np.asarray(VERGENCE_GAIN * 2.0 * np.arctan(HALF_INTERPUPILLARY_M / np.asarray(distance_m)))
 
 
 def vergence_path(
-    refocuses: Sequence[Refocus], saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]
+    vergence_movements: Sequence[VergenceMovement], saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, " T"]:
     """The angle between the lines of sight at ascending times; 0 without a target.
 
@@ -39,9 +39,9 @@ def vergence_path(
     long before.
     """
     path = np.zeros(len(times_s))
-    if refocuses:
-        onset_s = np.array([each.onset_s for each in refocuses])
-        target = vergence_rad(np.array([each.distance_m for each in refocuses]))
+    if vergence_movements:
+        onset_s = np.array([each.onset_s for each in vergence_movements])
+        target = vergence_rad(np.array([each.distance_m for each in vergence_movements]))
         start = target.copy()
         for index in range(1, len(target)):
             left = np.exp(-(onset_s[index] - onset_s[index - 1]) / TIME_CONSTANT_S)
@@ -79,4 +79,4 @@ def lines_of_sight(one: Float[ndarray, "T 3"], vergence: Float[ndarray, " T"]) -
 
 def optical_axes_rad(sight: Float[ndarray, "T 2 3"], kappa_rad: Float[ndarray, "2 2"]) -> Float[ndarray, "T 2 2"]:
     """(yaw, pitch) of the optical axes of eyes whose lines of sight are given; `kappa_rad` is added to both angles."""
-    return np.asarray(rotation.angles_of_direction(sight) + kappa_rad)
+    return np.asarray(rotation.direction_to_angles(sight) + kappa_rad)

@@ -19,7 +19,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.model import HeadModel
-from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import Framing
 
 RIGHT = 1
@@ -32,34 +32,34 @@ POSTURES = {  # degrees to the subject's left and up, closure
     "widening eyelids": (0.0, 0.0, -0.3),
 }
 WIDTH_PX, HEIGHT_PX = 480, 190
-BLINK = 0.3  # of closure
+BLINK_CLOSURE = 0.3  # of closure
 
 
-def parameter_sheet(head: HeadModel, path: Path) -> None:
+def plot_parameters(head: HeadModel, path: Path) -> None:
     """Write a PNG: each of the three parameters of both eyes, pushed one way and the other."""
     angles = np.radians([posture[:2] for posture in POSTURES.values()])
-    gaze = np.repeat(rotation.gaze_of_angles(angles)[:, None], 2, axis=1)
+    gaze = np.repeat(rotation.angles_to_gaze(angles)[:, None], 2, axis=1)
     lid = np.repeat([[posture[2]] for posture in POSTURES.values()], 2, axis=1)
     motion = Motion.of(fps=1.0, head=np.zeros((len(lid), 3)), gaze=gaze, lid=lid)
     middle = head.eye_centres.mean(axis=0)
     view = Framing(0.046, (0.0, float(middle[1]), float(middle[2]))).view(WIDTH_PX, HEIGHT_PX)
     figure = Figure(figsize=(9.6, 6.3), layout="constrained")
     FigureCanvasAgg(figure)
-    pictures = Painter(head, view).draw(motion)
-    for axis, name, picture in zip(figure.subplots(3, 2).flat, POSTURES, pictures, strict=True):
-        axis.imshow(picture)
+    pictures = HeadRenderer(head, view).draw(motion)
+    for axis, name, image in zip(figure.subplots(3, 2).flat, POSTURES, pictures, strict=True):
+        axis.imshow(image)
         axis.set_axis_off()
         axis.set_title(name, fontsize=10)
     figure.savefig(path, dpi=100, format="png", metadata={"Software": None})
 
 
-def tracks_over_sound(
+def plot_tracks(
     motion: Motion, sound: Float[ndarray, " N"], annotation: Annotation, span_s: tuple[float, float], path: Path
 ) -> None:
     """Write a PNG: sound and words, azimuth and blink of the right eye, nodding of the head, on one time scale."""
     times_s = np.arange(len(motion)) / motion.fps
-    azimuth = np.degrees(rotation.angles_of_gaze(motion.gaze[:, RIGHT])[:, 0])
-    nodding = np.degrees(rotation.angles_of_gaze(motion.head)[:, 1])
+    azimuth = np.degrees(rotation.gaze_to_angles(motion.gaze[:, RIGHT])[:, 0])
+    nodding = np.degrees(rotation.gaze_to_angles(motion.head)[:, 1])
     tracks = {
         "azimuth of the\nright eye, degrees\n(subject's left up)": azimuth,
         "blink of the\nright eye\n(1 is shut)": motion.lid[:, RIGHT],
@@ -80,7 +80,7 @@ def tracks_over_sound(
         axis.plot(times_s, track, color="C0", linewidth=1.2)
         axis.set_ylabel(name, rotation=0, ha="right", va="center")
         axis.grid(True, color="0.92")
-    shut = np.diff((motion.lid[:, RIGHT] > BLINK).astype(int), prepend=0, append=0)
+    shut = np.diff((motion.lid[:, RIGHT] > BLINK_CLOSURE).astype(int), prepend=0, append=0)
     for axis in axes:
         for start, stop in zip(np.flatnonzero(shut == 1), np.flatnonzero(shut == -1), strict=True):
             axis.axvspan(start / motion.fps, stop / motion.fps, color="C3", alpha=0.2, linewidth=0)

@@ -18,24 +18,26 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.drive import pose_of
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import PARTS, HeadModel
-from talkingeyes.head.normals import incidence, summed
-from talkingeyes.rendering.shading import BACKGROUND, EYE, MATT, MOIST, moist_highlights, to_pixels, vertex_light
-from talkingeyes.rendering.view import View
+from talkingeyes.head.normals import incidence, normals_from_incidence
+from talkingeyes.rendering.shading import BACKGROUND, EYE, GLOSSY, MATT, specular_highlights, to_pixels, vertex_light
+from talkingeyes.rendering.view import OrbitCamera
 
 BLOCK_FRAMES = 16
 DEPTH_STEP_M = 0.004  # between neighbouring pixels, from which an edge is drawn more finely ...
 LIGHT_STEP = 0.06  # ... and of light
-CORNERS = np.array([[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32)  # rotated grid
+SUBPIXEL_OFFSETS = np.array(
+    [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32
+)  # rotated grid
 SHADOW_RAYS = np.array([[-0.35, 0.75, 0.60], [0.10, 0.85, 0.52], [-0.15, 0.60, 0.78], [0.30, 0.65, 0.70]], np.float32)
 SHADOW_RAYS /= np.linalg.norm(SHADOW_RAYS, axis=1, keepdims=True)
-SHADOW = 0.45  # of the lamps' light, where all of SHADOW_RAYS are cut off
-AWAY = 1e4
+SHADOW_STRENGTH = 0.45  # of the lamps' light, where all of SHADOW_RAYS are cut off
+BACKGROUND_DEPTH_M = 1e4
 
 
 @dataclass(frozen=True)
-class Seen:
+class RayHits:
     """What rays met: light, part (-1 nothing) and distance."""
 
     light: Float[ndarray, "N 3"]
@@ -44,11 +46,11 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Painter:
+class HeadRenderer:
     """Draws one head from one view; what stays the same from frame to frame is kept."""
 
     model: HeadModel
-    view: View
+    view: OrbitCamera
 
     @cached_property
     def _around(self) -> csr_array:
@@ -78,11 +80,11 @@ class Painter:
 
     def draw(self, motion: Motion) -> Iterator[UInt8[ndarray, "H W 3"]]:
         """A picture a frame."""
-        from talkingeyes.head.skinning import posed
+        from talkingeyes.head.skinning import posed_vertices
 
         for start in range(0, len(motion), BLOCK_FRAMES):
-            vertices = posed(self.model, pose_of(self.model, motion.cut(start, start + BLOCK_FRAMES)))
-            normals = summed(vertices, self.model.faces, self._around)
+            vertices = posed_vertices(self.model, motion_to_pose(self.model, motion.cut(start, start + BLOCK_FRAMES)))
+            normals = normals_from_incidence(vertices, self.model.faces, self._around)
             if len(self._brows):  # a strip of hair shows the form of the skin under it
                 normals[:, self._brows] = self.model.brows.of(normals)
             for frame, frame_normals in zip(vertices, normals, strict=True):
@@ -97,14 +99,16 @@ class Painter:
         rays = self._rays[box]
         if not rays.size:
             return picture
-        caster = Caster.of(self, vertices, normals)
+        caster = RayCaster.of(self, vertices, normals)
         shape = rays.shape[:2]
-        seen = caster.see(rays.reshape(-1, 3))
+        seen = caster.trace(rays.reshape(-1, 3))
         light = seen.light.reshape(*shape, 3)
-        rough = changing(light, seen.parts.reshape(shape), seen.depth_m.reshape(shape))
-        finer = (self._pixels[box][rough][:, None] + CORNERS).reshape(-1, 2)
-        light[rough] = (
-            caster.see(self.view.rays(finer).astype(np.float32)).light.reshape(-1, len(CORNERS), 3).mean(axis=1)
+        edges = edge_mask(light, seen.parts.reshape(shape), seen.depth_m.reshape(shape))
+        finer = (self._pixels[box][edges][:, None] + SUBPIXEL_OFFSETS).reshape(-1, 2)
+        light[edges] = (
+            caster.trace(self.view.rays(finer).astype(np.float32))
+            .light.reshape(-1, len(SUBPIXEL_OFFSETS), 3)
+            .mean(axis=1)
         )
         picture[box] = to_pixels(light)
         return picture
@@ -118,7 +122,7 @@ class Painter:
 
 
 @dataclass(frozen=True)
-class Caster:
+class RayCaster:
     """One frame's geometry and light, ready for rays. `faces` are those turned to the camera."""
 
     scene: Any
@@ -129,22 +133,24 @@ class Caster:
     normals: Float[ndarray, "V 3"]
 
     @classmethod
-    def of(cls, painter: Painter, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> Caster:
+    def of(cls, renderer: HeadRenderer, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> RayCaster:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        model, origin = painter.model, painter.view.origin.astype(np.float32)
+        model, origin = renderer.model, renderer.view.origin.astype(np.float32)
         away = vertices - origin
         first, second, third = (vertices[model.faces[:, corner]] for corner in range(3))
         turned = np.einsum("fd,fd->f", np.cross(second - first, third - first), away[model.faces[:, 0]]) < 0
         faces = np.ascontiguousarray(model.faces[turned])
         scene = EmbreeScene(robust=False)
         TriangleMesh(scene, np.ascontiguousarray(vertices), faces)
-        looking = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
-        light = vertex_light(facing(normals, looking), looking, model.colours, model.ambient, painter.matt)
+        view_directions = away / np.sqrt(np.einsum("vd,vd->v", away, away))[:, None]
+        light = vertex_light(
+            face_viewer(normals, view_directions), view_directions, model.colours, model.ambient, renderer.matt
+        )
         return cls(scene, origin, faces, model.parts[turned], np.hstack([light.sky, light.lamps]), normals)
 
-    def see(self, rays: Float[ndarray, "N 3"]) -> Seen:
+    def trace(self, rays: Float[ndarray, "N 3"]) -> RayHits:
         """What lies along rays from the camera."""
         met = self.scene.run(np.tile(self.origin, (len(rays), 1)), rays, output=True)
         hit = np.flatnonzero(met["primID"] >= 0)
@@ -155,17 +161,21 @@ class Caster:
             prim, u, v = met["primID"][hit], met["u"][hit], met["v"][hit]
             corners, weights = self.faces[prim], (1 - u - v, u, v)
             parts[hit] = part = self.parts[prim]
-            shown = mixed(self.light, corners, weights)
-            moist = np.flatnonzero(MOIST[part])
+            shown = interpolate_vertices(self.light, corners, weights)
+            glossy = np.flatnonzero(GLOSSY[part])
             lit = np.ones(len(hit), np.float32)
             shine = np.zeros(len(hit), np.float32)
-            if len(moist):
-                looking = rays[hit[moist]]
-                normals = mixed(self.normals, corners[moist], tuple(weight[moist] for weight in weights))
-                lit[moist] = self._lit(self.origin + met["tfar"][hit[moist], None] * looking, part[moist])
-                shine[moist] = lit[moist] * moist_highlights(facing(normals, looking), looking, part[moist])
+            if len(glossy):
+                view_directions = rays[hit[glossy]]
+                normals = interpolate_vertices(
+                    self.normals, corners[glossy], tuple(weight[glossy] for weight in weights)
+                )
+                lit[glossy] = self._lit(self.origin + met["tfar"][hit[glossy], None] * view_directions, part[glossy])
+                shine[glossy] = lit[glossy] * specular_highlights(
+                    face_viewer(normals, view_directions), view_directions, part[glossy]
+                )
             light[hit] = shown[:, :3] + lit[:, None] * shown[:, 3:] + shine[:, None]
-        return Seen(light, parts, np.where(parts >= 0, met["tfar"], AWAY))
+        return RayHits(light, parts, np.where(parts >= 0, met["tfar"], BACKGROUND_DEPTH_M))
 
     def _lit(self, points: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]) -> Float[ndarray, " N"]:
         """The share of the lamps that reaches each point: eyes lie in the shadow of lids and brows."""
@@ -174,11 +184,11 @@ class Caster:
         if len(eyes):
             starts = np.repeat(points[eyes], len(SHADOW_RAYS), axis=0) + np.tile(0.0005 * SHADOW_RAYS, (len(eyes), 1))
             cut = self.scene.run(starts, np.tile(SHADOW_RAYS, (len(eyes), 1)), query="OCCLUDED")
-            lit[eyes] = 1 - SHADOW * (cut.reshape(len(eyes), -1) >= 0).mean(axis=1)
+            lit[eyes] = 1 - SHADOW_STRENGTH * (cut.reshape(len(eyes), -1) >= 0).mean(axis=1)
         return lit
 
 
-def mixed(
+def interpolate_vertices(
     values: Float[ndarray, "V C"], corners: Int[ndarray, "N 3"], weights: tuple[Float[ndarray, " N"], ...]
 ) -> Float[ndarray, "N C"]:
     """Values of vertices at points of faces."""
@@ -188,23 +198,23 @@ def mixed(
     return total
 
 
-def facing(normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
+def face_viewer(normals: Float[ndarray, "N 3"], view_directions: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
     """Unit normals bent towards the viewer where interpolation turned them away; flipped, they draw black rims."""
-    away = np.maximum(np.einsum("nd,nd->n", normals, looking), 0.0)
-    bent = normals - away[:, None] * looking
+    away = np.maximum(np.einsum("nd,nd->n", normals, view_directions), 0.0)
+    bent = normals - away[:, None] * view_directions
     return np.asarray(bent / np.sqrt(np.maximum(np.einsum("nd,nd->n", bent, bent), 1e-12))[:, None])
 
 
-def changing(
+def edge_mask(
     light: Float[ndarray, "H W 3"], parts: Int[ndarray, "H W"], depth_m: Float[ndarray, "H W"]
 ) -> Bool[ndarray, "H W"]:
     """Pixels that differ from a neighbour in part, depth or brightness."""
-    rough = np.zeros(parts.shape, bool)
+    edges = np.zeros(parts.shape, bool)
     green = np.sqrt(np.maximum(light[..., 1], 0.0))
     for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         step = parts[first] != parts[second]
         step |= np.abs(depth_m[first] - depth_m[second]) > DEPTH_STEP_M
         step |= np.abs(green[first] - green[second]) > LIGHT_STEP
-        rough[first] |= step
-        rough[second] |= step
-    return rough
+        edges[first] |= step
+        edges[second] |= step
+    return edges

@@ -17,7 +17,7 @@ from talkingeyes.head.model import PARTS
 
 
 @dataclass(frozen=True)
-class Lamp:
+class DirectionalLight:
     """Direction to the lamp, and its colour times strength."""
 
     towards: tuple[float, float, float]
@@ -31,9 +31,9 @@ class Lamp:
 
 
 LAMPS = (
-    Lamp((-0.45, 0.55, 0.75), (0.86, 0.82, 0.77)),
-    Lamp((0.80, 0.15, 0.60), (0.22, 0.25, 0.29)),
-    Lamp((0.35, 0.55, -0.75), (0.45, 0.47, 0.52)),
+    DirectionalLight((-0.45, 0.55, 0.75), (0.86, 0.82, 0.77)),
+    DirectionalLight((0.80, 0.15, 0.60), (0.22, 0.25, 0.29)),
+    DirectionalLight((0.35, 0.55, -0.75), (0.45, 0.47, 0.52)),
 )
 SKY, GROUND = np.array([0.38, 0.40, 0.44], np.float32), np.array([0.21, 0.17, 0.15], np.float32)
 WRAP = 0.35  # how far beyond the terminator light still reaches on skin
@@ -45,13 +45,13 @@ SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14.0
 _GLOSS = {"lips": (0.16, 24), "sclera": (0.55, 160), "iris": (0.9, 220), "pupil": (0.9, 220), "teeth": (0.4, 60)}
 _GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24)}
 STRENGTH, SHARPNESS = (np.array([_GLOSS.get(part, (0, 1))[at] for part in PARTS], np.float32) for at in range(2))
-MOIST = STRENGTH > 0
+GLOSSY = STRENGTH > 0
 EYE = np.isin(PARTS, ["sclera", "iris", "pupil"])
 MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth"])  # no light under the surface
 
 
 @dataclass(frozen=True)
-class Light:
+class VertexLight:
     """What vertices send to the camera, without the highlights of moist parts: from the sky, and from the lamps."""
 
     sky: Float[ndarray, "V 3"]
@@ -60,12 +60,12 @@ class Light:
 
 def vertex_light(
     normals: Float[ndarray, "V 3"],
-    looking: Float[ndarray, "V 3"],
+    view_directions: Float[ndarray, "V 3"],
     colours: Float[ndarray, "V 3"],
     ambient: Float[ndarray, " V"],
     matt: Bool[ndarray, " V"],
-) -> Light:
-    """Diffuse light, the broad shine of skin. `looking`: unit directions from the camera; `matt`: no light inside."""
+) -> VertexLight:
+    """Diffuse light, the broad shine of skin. `view_directions`: from the camera; `matt`: no light inside."""
     upward = 0.5 + 0.5 * normals[:, 1:2]
     sky = colours * (GROUND + upward * (SKY - GROUND)) * ambient[:, None]
     soft = np.where(matt, 0.0, WRAP).astype(np.float32)
@@ -77,27 +77,30 @@ def vertex_light(
         wrapped = np.maximum((cosine + soft) / (1 + soft), 0.0)
         around = direct[:, None] + np.maximum(wrapped - direct, 0.0)[:, None] * TINT
         lamps += around * np.array(lamp.colour, np.float32)
-        shine += highlight(normals, looking, lamp, SKIN_SHARPNESS) * (cosine > 0)
-    edge = 1 - np.maximum(-np.einsum("vd,vd->v", normals, looking), 0)
+        shine += specular(normals, view_directions, lamp, SKIN_SHARPNESS) * (cosine > 0)
+    edge = 1 - np.maximum(-np.einsum("vd,vd->v", normals, view_directions), 0)
     shine *= np.where(matt, 0.0, SKIN_STRENGTH) * (1 + 3 * edge**3) * ambient * colours[:, 0] / 0.6
-    return Light(sky, (colours * lamps + shine[:, None]) * (0.35 + 0.65 * ambient)[:, None])
+    return VertexLight(sky, (colours * lamps + shine[:, None]) * (0.35 + 0.65 * ambient)[:, None])
 
 
-def highlight(
-    normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"], lamp: Lamp, sharpness: Float[ndarray, "*N"] | float
+def specular(
+    normals: Float[ndarray, "N 3"],
+    view_directions: Float[ndarray, "N 3"],
+    lamp: DirectionalLight,
+    sharpness: Float[ndarray, "*N"] | float,
 ) -> Float[ndarray, " N"]:
     """The mirror image of a lamp, blurred (Blinn 1977)."""
-    half = lamp.direction - looking
+    half = lamp.direction - view_directions
     half /= np.sqrt(np.einsum("nd,nd->n", half, half))[:, None]
     cosine = np.maximum(np.einsum("nd,nd->n", normals, half), 1e-6)
     return np.asarray(np.exp(sharpness * np.log(cosine)) * lamp.colour[1])
 
 
-def moist_highlights(
-    normals: Float[ndarray, "N 3"], looking: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]
+def specular_highlights(
+    normals: Float[ndarray, "N 3"], view_directions: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]
 ) -> Float[ndarray, " N"]:
     """Highlights of the parts with a sharp one, of the first lamp: a second one in an eye would hide its pupil."""
-    return np.asarray(STRENGTH[parts] * highlight(normals, looking, LAMPS[0], SHARPNESS[parts]))
+    return np.asarray(STRENGTH[parts] * specular(normals, view_directions, LAMPS[0], SHARPNESS[parts]))
 
 
 _LEVELS, _BRIGHTEST = 4096, 2.0

@@ -49,8 +49,8 @@ def plot_traces(motions: Sequence[Motion], sound: Float[ndarray, " N"], path: Pa
 def _traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
     """What is drawn, by its label. Both eyes are averaged."""
     space = np.degrees(rotation.gaze_in_space(motion.head, motion.gaze)).mean(axis=1)
-    eye = np.degrees(rotation.angles_of_gaze(motion.gaze)).mean(axis=1)
-    head = np.degrees(rotation.angles_of_gaze(motion.head))
+    eye = np.degrees(rotation.gaze_to_angles(motion.gaze)).mean(axis=1)
+    head = np.degrees(rotation.gaze_to_angles(motion.head))
     return {
         "gaze in space\nyaw, degrees": space[:, 0],
         "gaze in space\npitch, degrees": space[:, 1],

@@ -36,8 +36,8 @@ def write_video(
         video.thread_count = 1
         audio: Any = None if sound is None else container.add_stream("aac", rate=SAMPLE_RATE, layout="mono")
         heard = 0
-        for count, picture in enumerate(frames, start=1):
-            even = np.ascontiguousarray(picture[: len(picture) // 2 * 2, : picture.shape[1] // 2 * 2])
+        for count, image in enumerate(frames, start=1):
+            even = np.ascontiguousarray(image[: len(image) // 2 * 2, : image.shape[1] // 2 * 2])
             if count == 1:
                 video.height, video.width = even.shape[:2]
             container.mux(video.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))

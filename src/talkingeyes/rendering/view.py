@@ -9,15 +9,15 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import matrices
+from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.camera import Camera
 
-OPEN_EYES_M = np.array([0.0, 0.041374, 0.084397])  # the middle between the eyes of the open head
-NEAREST_M = 0.2  # to the neutral head's origin: nearer is in the head, or cannot see it whole
+ANNY_EYE_CENTRE_M = np.array([0.0, 0.041374, 0.084397])  # the middle between the eyes of the open head
+MIN_CAMERA_DISTANCE_M = 0.2  # to the neutral head's origin: nearer is in the head, or cannot see it whole
 
 
 @dataclass(frozen=True)
-class View:
+class OrbitCamera:
     """A camera swung about `pivot` (metres): by `yaw_rad` to the subject's left, then up by `pitch_rad`."""
 
     camera: Camera
@@ -28,7 +28,7 @@ class View:
     @property
     def turn(self) -> Float[ndarray, "3 3"]:
         """From the camera's axes to the room's."""
-        sideways, up = matrices(np.array([[0.0, self.yaw_rad, 0.0], [-self.pitch_rad, 0.0, 0.0]]))
+        sideways, up = rotvec_to_matrix(np.array([[0.0, self.yaw_rad, 0.0], [-self.pitch_rad, 0.0, 0.0]]))
         return np.asarray(sideways @ up)
 
     @property
@@ -57,12 +57,12 @@ class Framing:
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
 
-    def on(self, eyes: Float[ndarray, "2 3"]) -> Framing:
+    def centred_on(self, eyes: Float[ndarray, "2 3"]) -> Framing:
         """The same picture of a head whose eyes are elsewhere: pivots are meant for those of the open head."""
-        pivot = np.array(self.pivot) + eyes.mean(axis=0) - OPEN_EYES_M
+        pivot = np.array(self.pivot) + eyes.mean(axis=0) - ANNY_EYE_CENTRE_M
         return replace(self, pivot=(float(pivot[0]), float(pivot[1]), float(pivot[2])))
 
-    def view(self, width: int, height: int) -> View:
+    def view(self, width: int, height: int) -> OrbitCamera:
         """For a picture of this size. Raises InputError if the camera would be inside the head."""
         camera = Camera(
             focal_px=height * self.distance_m / self.height_m,
@@ -71,10 +71,12 @@ class Framing:
             width=width,
             height=height,
         )
-        view = View(camera, self.pivot, float(np.radians(self.yaw_deg)), float(np.radians(self.pitch_deg)))
+        view = OrbitCamera(camera, self.pivot, float(np.radians(self.yaw_deg)), float(np.radians(self.pitch_deg)))
         away = float(np.linalg.norm(view.origin))
-        if not away >= NEAREST_M:
-            raise InputError(f"camera: should be at least {NEAREST_M} m from the middle of the head, got {away:.3g} m")
+        if not away >= MIN_CAMERA_DISTANCE_M:
+            raise InputError(
+                f"camera: should be at least {MIN_CAMERA_DISTANCE_M} m from the middle of the head, got {away:.3g} m"
+            )
         return view
 
 

@@ -32,7 +32,7 @@ RATES_WPM = (145, 195)
 PITCHES = (30, 70)
 PITCH_RANGES = (35, 80)
 PITCH_STEPS = 50 / 12  # of espeak's pitch in a semitone: 50 steps double the frequency
-ESPEAK_MOST = 99
+ESPEAK_MAX = 99
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Voice:
 
 
 @dataclass(frozen=True)
-class Prosody:
+class ProsodyFactors:
     """How a mood changes a voice: factors of rate and pitch range, semitones of pitch, decibels."""
 
     rate: float = 1.0
@@ -59,19 +59,19 @@ class Prosody:
 
 
 # At the strongest intensity. Directions are the literature's, sizes are a choice that stays within actors' ranges.
-MOODS = {
-    "neutral": Prosody(),
-    "happy": Prosody(1.10, 3.0, 1.5, 3.0),
-    "sad": Prosody(0.80, -2.0, 0.6, -5.0),
-    "surprised": Prosody(1.06, 4.0, 1.6, 2.0),
-    "fear": Prosody(1.15, 3.5, 0.8, -2.0),
-    "disgusted": Prosody(0.88, -1.5, 0.85, -1.0),
-    "angry": Prosody(1.12, 2.0, 1.4, 5.0),
-    "contempt": Prosody(0.90, -2.0, 0.75, -2.0),
+EMOTION_PROSODY = {
+    "neutral": ProsodyFactors(),
+    "happy": ProsodyFactors(1.10, 3.0, 1.5, 3.0),
+    "sad": ProsodyFactors(0.80, -2.0, 0.6, -5.0),
+    "surprised": ProsodyFactors(1.06, 4.0, 1.6, 2.0),
+    "fear": ProsodyFactors(1.15, 3.5, 0.8, -2.0),
+    "disgusted": ProsodyFactors(0.88, -1.5, 0.85, -1.0),
+    "angry": ProsodyFactors(1.12, 2.0, 1.4, 5.0),
+    "contempt": ProsodyFactors(0.90, -2.0, 0.75, -2.0),
 }
 
 
-def draw_voice(random: np.random.Generator, language: str, among: Sequence[str] = ()) -> Voice:
+def sample_voice(random: np.random.Generator, language: str, among: Sequence[str] = ()) -> Voice:
     """A new voice for a language, of those named `among` if any are. Raises InputError if there is none."""
     if language not in ACCENTS:
         raise InputError(f"voices: language should be one of {', '.join(ACCENTS)}, got {language!r}")
@@ -90,15 +90,15 @@ def is_voice(espeak_voice: str) -> bool:
     return variant in VARIANTS and any(accent in accents for accents in ACCENTS.values())
 
 
-def in_mood(voice: Voice, emotion: str, intensity: int) -> Voice:
+def apply_emotion(voice: Voice, emotion: str, intensity: int) -> Voice:
     """The voice in an emotion of an intensity from 0 (none) to 3. Raises InputError if there is no such emotion."""
-    if emotion not in MOODS:
-        raise InputError(f"emotion: should be one of {', '.join(MOODS)}, got {emotion!r}")
-    mood, part = MOODS[emotion], intensity / INTENSITIES[-1]
+    if emotion not in EMOTION_PROSODY:
+        raise InputError(f"emotion: should be one of {', '.join(EMOTION_PROSODY)}, got {emotion!r}")
+    factors, part = EMOTION_PROSODY[emotion], intensity / INTENSITIES[-1]
     return replace(
         voice,
-        rate_wpm=round(voice.rate_wpm * mood.rate**part),
-        pitch=round(min(max(voice.pitch + PITCH_STEPS * mood.pitch_semitones * part, 0), ESPEAK_MOST)),
-        pitch_range=round(min(voice.pitch_range * mood.pitch_range**part, ESPEAK_MOST)),
-        level_db=mood.level_db * part,
+        rate_wpm=round(voice.rate_wpm * factors.rate**part),
+        pitch=round(min(max(voice.pitch + PITCH_STEPS * factors.pitch_semitones * part, 0), ESPEAK_MAX)),
+        pitch_range=round(min(voice.pitch_range * factors.pitch_range**part, ESPEAK_MAX)),
+        level_db=factors.level_db * part,
     )

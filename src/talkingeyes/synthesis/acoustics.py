@@ -14,9 +14,9 @@ from pydantic import Field, model_validator
 from scipy.signal import oaconvolve
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 
-STEEPEST = 2.0
+MAX_SPECTRAL_EXPONENT = 2.0
 LOWEST_HZ = 40.0
 WANDER_DB, WANDER_STEP_S = 3.0, 0.5
 FIRST_ECHO_S = 0.002
@@ -26,57 +26,59 @@ PEAK = 0.97
 class AcousticsSettings(Settings):
     """How many of the sounds are heard with noise or in a room, and how much of it."""
 
-    noise_share: float = Field(ge=0, le=1)
-    noise_least_db: float = Field(ge=-10, le=60)  # speech over noise, while speech sounds
-    noise_most_db: float = Field(ge=-10, le=60)
-    room_share: float = Field(ge=0, le=1)
-    decay_least_s: float = Field(gt=0, le=5)  # in which the room's sound falls by 60 dB
-    decay_most_s: float = Field(gt=0, le=5)
-    direct_least_db: float = Field(ge=-20, le=40)  # direct sound over echo
-    direct_most_db: float = Field(ge=-20, le=40)
+    noise_probability: float = Field(ge=0, le=1)
+    snr_min_db: float = Field(ge=-10, le=60)  # speech over noise, while speech sounds
+    snr_max_db: float = Field(ge=-10, le=60)
+    reverb_probability: float = Field(ge=0, le=1)
+    rt60_min_s: float = Field(gt=0, le=5)  # in which the room's sound falls by 60 dB
+    rt60_max_s: float = Field(gt=0, le=5)
+    drr_min_db: float = Field(ge=-20, le=40)  # direct sound over echo
+    drr_max_db: float = Field(ge=-20, le=40)
 
     @model_validator(mode="after")
     def _ordered(self) -> AcousticsSettings:
-        for least, most in (("noise_least_db", "noise_most_db"), ("decay_least_s", "decay_most_s"),
-                            ("direct_least_db", "direct_most_db")):  # fmt: skip
+        for least, most in (("snr_min_db", "snr_max_db"), ("rt60_min_s", "rt60_max_s"),
+                            ("drr_min_db", "drr_max_db")):  # fmt: skip
             if getattr(self, least) > getattr(self, most):
-                raise out_of_bounds(f"{most} should be at least {least} ({getattr(self, least)})", getattr(self, most))
+                raise bounds_error(f"{most} should be at least {least} ({getattr(self, least)})", getattr(self, most))
         return self
 
 
-def heard(
+def apply_acoustics(
     sound: Float[ndarray, " N"], settings: AcousticsSettings, random: np.random.Generator
 ) -> Float[ndarray, " N"]:
     """The sound as the microphone gets it: as it is, or in a room, with noise, or both."""
-    in_room, with_noise = random.random(2) < (settings.room_share, settings.noise_share)
+    in_room, with_noise = random.random(2) < (settings.reverb_probability, settings.noise_probability)
     if not in_room and not with_noise:
         return sound
     found = sound.astype(np.float64)
     if in_room:
-        decay_s = random.uniform(settings.decay_least_s, settings.decay_most_s)
-        found = in_a_room(found, decay_s, random.uniform(settings.direct_least_db, settings.direct_most_db), random)
+        rt60_s = random.uniform(settings.rt60_min_s, settings.rt60_max_s)
+        found = add_reverb(found, rt60_s, random.uniform(settings.drr_min_db, settings.drr_max_db), random)
     if with_noise:
-        level_db = random.uniform(settings.noise_least_db, settings.noise_most_db)
-        found = found + noise(len(found), random) * _speech_rms(sound) * 10 ** (-level_db / 20)
+        level_db = random.uniform(settings.snr_min_db, settings.snr_max_db)
+        found = found + coloured_noise(len(found), random) * _speech_rms(sound) * 10 ** (-level_db / 20)
     return np.asarray(found * min(1.0, PEAK / max(np.abs(found).max(), 1e-9)), np.float32)
 
 
-def in_a_room(
-    sound: Float[ndarray, " N"], decay_s: float, direct_db: float, random: np.random.Generator
+def add_reverb(
+    sound: Float[ndarray, " N"], rt60_s: float, drr_db: float, random: np.random.Generator
 ) -> Float[ndarray, " N"]:
     """The sound with the echo of a room, not shifted in time."""
-    times_s = np.arange(round(decay_s * SAMPLE_RATE)) / SAMPLE_RATE
-    echo = random.standard_normal(len(times_s)) * 10 ** (-3.0 * times_s / decay_s)
+    times_s = np.arange(round(rt60_s * SAMPLE_RATE)) / SAMPLE_RATE
+    echo = random.standard_normal(len(times_s)) * 10 ** (-3.0 * times_s / rt60_s)
     echo[times_s < FIRST_ECHO_S] = 0.0
-    echo *= 10 ** (-direct_db / 20) / np.sqrt(np.sum(echo**2))
+    echo *= 10 ** (-drr_db / 20) / np.sqrt(np.sum(echo**2))
     echo[0] = 1.0
     return np.asarray(oaconvolve(sound, echo)[: len(sound)])
 
 
-def noise(samples: int, random: np.random.Generator) -> Float[ndarray, " N"]:
+def coloured_noise(samples: int, random: np.random.Generator) -> Float[ndarray, " N"]:
     """Coloured noise of RMS 1, its level wandering by some decibels."""
     frequency_hz = np.maximum(np.fft.rfftfreq(samples, 1.0 / SAMPLE_RATE), LOWEST_HZ)
-    spectrum = np.fft.rfft(random.standard_normal(samples)) * frequency_hz ** (-random.uniform(0.0, STEEPEST) / 2)
+    spectrum = np.fft.rfft(random.standard_normal(samples)) * frequency_hz ** (
+        -random.uniform(0.0, MAX_SPECTRAL_EXPONENT) / 2
+    )
     steps = 2 + int(samples / SAMPLE_RATE / WANDER_STEP_S)
     wander_db = np.interp(np.linspace(0, steps - 1, samples), np.arange(steps), random.normal(0.0, WANDER_DB, steps))
     made = np.fft.irfft(spectrum, samples) * 10 ** (wander_db / 20)

@@ -11,25 +11,29 @@ import numpy as np
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.physiology.face import BrowRaise
 
-AT_ACCENT, AT_QUESTION, PER_S = 0.25, 0.45, 0.03  # chances at full prominence, of a question; hazard
+ACCENT_PROBABILITY, QUESTION_PROBABILITY, SPONTANEOUS_PER_S = (
+    0.25,
+    0.45,
+    0.03,
+)  # chances at full prominence, of a question; hazard
 LEAD_S = (0.06, 0.08)
 ACCENT_SIZE, QUESTION_SIZE, SPREAD = 0.35, 0.45, 0.4
 QUESTION_S = 0.6  # a question's raise starts so long before its end
 
 
-def draw_brow_raises(
-    annotation: Annotation, coupling: float, seconds: float, random: np.random.Generator
+def sample_brow_raises(
+    annotation: Annotation, speech_coupling: float, seconds: float, random: np.random.Generator
 ) -> tuple[BrowRaise, ...]:
-    """Raises in order of onset; `coupling` is how far what is said moves this person at all."""
+    """Raises in order of onset; `speech_coupling` is how far what is said moves this person at all."""
     raises = []
     for phoneme in annotation.phonemes:
-        if random.random() < AT_ACCENT * phoneme.prominence * coupling:
+        if random.random() < ACCENT_PROBABILITY * phoneme.prominence * speech_coupling:
             raises.append(_raise(phoneme.start_s - random.normal(*LEAD_S), ACCENT_SIZE, random))
     for sentence in annotation.sentences:
-        if sentence.label == "question" and random.random() < AT_QUESTION * coupling:
+        if sentence.label == "question" and random.random() < QUESTION_PROBABILITY * speech_coupling:
             start_s = max(sentence.start_s, sentence.end_s - QUESTION_S + random.normal(0.0, 0.2))
             raises.append(_raise(start_s, QUESTION_SIZE, random, hold_s=0.4))
-    for onset_s in random.uniform(0.0, seconds, random.poisson(PER_S * seconds)):
+    for onset_s in random.uniform(0.0, seconds, random.poisson(SPONTANEOUS_PER_S * seconds)):
         raises.append(_raise(float(onset_s), ACCENT_SIZE, random))
     return tuple(sorted(raises, key=lambda one: one.onset_s))
 

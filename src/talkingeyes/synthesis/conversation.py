@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.synthesis.speakers import Style
+from talkingeyes.synthesis.speakers import SpeakerStyle
 
-Cause = Literal["planning", "floor", "intimacy"]
+AversionCause = Literal["planning", "floor", "intimacy"]
 
 
 @dataclass(frozen=True)
-class Timing:
+class AversionTiming:
     """When an aversion about an onset of speech starts and ends, as (mean, standard deviation) from that onset."""
 
     start_s: tuple[float, float]
@@ -28,81 +28,83 @@ class Timing:
 
 
 # Andrist et al. mean -1.32 and -1.03 for the starts, measured at onsets after whole turns of the partner.
-TIMINGS: dict[Cause, Timing] = {
-    "planning": Timing((-1.32, 0.60), (1.60, 0.75)),
-    "floor": Timing((-0.60, 0.50), (1.00, 0.60)),
+AVERSION_TIMINGS: dict[AversionCause, AversionTiming] = {
+    "planning": AversionTiming((-1.32, 0.60), (1.60, 0.75)),
+    "floor": AversionTiming((-0.60, 0.50), (1.00, 0.60)),
 }
-AVERT_TO_PLAN, AVERT_TO_HOLD = 1.0, 0.55
-RETURN_AT_TURN_END, RETURN_AT_PAUSE = 1.0, 0.35
+PLANNING_PROBABILITY, FLOOR_PROBABILITY = 1.0, 0.55
+TURN_END_RETURN_PROBABILITY, PAUSE_RETURN_PROBABILITY = 1.0, 0.35
 RETURN_LATENCY_S = (-0.6, 0.1)
-HEED_LATENCY_S = (0.1, 0.6)  # whoever listens looks at the partner soon after the turn has passed
-LEAST_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
+LISTENER_LATENCY_S = (0.1, 0.6)  # whoever listens looks at the partner soon after the turn has passed
+MIN_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
 PLANNED_PAUSE_S = 0.5  # behind a longer pause, what is said next has to be planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
 LOOK_SCALE, LOOK_SHAPE = 1.6, 2.0
 LISTENING_SCALE = 2.5  # looks that turns cut short make up for it
-AVERAGE_LOOK, AVERSION_BY_STYLE = 0.55, 0.45
+AVERAGE_LOOK, AVERSION_STYLE_EXPONENT = 0.55, 0.45
 LISTENING_SPREAD = 0.26  # of the looks of a listener (7.21 +- 1.88 s)
-LEAST_DWELL_S = 0.45
+MIN_DWELL_S = 0.45
 WARM_UP_S = 6.0
 
 
 @dataclass(frozen=True)
-class Look:
+class GazeInterval:
     """A stretch of one gaze state; `cause` is why gaze is averted (without meaning at the partner)."""
 
     start_s: float
     end_s: float
     averted: bool
-    cause: Cause = "intimacy"
+    cause: AversionCause = "intimacy"
 
 
 @dataclass(frozen=True)
-class Asked:
+class GazeCues:
     """What the speech asks for: stretches of looking away and moments of looking back, ascending."""
 
-    away: tuple[Look, ...]
-    back_s: tuple[float, ...]
+    aversions: tuple[GazeInterval, ...]
+    returns_s: tuple[float, ...]
 
 
-def ask(annotation: Annotation, style: Style, random: np.random.Generator) -> Asked:
+def sample_gaze_cues(annotation: Annotation, style: SpeakerStyle, random: np.random.Generator) -> GazeCues:
     """Toss the coins for starts and ends of utterances; speakers of weak coupling or quiet eyes toss fewer."""
-    away, back = [], []
-    lively = style.coupling * min(1.0, style.liveliness)
+    aversions, back = [], []
+    lively = style.speech_coupling * min(1.0, style.liveliness)
     spans = annotation.speaking
     for index, span in enumerate(spans):
         before_s = span.start_s - spans[index - 1].end_s if index else np.inf
         after_s = spans[index + 1].start_s - span.end_s if index + 1 < len(spans) else np.inf
-        cause: Cause = "planning" if before_s >= PLANNED_PAUSE_S else "floor"
-        chance = AVERT_TO_PLAN if cause == "planning" else AVERT_TO_HOLD
-        if before_s >= LEAST_PAUSE_S and random.random() < chance * lively * _eagerness(style):
-            timing = TIMINGS[cause]
+        cause: AversionCause = "planning" if before_s >= PLANNED_PAUSE_S else "floor"
+        chance = PLANNING_PROBABILITY if cause == "planning" else FLOOR_PROBABILITY
+        if before_s >= MIN_PAUSE_S and random.random() < chance * lively * _aversion_tendency(style):
+            timing = AVERSION_TIMINGS[cause]
             start, end = (span.start_s + random.normal(*each) for each in (timing.start_s, timing.end_s))
-            away.append(Look(start, max(end, start + LEAST_DWELL_S), True, cause))
-        chance = RETURN_AT_TURN_END if after_s >= PLANNED_PAUSE_S else RETURN_AT_PAUSE
-        if after_s >= LEAST_PAUSE_S and random.random() < chance * (0.3 + 0.7 * style.coupling):
+            aversions.append(GazeInterval(start, max(end, start + MIN_DWELL_S), True, cause))
+        chance = TURN_END_RETURN_PROBABILITY if after_s >= PLANNED_PAUSE_S else PAUSE_RETURN_PROBABILITY
+        if after_s >= MIN_PAUSE_S and random.random() < chance * (0.3 + 0.7 * style.speech_coupling):
             back.append(span.end_s + random.uniform(*RETURN_LATENCY_S))
-    back.extend(span.start_s + random.uniform(*HEED_LATENCY_S) for span in annotation.listening)
-    return Asked(tuple(sorted(away, key=lambda look: look.start_s)), tuple(sorted(back)))
+    back.extend(span.start_s + random.uniform(*LISTENER_LATENCY_S) for span in annotation.listening)
+    return GazeCues(tuple(sorted(aversions, key=lambda look: look.start_s)), tuple(sorted(back)))
 
 
-def looks(annotation: Annotation, style: Style, seconds: float, random: np.random.Generator) -> list[Look]:
+def gaze_intervals(
+    annotation: Annotation, style: SpeakerStyle, seconds: float, random: np.random.Generator
+) -> list[GazeInterval]:
     """Gaze states from before the clip (so that it starts amid a conversation) to its end, in turns."""
-    asked = ask(annotation, style, random)
+    cues = sample_gaze_cues(annotation, style, random)
     time = -WARM_UP_S
-    looking = style.look_listening if _listens(annotation.listening, time) else style.look
-    averted, cause = bool(random.random() > looking), _asked_cause(asked, time)
-    states: list[Look] = []
+    looking = style.partner_gaze_listening if _listens(annotation.listening, time) else style.look
+    averted, cause = bool(random.random() > looking), _cause_at(cues, time)
+    states: list[GazeInterval] = []
     while time < seconds:
         listens = _listens(annotation.listening, time)
         end = (
-            _end_away(time, asked, listens, style, random)
+            _end_away(time, cues, listens, style, random)
             if averted
-            else _end_looking(time, asked, listens, style, random)
+            else _end_looking(time, cues, listens, style, random)
         )
-        states.append(Look(time, end, averted, cause))
+        states.append(GazeInterval(time, end, averted, cause))
         time, averted = end, not averted
-        cause = _asked_cause(asked, time)
+        cause = _cause_at(cues, time)
     return states
 
 
@@ -112,50 +114,52 @@ def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
     return any(span.start_s <= time_s < span.end_s for span in listening)
 
 
-def _asked_cause(asked: Asked, time_s: float) -> Cause:
+def _cause_at(cues: GazeCues, time_s: float) -> AversionCause:
     """Why gaze goes away at a time: as the speech asks, else for no reason in it."""
-    for look in asked.away:
+    for look in cues.aversions:
         if look.start_s <= time_s < look.end_s:
             return look.cause
     return "intimacy"
 
 
-def _end_looking(time_s: float, asked: Asked, listens: bool, style: Style, random: np.random.Generator) -> float:
+def _end_looking(
+    time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, random: np.random.Generator
+) -> float:
     """Until the speech asks to look away, or for as long as people of this style hold a look."""
-    earliest = time_s + LEAST_DWELL_S
+    earliest = time_s + MIN_DWELL_S
     if listens:
-        odds = style.look_listening / (1.0 - style.look_listening)
+        odds = style.partner_gaze_listening / (1.0 - style.partner_gaze_listening)
         mean_s = LISTENING_SCALE * INTIMACY_LISTENING_S[0] * odds / style.liveliness
-        unasked = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * random.standard_normal())
+        spontaneous_end_s = time_s + mean_s * max(0.1, 1.0 + LISTENING_SPREAD * random.standard_normal())
     else:
         odds = style.look / (1.0 - style.look)
         mean_s = LOOK_SCALE * INTIMACY_TALKING_S[0] * odds / style.liveliness
-        unasked = time_s + random.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
-    wanted = [max(look.start_s, earliest) for look in asked.away if look.end_s > earliest + LEAST_DWELL_S]
-    return float(min([max(unasked, earliest), *wanted]))
+        spontaneous_end_s = time_s + random.gamma(LOOK_SHAPE, mean_s / LOOK_SHAPE)
+    wanted = [max(look.start_s, earliest) for look in cues.aversions if look.end_s > earliest + MIN_DWELL_S]
+    return float(min([max(spontaneous_end_s, earliest), *wanted]))
 
 
-def _end_away(time_s: float, asked: Asked, listens: bool, style: Style, random: np.random.Generator) -> float:
+def _end_away(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, random: np.random.Generator) -> float:
     """As long as was asked for or as such aversions last, unless the speech asks to look back before."""
-    earliest = time_s + LEAST_DWELL_S
+    earliest = time_s + MIN_DWELL_S
     if listens:
         length_s = random.normal(*INTIMACY_LISTENING_S)
     else:
-        length_s = _away_odds(style) ** AVERSION_BY_STYLE * random.normal(*INTIMACY_TALKING_S)
+        length_s = _away_odds(style) ** AVERSION_STYLE_EXPONENT * random.normal(*INTIMACY_TALKING_S)
     end = max(earliest, time_s + length_s)
-    for look in asked.away:
+    for look in cues.aversions:
         if look.start_s <= time_s < look.end_s:
             end = max(earliest, look.end_s)
         elif time_s < look.start_s <= end < look.end_s:  # one aversion goes over into the next
             end = look.end_s
-    return float(min([end, *(back for back in asked.back_s if back > earliest)]))
+    return float(min([end, *(back for back in cues.returns_s if back > earliest)]))
 
 
-def _away_odds(style: Style) -> float:
+def _away_odds(style: SpeakerStyle) -> float:
     """How much more people of a style look away than the average one, who looks 55 % of the time (1: as much)."""
     return (1.0 - style.look) / style.look * AVERAGE_LOOK / (1.0 - AVERAGE_LOOK)
 
 
-def _eagerness(style: Style) -> float:
+def _aversion_tendency(style: SpeakerStyle) -> float:
     """How much more readily than the average people of a style look away when the speech gives a reason."""
     return float(np.clip(_away_odds(style) ** 0.7, 0.3, 1.5))

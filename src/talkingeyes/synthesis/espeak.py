@@ -21,13 +21,13 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 
-NATIVE_HZ = 22050
+ESPEAK_SAMPLE_RATE = 22050
 WORD, PHONEME = 1, 7
 _SYNCHRONOUS = 2
 _PHONEME_EVENTS, _DONT_EXIT = 0x0001, 0x8000
 _RATE, _VOLUME, _PITCH, _RANGE, _WORD_GAP = 1, 2, 3, 4, 7
 _UTF8 = 1
-_one_at_a_time = Lock()
+_engine_lock = Lock()
 
 
 class _Id(ctypes.Union):
@@ -51,7 +51,7 @@ _Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes
 
 
 @dataclass(frozen=True)
-class Event:
+class EspeakEvent:
     """The start of a word or phoneme: its sample, its place in the text (from 1), its mnemonic with stress mark."""
 
     kind: int
@@ -61,19 +61,19 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Raw:
+class EspeakOutput:
     """What espeak gave: sound at NATIVE_HZ in -1..1, word and phoneme events in order."""
 
     sound: Float[ndarray, " N"]
-    events: tuple[Event, ...]
+    events: tuple[EspeakEvent, ...]
 
 
 # text, rate in words a minute, pitch and pitch range (espeak's 0 to 99) -> sound and events
-Say = Callable[[str, int, int, int], Raw]
+SpeakFunction = Callable[[str, int, int, int], EspeakOutput]
 
 
 @contextmanager
-def engine(espeak_voice: str) -> Iterator[Say]:
+def espeak_engine(espeak_voice: str) -> Iterator[SpeakFunction]:
     """espeak-ng loaded afresh (0.4 ms), because its flutter and noise go on from what was said before.
 
     Loading it anew and seeding its noise is the one way to the same bytes in any order and process. Its state is global
@@ -85,11 +85,11 @@ def engine(espeak_voice: str) -> Iterator[Say]:
 
     data = Path(espeakng_loader.get_data_path())
     _check(espeak_voice, data)
-    with _one_at_a_time:
+    with _engine_lock:
         library = ctypes.CDLL(str(espeakng_loader.get_library_path()))
         try:
             wanted = _PHONEME_EVENTS | _DONT_EXIT
-            if library.espeak_Initialize(_SYNCHRONOUS, 0, str(data).encode(), wanted) != NATIVE_HZ:
+            if library.espeak_Initialize(_SYNCHRONOUS, 0, str(data).encode(), wanted) != ESPEAK_SAMPLE_RATE:
                 raise InputError(f"voices: espeak-ng could not be started with the data in {data}; install it again")
             library.espeak_ng_SetRandSeed(ctypes.c_long(1))
             if library.espeak_SetVoiceByName(espeak_voice.encode()) != 0:
@@ -110,16 +110,16 @@ def _check(espeak_voice: str, data: Path) -> None:
         raise InputError(f"voices: should be an accent and variant of espeak-ng such as en-us+f3, got {espeak_voice!r}")
 
 
-def _synthesise(library: ctypes.CDLL, text: str, rate_wpm: int, pitch: int, pitch_range: int) -> Raw:
+def _synthesise(library: ctypes.CDLL, text: str, rate_wpm: int, pitch: int, pitch_range: int) -> EspeakOutput:
     chunks: list[bytes] = []
-    events: list[Event] = []
+    events: list[EspeakEvent] = []
 
     def collect(wave: int | None, samples: int, reported: Any) -> int:
         if wave and samples > 0:
             chunks.append(ctypes.string_at(wave, 2 * samples))
         for event in _until_end(reported):
             symbol = bytes(event.id.string).decode("utf-8", "replace") if event.type == PHONEME else ""
-            events.append(Event(event.type, event.sample, event.text_position, symbol))
+            events.append(EspeakEvent(event.type, event.sample, event.text_position, symbol))
         return 0
 
     callback = _Callback(collect)
@@ -131,7 +131,7 @@ def _synthesise(library: ctypes.CDLL, text: str, rate_wpm: int, pitch: int, pitc
     library.espeak_Synth(encoded, ctypes.c_size_t(len(encoded)), 0, 1, 0, _UTF8, None, None)
     library.espeak_Synchronize()
     sound = np.frombuffer(b"".join(chunks), np.int16).astype(np.float64) / 32768
-    return Raw(sound, tuple(event for event in events if event.kind in (WORD, PHONEME)))
+    return EspeakOutput(sound, tuple(event for event in events if event.kind in (WORD, PHONEME)))
 
 
 def _until_end(reported: Any) -> Iterator[Any]:

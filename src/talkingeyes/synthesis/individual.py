@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from talkingeyes.synthesis.speakers import Style
+from talkingeyes.synthesis.speakers import SpeakerStyle
 
 SIZE, TEMPO, NODS, AXES, SWAY = 0.35, 0.25, 0.6, 0.45, 0.4
-MOST_NODS = 0.9
+MAX_NOD_PROBABILITY = 0.9
 
 
-def individual(style: Style, amount: float, random: np.random.Generator) -> Style:
+def individual(style: SpeakerStyle, amount: float, random: np.random.Generator) -> SpeakerStyle:
     """The style, further from the others' by an amount; 0 leaves it as it is."""
 
     def factor(deviation: float) -> float:
@@ -28,7 +28,7 @@ def individual(style: Style, amount: float, random: np.random.Generator) -> Styl
         style,
         head_scale=style.head_scale * factor(SIZE),
         head_tempo=style.head_tempo * factor(TEMPO),
-        nod_probability=min(style.nod_probability * factor(NODS), MOST_NODS),
+        nod_probability=min(style.nod_probability * factor(NODS), MAX_NOD_PROBABILITY),
         head_axes=(pitch, yaw, roll),
-        sway=style.sway * factor(SWAY),
+        translation_scale=style.translation_scale * factor(SWAY),
     )

@@ -16,31 +16,31 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.motion import HeadMove, Refocus, Saccade
+from talkingeyes.core.motion import HeadMovement, Saccade, VergenceMovement
 from talkingeyes.physiology import eye_head, saccades
-from talkingeyes.synthesis.conversation import Cause, Look
-from talkingeyes.synthesis.speakers import Style
+from talkingeyes.synthesis.conversation import AversionCause, GazeInterval
+from talkingeyes.synthesis.speakers import SpeakerStyle
 
 PARTNER_SPREAD_RAD = np.radians([1.5, 0.8])
-PARTNER_M, AWAY_M = (0.8, 1.3), (1.5, 4.0)
-FACE_RAD = np.radians([3.2, 3.4])
-SCAN_CAP_DEG = {False: 6.0, True: 12.0}
+PARTNER_DISTANCE_M, AVERSION_DISTANCE_M = (0.8, 1.3), (1.5, 4.0)
+FACE_RADIUS_RAD = np.radians([3.2, 3.4])
+MAX_SCAN_DEG = {False: 6.0, True: 12.0}
 SCAN_MEDIAN_S, SCAN_SPREAD = 0.60, 0.6
-LEAST_INTERVAL_S = 0.15
-LEAST_AVERSION_DEG = 4.0
-LONGEST_RAD = np.radians(27.5)
-AWAY_RAD = np.radians(20.0)
+MIN_INTERSACCADIC_S = 0.15
+MIN_AVERSION_DEG = 4.0
+MAX_SHIFT_RAD = np.radians(27.5)
+MAX_AVERSION_RAD = np.radians(20.0)
 # Room is left for kappa and vergence, which come on top, inside the range of eye_head.
 EYE_RANGE_RAD = np.radians([[-23.5, -22.0], [23.5, 14.0]])
 SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
 UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)
-HEAD_COMES_BACK = 0.5
+HEAD_RETURN_PROBABILITY = 0.5
 # The head is cooler in aversions than in looking at things, and a third of them, the small ones first, are eyes alone.
 AVERSION_HEAD_GAIN = 0.9
-EYES_ONLY, EYES_ONLY_FALL_PER_DEG, EYES_ONLY_LEAST = 0.65, 0.03, 0.10
-HEAD_LEAST_RAD = np.radians(0.5)
+EYES_ONLY_PROBABILITY, EYES_ONLY_FALL_PER_DEG, MIN_EYES_ONLY_PROBABILITY = 0.65, 0.03, 0.10
+MIN_HEAD_TURN_RAD = np.radians(0.5)
 # Shares of up, to the side and down (Andrist et al. 2013), each spread over its octants as Eyes Alive has them.
-DIRECTIONS: dict[Cause, tuple[float, float, float]] = {
+DIRECTIONS: dict[AversionCause, tuple[float, float, float]] = {
     "planning": (0.39, 0.32, 0.29),
     "floor": (0.21, 0.49, 0.30),
     "intimacy": (0.14, 0.57, 0.29),
@@ -49,119 +49,127 @@ OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN = (1, 2, 3), (0, 4), (5, 6, 7)
 
 
 @dataclass
-class Looking:
+class GazeBuilder:
     """Gaze and the head's part in it, built up shift by shift. `head_space_rad` is where the gesturing head points."""
 
-    style: Style
+    style: SpeakerStyle
     head_s: Float[ndarray, " T"]
     head_space_rad: Float[ndarray, "T 2"]
     random: np.random.Generator
     partner_rad: Float[ndarray, " 2"]
-    partner_m: float
+    partner_distance_m: float
     gaze_rad: Float[ndarray, " 2"]
-    along_rad: Float[ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
+    head_contribution_rad: Float[ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
     saccades: list[Saccade] = field(default_factory=list)
-    head_moves: list[HeadMove] = field(default_factory=list)
-    refocuses: list[Refocus] = field(default_factory=list)
+    head_movements: list[HeadMovement] = field(default_factory=list)
+    vergence_movements: list[VergenceMovement] = field(default_factory=list)
 
     @property
-    def free_s(self) -> float:
+    def earliest_onset_s(self) -> float:
         """Before this time no further saccade can start."""
-        return self.saccades[-1].onset_s + self.saccades[-1].duration_s + LEAST_INTERVAL_S if self.saccades else -np.inf
+        return (
+            self.saccades[-1].onset_s + self.saccades[-1].duration_s + MIN_INTERSACCADIC_S if self.saccades else -np.inf
+        )
 
-    def enter(self, look: Look) -> None:
+    def enter_interval(self, look: GazeInterval) -> None:
         """Shift gaze, the head and the distance that the eyes are set to into a new state."""
-        onset_s = self.shift(look.start_s, self.away_point(look.cause) if look.averted else self.face_point())
-        distance_m = self.random.uniform(*AWAY_M) if look.averted else self.partner_m
-        self.refocuses.append(Refocus(onset_s, float(distance_m)))
-        self.take_head_along(onset_s, look)
+        onset_s = self.shift(look.start_s, self.aversion_point(look.cause) if look.averted else self.point_on_face())
+        distance_m = self.random.uniform(*AVERSION_DISTANCE_M) if look.averted else self.partner_distance_m
+        self.vergence_movements.append(VergenceMovement(onset_s, float(distance_m)))
+        self.add_head_contribution(onset_s, look)
 
     def shift(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> float:
         """A saccade to a target, as far as eyes and head reach; a long one falls short and is corrected. Its onset."""
-        onset_s = max(onset_s, self.free_s)
+        onset_s = max(onset_s, self.earliest_onset_s)
         target = np.clip(np.clip(target_rad, *SPACE_RANGE_RAD), *(self.head_at(onset_s + 0.2) + EYE_RANGE_RAD))
         step = target - self.gaze_rad
-        step *= min(1.0, LONGEST_RAD / max(float(np.hypot(*step)), 1e-9))
+        step *= min(1.0, MAX_SHIFT_RAD / max(float(np.hypot(*step)), 1e-9))
         aim = self.gaze_rad + step
         if np.hypot(*step) > UNDERSHOOT_FROM_RAD:
             self._saccade(onset_s, self.gaze_rad + step * min(1.0, self.random.normal(*UNDERSHOOT)))
-            self._saccade(self.free_s + self.random.uniform(0.0, 0.05), aim)
+            self._saccade(self.earliest_onset_s + self.random.uniform(0.0, 0.05), aim)
         else:
             self._saccade(onset_s, aim)
         return onset_s
 
     def head_at(self, time_s: float) -> Float[ndarray, " 2"]:
         """Where the head points once it has come along as far as it does."""
-        return np.asarray([np.interp(time_s, self.head_s, angle) for angle in self.head_space_rad.T] + self.along_rad)
+        return np.asarray(
+            [np.interp(time_s, self.head_s, angle) for angle in self.head_space_rad.T] + self.head_contribution_rad
+        )
 
     def _saccade(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> None:
         self.saccades.append(saccades.saccade(onset_s, self.gaze_rad, target_rad, self.random))
         self.gaze_rad = np.array(self.saccades[-1].end_rad)
 
-    def take_head_along(self, onset_s: float, look: Look) -> None:
+    def add_head_contribution(self, onset_s: float, look: GazeInterval) -> None:
         """The head's share of a shift that starts at `onset_s`: towards what is averted to, or back."""
-        onset = onset_s + eye_head.draw_onset_lag_s(self.random)
+        onset = onset_s + eye_head.sample_onset_lag_s(self.random)
         if not look.averted:
-            self._turn(onset, -self.random.uniform(0.7, 1.0) * self.along_rad)
+            self._turn(onset, -self.random.uniform(0.7, 1.0) * self.head_contribution_rad)
             return
         eccentricity = self.gaze_rad - self.head_at(onset_s)
         fall = EYES_ONLY_FALL_PER_DEG * float(np.degrees(np.hypot(*eccentricity)))
-        if self.random.random() < max(EYES_ONLY_LEAST, EYES_ONLY - fall):
+        if self.random.random() < max(MIN_EYES_ONLY_PROBABILITY, EYES_ONLY_PROBABILITY - fall):
             return
         gain = min(1.0, AVERSION_HEAD_GAIN * self.style.head_gain)
         self._turn(onset, eye_head.head_contribution(eccentricity, self.style.head_threshold, gain))
         back_s = onset + self.random.uniform(0.6, 1.5)
-        if self.random.random() < HEAD_COMES_BACK and back_s < look.end_s:
-            self._turn(back_s, -self.random.uniform(0.5, 1.0) * self.along_rad, self.random.uniform(1.0, 3.0))
+        if self.random.random() < HEAD_RETURN_PROBABILITY and back_s < look.end_s:
+            self._turn(
+                back_s, -self.random.uniform(0.5, 1.0) * self.head_contribution_rad, self.random.uniform(1.0, 3.0)
+            )
 
     def _turn(self, onset_s: float, turn_rad: Float[ndarray, " 2"], duration_s: float | None = None) -> None:
         amplitude = float(np.hypot(*turn_rad))
-        if amplitude < HEAD_LEAST_RAD:
+        if amplitude < MIN_HEAD_TURN_RAD:
             return
-        self.along_rad = self.along_rad + turn_rad
+        self.head_contribution_rad = self.head_contribution_rad + turn_rad
         duration = float(eye_head.head_duration_s(amplitude)) if duration_s is None else duration_s
-        self.head_moves.append(
-            HeadMove(float(onset_s), float(duration), (-float(turn_rad[1]), float(turn_rad[0]), 0.0))
+        self.head_movements.append(
+            HeadMovement(float(onset_s), float(duration), (-float(turn_rad[1]), float(turn_rad[0]), 0.0))
         )
 
-    def scan(self, look: Look) -> None:
+    def scan(self, look: GazeInterval) -> None:
         """Saccades inside a state until it ends."""
         random = self.random
         median_s = SCAN_MEDIAN_S / (self.style.saccade_rate * self.style.liveliness)
         while True:
-            onset = self.free_s + max(0.0, median_s * np.exp(SCAN_SPREAD * random.standard_normal()) - LEAST_INTERVAL_S)
-            if onset > look.end_s - LEAST_INTERVAL_S:
+            onset = self.earliest_onset_s + max(
+                0.0, median_s * np.exp(SCAN_SPREAD * random.standard_normal()) - MIN_INTERSACCADIC_S
+            )
+            if onset > look.end_s - MIN_INTERSACCADIC_S:
                 return
-            amplitudes = saccades.draw_amplitudes_rad(8, random, cap_deg=SCAN_CAP_DEG[look.averted])
-            targets = self.gaze_rad + amplitudes[:, None] * saccades.draw_directions(8, random)
+            amplitudes = saccades.sample_amplitudes_rad(8, random, max_deg=MAX_SCAN_DEG[look.averted])
+            targets = self.gaze_rad + amplitudes[:, None] * saccades.sample_directions(8, random)
             self.shift(onset, self._near(targets, look))
 
-    def _near(self, targets: Float[ndarray, "K 2"], look: Look) -> Float[ndarray, " 2"]:
+    def _near(self, targets: Float[ndarray, "K 2"], look: GazeInterval) -> Float[ndarray, " 2"]:
         """The first candidate that stays where the state wants it: on the face, or off it."""
         away = targets - self.partner_rad
-        on_face = np.hypot(*(away / FACE_RAD).T) < 1.0
-        off_face = np.hypot(*(away / (1.4 * FACE_RAD)).T) > 1.0
-        fits = np.flatnonzero(off_face & (np.hypot(*away.T) < AWAY_RAD) if look.averted else on_face)
+        on_face = np.hypot(*(away / FACE_RADIUS_RAD).T) < 1.0
+        off_face = np.hypot(*(away / (1.4 * FACE_RADIUS_RAD)).T) > 1.0
+        fits = np.flatnonzero(off_face & (np.hypot(*away.T) < MAX_AVERSION_RAD) if look.averted else on_face)
         if len(fits):
             return np.asarray(targets[fits[0]])
-        return self.away_point(look.cause) if look.averted else self.face_point()
+        return self.aversion_point(look.cause) if look.averted else self.point_on_face()
 
-    def face_point(self) -> Float[ndarray, " 2"]:
+    def point_on_face(self) -> Float[ndarray, " 2"]:
         """Somewhere on the partner's face."""
-        return np.asarray(self.partner_rad + FACE_RAD * self.random.normal(0.0, 0.4, 2))
+        return np.asarray(self.partner_rad + FACE_RADIUS_RAD * self.random.normal(0.0, 0.4, 2))
 
-    def away_point(self, cause: Cause) -> Float[ndarray, " 2"]:
+    def aversion_point(self, cause: AversionCause) -> Float[ndarray, " 2"]:
         """Somewhere off it: in the directions of the cause, in Eyes Alive's amplitudes, with the speaker's side."""
-        least_deg = max(LEAST_AVERSION_DEG, 1.5 * float(np.degrees(FACE_RAD.max())))
-        amplitude = saccades.draw_amplitudes_rad(1, self.random, least_deg=least_deg)
-        direction = saccades.draw_directions(1, self.random, octant_shares(cause))[0]
-        if abs(direction[0]) > abs(direction[1]) and self.random.random() < abs(self.style.side):
-            direction[0] = np.copysign(direction[0], self.style.side)
+        min_deg = max(MIN_AVERSION_DEG, 1.5 * float(np.degrees(FACE_RADIUS_RAD.max())))
+        amplitude = saccades.sample_amplitudes_rad(1, self.random, min_deg=min_deg)
+        direction = saccades.sample_directions(1, self.random, octant_probabilities(cause))[0]
+        if abs(direction[0]) > abs(direction[1]) and self.random.random() < abs(self.style.aversion_side):
+            direction[0] = np.copysign(direction[0], self.style.aversion_side)
         size = self.style.aversion_scale * np.sqrt(min(1.0, self.style.liveliness))
         return np.asarray(self.partner_rad + size * amplitude * direction)
 
 
-def octant_shares(cause: Cause) -> Float[ndarray, " 8"]:
+def octant_probabilities(cause: AversionCause) -> Float[ndarray, " 8"]:
     """How likely an aversion of this cause goes to 0, 45, ..., 315 degrees (0 to the subject's left, 90 up)."""
     shares = np.zeros(8)
     groups = (OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN)
@@ -171,18 +179,18 @@ def octant_shares(cause: Cause) -> Float[ndarray, " 8"]:
     return shares
 
 
-def look_around(
-    states: Sequence[Look],
-    style: Style,
+def generate_gaze(
+    states: Sequence[GazeInterval],
+    style: SpeakerStyle,
     head_s: Float[ndarray, " T"],
     head_space_rad: Float[ndarray, "T 2"],
     random: np.random.Generator,
-) -> Looking:
+) -> GazeBuilder:
     """Gaze through all states. `head_space_rad` (yaw, pitch) at `head_s` is where the head points without gaze."""
     partner = random.normal(0.0, PARTNER_SPREAD_RAD)
-    partner_m = float(random.uniform(*PARTNER_M))
-    looking = Looking(style, head_s, head_space_rad, random, partner, partner_m, gaze_rad=partner)
+    partner_distance_m = float(random.uniform(*PARTNER_DISTANCE_M))
+    gaze_builder = GazeBuilder(style, head_s, head_space_rad, random, partner, partner_distance_m, gaze_rad=partner)
     for look in states:
-        looking.enter(look)
-        looking.scan(look)
-    return looking
+        gaze_builder.enter_interval(look)
+        gaze_builder.scan(look)
+    return gaze_builder

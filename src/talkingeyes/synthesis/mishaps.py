@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from pydantic import Field, model_validator
 
-from talkingeyes.core.settings import Settings, out_of_bounds
-from talkingeyes.head.face_points import NAMES
+from talkingeyes.core.settings import Settings, bounds_error
+from talkingeyes.head.face_points import LANDMARK_NAMES
 
 # Where a hand or hair comes: the landmark that its middle lies on.
 HAND = ("outline_chin", "upper_lip", "left_outline_jaw", "right_outline_jaw", "nose_tip", "left_eye_outer")
@@ -22,43 +22,43 @@ HAIR = ("left_outline_temple", "right_outline_temple", "left_brow_outer", "right
 class OcclusionSettings(Settings):
     """Hands and hair before the face: a disc, fixed to the face, that covers landmarks and pupils for a while."""
 
-    per_min: float = Field(ge=0, le=60)
-    hand_share: float = Field(ge=0, le=1)  # the others are hair
-    seconds: float = Field(gt=0, le=60)  # median length
-    spread: float = Field(ge=0, le=2)  # of the logarithm of the length
-    radius_least_px: float = Field(gt=0, le=4096)
-    radius_most_px: float = Field(gt=0, le=4096)
+    rate_per_min: float = Field(ge=0, le=60)
+    hand_probability: float = Field(ge=0, le=1)  # the others are hair
+    median_s: float = Field(gt=0, le=60)  # median length
+    log_std: float = Field(ge=0, le=2)  # of the logarithm of the length
+    radius_min_px: float = Field(gt=0, le=4096)
+    radius_max_px: float = Field(gt=0, le=4096)
 
     @model_validator(mode="after")
     def _ordered(self) -> OcclusionSettings:
-        if self.radius_least_px > self.radius_most_px:
-            raise out_of_bounds(
-                f"radius_most_px should be at least radius_least_px ({self.radius_least_px})", self.radius_most_px
+        if self.radius_min_px > self.radius_max_px:
+            raise bounds_error(
+                f"radius_max_px should be at least radius_min_px ({self.radius_min_px})", self.radius_max_px
             )
         return self
 
 
-class DropSettings(Settings):
+class FrameDropSettings(Settings):
     """Frames that a camera loses: shown as the frame before once more, or not at all."""
 
-    share: float = Field(ge=0, lt=1)  # of the frames
-    longest_frames: int = Field(ge=1, le=100)  # a gap lasts 1 to so many
-    repeated: float = Field(ge=0, le=1)  # of the gaps repeat the frame before; the others are empty
+    dropped_fraction: float = Field(ge=0, lt=1)  # of the frames
+    max_frames: int = Field(ge=1, le=100)  # a gap lasts 1 to so many
+    repeat_probability: float = Field(ge=0, le=1)  # of the gaps repeat the frame before; the others are empty
 
 
-def covered(
+def occlusion_mask(
     points: Float[ndarray, "T L 2"], pupils: Float[ndarray, "T 2 2"], fps: float, settings: OcclusionSettings,
     random: np.random.Generator,
 ) -> Bool[ndarray, "T K"]:  # fmt: skip
     """Which landmarks, and after them which pupils, something is before at each frame."""
     everything = np.concatenate([points, pupils], axis=1)
     hidden = np.zeros(everything.shape[:2], bool)
-    for _ in range(random.poisson(settings.per_min * len(points) / fps / 60.0)):
-        places = HAND if random.random() < settings.hand_share else HAIR
-        middle = NAMES.index(places[random.integers(len(places))])
-        offset_px = random.normal(0.0, 0.3 * settings.radius_least_px, 2)
-        radius_px = random.uniform(settings.radius_least_px, settings.radius_most_px)
-        length = round(fps * settings.seconds * np.exp(settings.spread * random.standard_normal())) or 1
+    for _ in range(random.poisson(settings.rate_per_min * len(points) / fps / 60.0)):
+        places = HAND if random.random() < settings.hand_probability else HAIR
+        middle = LANDMARK_NAMES.index(places[random.integers(len(places))])
+        offset_px = random.normal(0.0, 0.3 * settings.radius_min_px, 2)
+        radius_px = random.uniform(settings.radius_min_px, settings.radius_max_px)
+        length = round(fps * settings.median_s * np.exp(settings.log_std * random.standard_normal())) or 1
         start = int(random.integers(1 - length, len(points)))
         during = slice(max(start, 0), start + length)
         away = everything[during] - (points[during, middle] + offset_px)[:, None]
@@ -66,16 +66,16 @@ def covered(
     return hidden
 
 
-def source_frames(frames: int, settings: DropSettings, random: np.random.Generator) -> ndarray:
+def source_frames(frames: int, settings: FrameDropSettings, random: np.random.Generator) -> ndarray:
     """For each frame the frame that is shown in its place: itself, one before it, or -1 where there is none."""
     source = np.arange(frames)
-    per_frame = settings.share / ((1.0 + settings.longest_frames) / 2.0)
+    per_frame = settings.dropped_fraction / ((1.0 + settings.max_frames) / 2.0)
     for start in np.flatnonzero(random.random(frames) < per_frame):
-        stop = start + int(random.integers(1, settings.longest_frames + 1))
-        source[start:stop] = source[start - 1] if start and random.random() < settings.repeated else -1
+        stop = start + int(random.integers(1, settings.max_frames + 1))
+        source[start:stop] = source[start - 1] if start and random.random() < settings.repeat_probability else -1
     return source
 
 
-def on_grid(points_px: Float[ndarray, "*N 2"], grid_px: float) -> Float[ndarray, "*N 2"]:
-    """Coordinates rounded to steps of `grid_px`; 0 leaves them."""
-    return np.asarray(np.round(points_px / grid_px) * grid_px) if grid_px else points_px
+def quantise(points_px: Float[ndarray, "*N 2"], quantisation_px: float) -> Float[ndarray, "*N 2"]:
+    """Coordinates rounded to steps of `quantisation_px`; 0 leaves them."""
+    return np.asarray(np.round(points_px / quantisation_px) * quantisation_px) if quantisation_px else points_px

@@ -15,40 +15,40 @@ from numpy import ndarray
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
-from talkingeyes.core.settings import Settings, out_of_bounds
-from talkingeyes.synthesis.mishaps import DropSettings, OcclusionSettings
+from talkingeyes.core.settings import Settings, bounds_error
+from talkingeyes.synthesis.mishaps import FrameDropSettings, OcclusionSettings
 
-MEMORY_STEP_S = 0.04
+CORRELATION_STEP_S = 0.04
 YAW_SCALE_RAD = np.radians(30.0)
-PUPIL_ERRORS, LANDMARK_ERRORS = ("bias", "slow", "white_least", "white_most"), ("bias", "slow", "white")
+PUPIL_ERRORS, LANDMARK_ERRORS = ("bias", "ar", "white_min", "white_max"), ("bias", "ar", "white")
 
 
 class PupilNoiseSettings(Settings):
     """Noise of the pupil detector, pixels at the scale of the crop; standard deviations where nothing else is said."""
 
     bias_px: float = Field(ge=0, le=20)  # of a clip and an eye, per axis
-    bias_shared: float = Field(ge=0, le=1)  # correlation of that bias between the eyes
-    slow_px: float = Field(ge=0, le=20)  # the autoregressive part
-    slow_memory: float = Field(ge=0, lt=1)  # its correlation over 40 ms
-    white_least_px: float = Field(ge=0, le=20)  # the white part, drawn for each clip between these
-    white_most_px: float = Field(ge=0, le=20)
-    gain_x_least: float = Field(gt=0, le=2)  # how far the detected pupil follows the true one, drawn for each eye
-    gain_x_most: float = Field(gt=0, le=2)
-    gain_y_least: float = Field(gt=0, le=2)
-    gain_y_most: float = Field(gt=0, le=2)
-    turned_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
+    bias_correlation: float = Field(ge=0, le=1)  # correlation of that bias between the eyes
+    ar_px: float = Field(ge=0, le=20)  # the autoregressive part
+    ar_correlation: float = Field(ge=0, lt=1)  # its correlation over 40 ms
+    white_min_px: float = Field(ge=0, le=20)  # the white part, drawn for each clip between these
+    white_max_px: float = Field(ge=0, le=20)
+    gain_x_min: float = Field(gt=0, le=2)  # how far the detected pupil follows the true one, drawn for each eye
+    gain_x_max: float = Field(gt=0, le=2)
+    gain_y_min: float = Field(gt=0, le=2)
+    gain_y_max: float = Field(gt=0, le=2)
+    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
     burst_share: float = Field(ge=0, le=1)  # of frames lie in a burst
-    burst_frames: int = Field(gt=0, le=100)  # a burst lasts 1 to so many frames
-    burst_least_px: float = Field(ge=0, le=100)
-    burst_most_px: float = Field(ge=0, le=100)
-    hidden_below: float = Field(ge=0, le=1)  # aperture (1 open) under which there is no pupil
+    burst_max_frames: int = Field(gt=0, le=100)  # a burst lasts 1 to so many frames
+    burst_min_px: float = Field(ge=0, le=100)
+    burst_max_px: float = Field(ge=0, le=100)
+    min_aperture: float = Field(ge=0, le=1)  # aperture (1 open) under which there is no pupil
 
     @model_validator(mode="after")
     def _ordered(self) -> PupilNoiseSettings:
         for name in ("white_{}_px", "gain_x_{}", "gain_y_{}", "burst_{}_px"):
-            least, most = getattr(self, name.format("least")), getattr(self, name.format("most"))
+            least, most = getattr(self, name.format("min")), getattr(self, name.format("max"))
             if least > most:
-                raise out_of_bounds(f"{name.format('most')} should be at least {name.format('least')} ({least})", most)
+                raise bounds_error(f"{name.format('max')} should be at least {name.format('min')} ({least})", most)
         return self
 
 
@@ -56,10 +56,10 @@ class LandmarkNoiseSettings(Settings):
     """Noise of the face landmarks, pixels at the scale of the crop; standard deviations."""
 
     bias_px: float = Field(ge=0, le=20)  # of a clip and a landmark, per axis
-    slow_px: float = Field(ge=0, le=20)  # the autoregressive part
-    slow_memory: float = Field(ge=0, lt=1)  # its correlation over 40 ms
+    ar_px: float = Field(ge=0, le=20)  # the autoregressive part
+    ar_correlation: float = Field(ge=0, lt=1)  # its correlation over 40 ms
     white_px: float = Field(ge=0, le=20)  # from frame to frame
-    turned_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
+    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
 
 
 class NoiseSettings(Settings):
@@ -68,12 +68,12 @@ class NoiseSettings(Settings):
     pupil: PupilNoiseSettings
     landmark: LandmarkNoiseSettings
     resolution: float = Field(gt=0, le=1)  # of the picture, as a share of the crop's: noise grows as it falls
-    grid_px: float = Field(ge=0, le=16)  # coordinates come in such steps at full resolution; 0: as they are
+    quantisation_px: float = Field(ge=0, le=16)  # coordinates come in such steps at full resolution; 0: as they are
     occlusion: OcclusionSettings
-    dropped: DropSettings
+    frame_drops: FrameDropSettings
 
     @property
-    def grown(self) -> NoiseSettings:
+    def at_full_resolution(self) -> NoiseSettings:
         """The same at full resolution: all errors and the grid larger by what the resolution lacks."""
         larger = 1.0 / self.resolution
         pupil = {f"{name}_px": larger * getattr(self.pupil, f"{name}_px") for name in PUPIL_ERRORS}
@@ -82,7 +82,7 @@ class NoiseSettings(Settings):
             update={
                 "pupil": self.pupil.model_copy(update=pupil),
                 "landmark": self.landmark.model_copy(update=landmark),
-                "grid_px": larger * self.grid_px,
+                "quantisation_px": larger * self.quantisation_px,
                 "resolution": 1.0,
             }
         )
@@ -100,20 +100,22 @@ def noisy_pupils(
     """Detected pupils of both eyes, NaN where hidden. `ahead_px` is where they would be looking straight ahead."""
     frames = len(exact_px)
     shared, own = random.standard_normal((1, 2)), random.standard_normal((2, 2))
-    bias = settings.bias_px * (np.sqrt(settings.bias_shared) * shared + np.sqrt(1.0 - settings.bias_shared) * own)
-    slow = autoregressive((frames, 2, 2), settings.slow_px, settings.slow_memory, fps, random)
-    white = random.uniform(settings.white_least_px, settings.white_most_px) * random.standard_normal((frames, 2, 2))
+    bias = settings.bias_px * (
+        np.sqrt(settings.bias_correlation) * shared + np.sqrt(1.0 - settings.bias_correlation) * own
+    )
+    slow = autoregressive((frames, 2, 2), settings.ar_px, settings.ar_correlation, fps, random)
+    white = random.uniform(settings.white_min_px, settings.white_max_px) * random.standard_normal((frames, 2, 2))
     gain = np.stack(
         [
-            random.uniform(settings.gain_x_least, settings.gain_x_most, 2),
-            random.uniform(settings.gain_y_least, settings.gain_y_most, 2),
+            random.uniform(settings.gain_x_min, settings.gain_x_max, 2),
+            random.uniform(settings.gain_y_min, settings.gain_y_max, 2),
         ],
         axis=-1,
     )
     seen = ahead_px + gain * (exact_px - ahead_px)
-    seen += (bias + slow + white) * _turned(head_yaw_rad, settings.turned_growth)
+    seen += (bias + slow + white) * _yaw_factor(head_yaw_rad, settings.yaw_growth)
     seen += bursts(frames, settings, random)
-    hidden: Bool[ndarray, "T 2"] = aperture < settings.hidden_below
+    hidden: Bool[ndarray, "T 2"] = aperture < settings.min_aperture
     seen[hidden] = np.nan
     return np.asarray(seen)
 
@@ -127,16 +129,16 @@ def noisy_landmarks(
 ) -> Float[ndarray, "T L 2"]:
     """Detected landmarks."""
     bias = settings.bias_px * random.standard_normal(exact_px.shape[1:])
-    slow = autoregressive(exact_px.shape, settings.slow_px, settings.slow_memory, fps, random)
+    slow = autoregressive(exact_px.shape, settings.ar_px, settings.ar_correlation, fps, random)
     white = settings.white_px * random.standard_normal(exact_px.shape)
-    return np.asarray(exact_px + (bias + slow + white) * _turned(head_yaw_rad, settings.turned_growth))
+    return np.asarray(exact_px + (bias + slow + white) * _yaw_factor(head_yaw_rad, settings.yaw_growth))
 
 
 def autoregressive(
-    shape: tuple[int, ...], deviation_px: float, memory: float, fps: float, random: np.random.Generator
+    shape: tuple[int, ...], deviation_px: float, correlation: float, fps: float, random: np.random.Generator
 ) -> Float[ndarray, "T ..."]:
-    """First-order autoregressive noise, stationary from the first frame; `memory` is its correlation over 40 ms."""
-    step = memory ** (1.0 / (fps * MEMORY_STEP_S))
+    """First-order autoregressive noise, stationary from the first frame; `correlation` is that over 40 ms."""
+    step = correlation ** (1.0 / (fps * CORRELATION_STEP_S))
     drive = random.standard_normal(shape)
     drive[1:] *= np.sqrt(1.0 - step**2)
     return np.asarray(deviation_px * lfilter([1.0], [1.0, -step], drive, axis=0))
@@ -145,14 +147,14 @@ def autoregressive(
 def bursts(frames: int, settings: PupilNoiseSettings, random: np.random.Generator) -> Float[ndarray, "T 2 2"]:
     """Outliers of single eyes: constant for a few frames, in any direction."""
     added = np.zeros((frames, 2, 2))
-    per_frame = settings.burst_share / ((1.0 + settings.burst_frames) / 2.0)
+    per_frame = settings.burst_share / ((1.0 + settings.burst_max_frames) / 2.0)
     starts, eyes = np.nonzero(random.random((frames, 2)) < per_frame)
     for start, eye in zip(starts, eyes, strict=True):
-        size, angle = random.uniform(settings.burst_least_px, settings.burst_most_px), random.uniform(0.0, 2.0 * np.pi)
-        length = random.integers(1, settings.burst_frames + 1)
+        size, angle = random.uniform(settings.burst_min_px, settings.burst_max_px), random.uniform(0.0, 2.0 * np.pi)
+        length = random.integers(1, settings.burst_max_frames + 1)
         added[start : start + length, eye] = size * np.array([np.cos(angle), np.sin(angle)])
     return added
 
 
-def _turned(head_yaw_rad: Float[ndarray, " T"], growth: float) -> Float[ndarray, "T 1 1"]:
+def _yaw_factor(head_yaw_rad: Float[ndarray, " T"], growth: float) -> Float[ndarray, "T 1 1"]:
     return np.asarray(1.0 + growth * np.abs(head_yaw_rad) / YAW_SCALE_RAD)[:, None, None]

@@ -16,11 +16,11 @@ from numpy import ndarray
 from pydantic import Field, model_validator
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.head import landmarks as face
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.observation import Observation
-from talkingeyes.synthesis.mishaps import covered, on_grid, source_frames
+from talkingeyes.synthesis.mishaps import occlusion_mask, quantise, source_frames
 from talkingeyes.synthesis.noise import NoiseSettings, noisy_landmarks, noisy_pupils
 
 IDENTITY_LIMIT = 2.0  # standard deviations: faces beyond are no people
@@ -31,25 +31,25 @@ class CameraSettings(Settings):
 
     size_px: int = Field(ge=32, le=4096)  # width and height of the picture
     scale_px_per_mm: float = Field(gt=0, le=100)  # at the distance of the eyes
-    distance_least_m: float = Field(ge=0.3, le=10)  # from the head's joint, drawn for each clip
-    distance_most_m: float = Field(ge=0.3, le=10)
-    head_spread: float = Field(ge=0, le=0.5)  # standard deviation over people of the weights of identity shapes
+    distance_min_m: float = Field(ge=0.3, le=10)  # from the head's joint, drawn for each clip
+    distance_max_m: float = Field(ge=0.3, le=10)
+    identity_std: float = Field(ge=0, le=0.5)  # standard deviation over people of the weights of identity shapes
 
     @model_validator(mode="after")
     def _ordered(self) -> CameraSettings:
-        if self.distance_least_m > self.distance_most_m:
-            raise out_of_bounds(
-                f"distance_most_m should be at least distance_least_m ({self.distance_least_m})", self.distance_most_m
+        if self.distance_min_m > self.distance_max_m:
+            raise bounds_error(
+                f"distance_max_m should be at least distance_min_m ({self.distance_min_m})", self.distance_max_m
             )
         return self
 
 
 def make_camera(settings: CameraSettings, random: np.random.Generator) -> Camera:
     """A pinhole camera at a distance of the band, with the neutral face in the middle of its picture."""
-    distance_m = float(random.uniform(settings.distance_least_m, settings.distance_most_m))
+    distance_m = float(random.uniform(settings.distance_min_m, settings.distance_max_m))
     depth_m = distance_m - float(face.EYE_CENTRES[0, 2])
     focal_px = 1000.0 * settings.scale_px_per_mm * depth_m
-    heights_m = face.rest_points()[:, 1]
+    heights_m = face.rest_landmarks()[:, 1]
     middle_m = float(heights_m.min() + heights_m.max()) / 2.0
     half = settings.size_px / 2.0
     return Camera(
@@ -61,19 +61,19 @@ def make_camera(settings: CameraSettings, random: np.random.Generator) -> Camera
     )
 
 
-def head_shape(identity: Sequence[float], settings: CameraSettings) -> tuple[float, ...]:
+def identity_weights(identity: Sequence[float], settings: CameraSettings) -> tuple[float, ...]:
     """Weights of the head's identity shapes of somebody drawn as standard normal numbers."""
-    return tuple(float(settings.head_spread * np.clip(number, -IDENTITY_LIMIT, IDENTITY_LIMIT)) for number in identity)
+    return tuple(float(settings.identity_std * np.clip(number, -IDENTITY_LIMIT, IDENTITY_LIMIT)) for number in identity)
 
 
 def exact_pupils_px(motion: Motion, camera: Camera) -> Float[ndarray, "T 2 2"]:
     """Where the pupils truly are in the picture."""
-    return camera.project(face.in_camera(face.pupils(motion.gaze), motion.head, motion.translation))
+    return camera.project(face.head_to_scene(face.pupils(motion.gaze), motion.head, motion.translation))
 
 
 def exact_landmarks_px(motion: Motion, camera: Camera, identity: Sequence[float] = ()) -> Float[ndarray, "T L 2"]:
     """Where the landmarks truly are in the picture."""
-    return camera.project(face.in_camera(face.motion_landmarks(motion, identity), motion.head, motion.translation))
+    return camera.project(face.head_to_scene(face.motion_landmarks(motion, identity), motion.head, motion.translation))
 
 
 def observe(
@@ -87,25 +87,25 @@ def observe(
 
     `identity`: weights of the head's identity shapes, which the observation reports as a tracker of the face would.
     """
-    settings = settings.grown
+    settings = settings.at_full_resolution
     ahead = np.zeros_like(motion.gaze)
-    ahead_px = camera.project(face.in_camera(face.pupils(ahead), motion.head, motion.translation))
+    ahead_px = camera.project(face.head_to_scene(face.pupils(ahead), motion.head, motion.translation))
     aperture = 1.0 - motion.lid
     yaw = motion.head[:, 1]
     exact_px = exact_landmarks_px(motion, camera, identity)
     pupils_px = exact_pupils_px(motion, camera)
     landmarks = noisy_landmarks(exact_px, yaw, motion.fps, settings.landmark, random)
     pupils = noisy_pupils(pupils_px, ahead_px, yaw, aperture, motion.fps, settings.pupil, random)
-    hidden = covered(exact_px, pupils_px, motion.fps, settings.occlusion, random)
+    hidden = occlusion_mask(exact_px, pupils_px, motion.fps, settings.occlusion, random)
     landmarks[hidden[:, :-2]] = np.nan
     pupils[hidden[:, -2:]] = np.nan
-    openness = np.clip(aperture.min(axis=1) / max(settings.pupil.hidden_below, 1e-9), 0.0, 1.0)
-    shown = source_frames(len(motion), settings.dropped, random)
+    openness = np.clip(aperture.min(axis=1) / max(settings.pupil.min_aperture, 1e-9), 0.0, 1.0)
+    shown = source_frames(len(motion), settings.frame_drops, random)
     lost = shown < 0
     return Observation(
         fps=motion.fps,
-        landmarks=on_grid(np.where(lost[:, None, None], np.nan, landmarks[shown]), settings.grid_px),
-        pupils=on_grid(np.where(lost[:, None, None], np.nan, pupils[shown]), settings.grid_px),
+        landmarks=quantise(np.where(lost[:, None, None], np.nan, landmarks[shown]), settings.quantisation_px),
+        pupils=quantise(np.where(lost[:, None, None], np.nan, pupils[shown]), settings.quantisation_px),
         confidence=np.where(lost, 0.0, (openness * (1.0 - hidden.mean(axis=1)))[shown]),
         camera=camera,
         identity=tuple(identity),

@@ -16,8 +16,8 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Phoneme, Span
 from talkingeyes.synthesis.accents import Voice
-from talkingeyes.synthesis.espeak import NATIVE_HZ, PHONEME, WORD, Raw, Say
-from talkingeyes.synthesis.text import Filler, Part, Pause, Word
+from talkingeyes.synthesis.espeak import ESPEAK_SAMPLE_RATE, PHONEME, WORD, EspeakOutput, SpeakFunction
+from talkingeyes.synthesis.text import Filler, Pause, SpeechUnit, Word
 
 FADE_S = 0.004
 TRIM_LEVEL = 10 ** (-42 / 20)
@@ -28,7 +28,7 @@ NUCLEUS = 0.8
 
 
 @dataclass(frozen=True)
-class Run:
+class Phrase:
     """Words without a pause between them, or one filler."""
 
     text: str
@@ -36,7 +36,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Said:
+class SpokenPhrase:
     """A spoken run, times counted in seconds from its own start."""
 
     sound: Float[ndarray, " N"]
@@ -45,15 +45,15 @@ class Said:
     filler: str
 
 
-def runs(parts: Sequence[Part]) -> list[Run | Pause]:
+def split_phrases(parts: Sequence[SpeechUnit]) -> list[Phrase | Pause]:
     """Runs of words, fillers and pauses. A run broken off gets a comma, so the voice stays up."""
-    found: list[Run | Pause] = []
+    found: list[Phrase | Pause] = []
     words: list[str] = []
 
     def flush() -> None:
         if words:
             text = " ".join(words)
-            found.append(Run(text if text[-1] in PUNCTUATION else text + ","))
+            found.append(Phrase(text if text[-1] in PUNCTUATION else text + ","))
             words.clear()
 
     for part in parts:
@@ -61,29 +61,31 @@ def runs(parts: Sequence[Part]) -> list[Run | Pause]:
             words.append(part.text)
             continue
         flush()
-        found.append(Run(part.text + ",", filler=True) if isinstance(part, Filler) else part)
+        found.append(Phrase(part.text + ",", filler=True) if isinstance(part, Filler) else part)
     flush()
     return found
 
 
-def said(say: Say, run: Run, voice: Voice) -> Said:
+def speak_phrase(say: SpeakFunction, phrase: Phrase, voice: Voice) -> SpokenPhrase:
     """Speak a run and cut espeak's own padding off by level, so that silence outside it is the script's alone."""
-    rate_wpm = round(voice.rate_wpm * (FILLER_RATE if run.filler else 1))
-    raw = say(run.text, rate_wpm, voice.pitch, voice.pitch_range)
+    rate_wpm = round(voice.rate_wpm * (FILLER_RATE if phrase.filler else 1))
+    raw = say(phrase.text, rate_wpm, voice.pitch, voice.pitch_range)
     level = np.abs(raw.sound)
     loud = level > TRIM_LEVEL * level.max(initial=1e-6)
-    fade = round(FADE_S * NATIVE_HZ)
+    fade = round(FADE_S * ESPEAK_SAMPLE_RATE)
     start = max(int(loud.argmax()) - fade, 0)
     stop = min(len(loud) - 1 - int(loud[::-1].argmax()) + fade, len(loud))
     sound = raw.sound[start:stop].copy()
     ramp = np.sin(np.linspace(0, np.pi / 2, fade)) ** 2
     sound[:fade] *= ramp
     sound[-fade:] *= ramp[::-1]
-    phonemes, words = _timed(raw, run.text, start, stop)
-    return Said(sound, words, _prominent(phonemes, sound), run.text.strip(PUNCTUATION) if run.filler else "")
+    phonemes, words = _timings(raw, phrase.text, start, stop)
+    return SpokenPhrase(
+        sound, words, _with_prominence(phonemes, sound), phrase.text.strip(PUNCTUATION) if phrase.filler else ""
+    )
 
 
-def _prominent(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tuple[Phoneme, ...]:
+def _with_prominence(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tuple[Phoneme, ...]:
     """Stressed vowels by how loud they are in their phrase; the last one carries its accent, whatever its level."""
     stressed = [index for index, phoneme in enumerate(phonemes) if phoneme.stressed]
     if not stressed:
@@ -98,11 +100,11 @@ def _prominent(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tu
 
 
 def _level_db(phoneme: Phoneme, sound: Float[ndarray, " N"]) -> float:
-    piece = sound[round(phoneme.start_s * NATIVE_HZ) : round(phoneme.end_s * NATIVE_HZ)]
+    piece = sound[round(phoneme.start_s * ESPEAK_SAMPLE_RATE) : round(phoneme.end_s * ESPEAK_SAMPLE_RATE)]
     return float(10 * np.log10(piece @ piece / max(len(piece), 1) + 1e-12))
 
 
-def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
+def _timings(raw: EspeakOutput, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
     """Phonemes and words in seconds from sample `start`. A word lasts from its first phoneme to its last."""
     ends = [*[event.sample for event in raw.events if event.kind == PHONEME][1:], stop]
     phonemes: list[Phoneme] = []
@@ -116,7 +118,9 @@ def _timed(raw: Raw, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, .
                 positions.append(at)
                 first_of.append(len(phonemes))
             continue
-        begin_s, end_s = ((min(max(at, start), stop) - start) / NATIVE_HZ for at in (event.sample, next(following)))
+        begin_s, end_s = (
+            (min(max(at, start), stop) - start) / ESPEAK_SAMPLE_RATE for at in (event.sample, next(following))
+        )
         symbol = event.symbol.lstrip("',%=")
         if symbol == ";" and phonemes:  # a palatal glide into the next sound: no phoneme of its own
             phonemes[-1] = Phoneme(phonemes[-1].start_s, end_s, phonemes[-1].symbol, phonemes[-1].stressed)

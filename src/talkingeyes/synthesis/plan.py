@@ -14,20 +14,20 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.physiology.blinks import PROFILES, BlinkProfile
-from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, draw_voice, in_mood, is_voice
+from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, apply_emotion, is_voice, sample_voice
 from talkingeyes.synthesis.acoustics import AcousticsSettings
 from talkingeyes.synthesis.individual import individual
 from talkingeyes.synthesis.noise import NoiseSettings
 from talkingeyes.synthesis.observations import CameraSettings
-from talkingeyes.synthesis.speakers import Speaker, draw_speaker
+from talkingeyes.synthesis.speakers import Speaker, sample_speaker
 from talkingeyes.synthesis.text import languages
-from talkingeyes.synthesis.voices import Cast
+from talkingeyes.synthesis.voices import DialogueVoices
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
 STREAMS |= {"individual": 9}
-NARROWEST_S = 0.5
+MIN_LENGTH_RANGE_S = 0.5
 
 
 class SourceSettings(Settings):
@@ -37,16 +37,18 @@ class SourceSettings(Settings):
     speakers: int = Field(ge=1, le=100_000)
     shortest_s: float = Field(ge=4, le=600)  # a clip lasts between these (log-uniform)
     longest_s: float = Field(ge=4, le=600)
-    listening_share: float = Field(ge=0, le=1)  # of the sounds have a partner who speaks by turns
+    dialogue_share: float = Field(ge=0, le=1)  # of the sounds have a partner who speaks by turns
     liveliness: float = Field(gt=0, le=3)  # of gaze: how often and how far it leaves its place
 
     @model_validator(mode="after")
     def _source_fits(self) -> SourceSettings:
-        least_s = self.shortest_s + NARROWEST_S
+        least_s = self.shortest_s + MIN_LENGTH_RANGE_S
         if self.longest_s < least_s:
-            raise out_of_bounds(f"longest_s should be at least shortest_s + {NARROWEST_S} ({least_s})", self.longest_s)
+            raise bounds_error(
+                f"longest_s should be at least shortest_s + {MIN_LENGTH_RANGE_S} ({least_s})", self.longest_s
+            )
         if self.clips < self.speakers:
-            raise out_of_bounds(f"clips should be at least speakers ({self.speakers})", self.clips)
+            raise bounds_error(f"clips should be at least speakers ({self.speakers})", self.clips)
         return self
 
 
@@ -73,15 +75,15 @@ class SynthesizeSettings(SourceSettings):
     @model_validator(mode="after")
     def _fits(self) -> SynthesizeSettings:
         if self.source in self.further_sources:
-            raise out_of_bounds(f"further_sources should have other names than {self.source}", self.source)
+            raise bounds_error(f"further_sources should have other names than {self.source}", self.source)
         if unknown := set(self.languages) - set(languages()):
-            raise out_of_bounds(f"languages should be among {', '.join(languages())}", ", ".join(sorted(unknown)))
+            raise bounds_error(f"languages should be among {', '.join(languages())}", ", ".join(sorted(unknown)))
         for voice in self.voices:
             if not is_voice(voice):
-                raise out_of_bounds(f"voices should be {VOICE_NAMES}", voice)
+                raise bounds_error(f"voices should be {VOICE_NAMES}", voice)
         for language in self.languages if self.voices else ():
             if not any(voice.partition("+")[0] in ACCENTS[language] for voice in self.voices):
-                raise out_of_bounds(
+                raise bounds_error(
                     f"voices should have one for {language} ({', '.join(ACCENTS[language])})", ", ".join(self.voices)
                 )
         return self
@@ -98,7 +100,7 @@ class SynthesizeSettings(SourceSettings):
 
 
 @dataclass(frozen=True)
-class Sound:
+class PlannedSound:
     """A sound of the plan: who says it in which mood, and whether a partner speaks too."""
 
     index: int
@@ -115,9 +117,9 @@ def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Ge
     return np.random.default_rng([seed, STREAMS[stream], index, take])
 
 
-def sounds(settings: SynthesizeSettings) -> list[Sound]:
+def sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
     """All sounds, source by source; speakers take turns."""
-    found: list[Sound] = []
+    found: list[PlannedSound] = []
     first_speaker = 0
     for source, each in settings.sources.items():
         for number in range(each.clips):
@@ -126,13 +128,13 @@ def sounds(settings: SynthesizeSettings) -> list[Sound]:
     return found
 
 
-def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> Sound:
+def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> PlannedSound:
     random = generator(settings.seed, "scene", index)
-    listening = bool(random.random() < settings.sources[source].listening_share)
+    listening = bool(random.random() < settings.sources[source].dialogue_share)
     emotion, intensity = "neutral", 0
     if random.random() >= settings.neutral_share:
         emotion, intensity = EMOTIONS[random.integers(1, len(EMOTIONS))], INTENSITIES[random.integers(len(INTENSITIES))]
-    return Sound(index, speaker, f"{speaker_name(speaker)}-{index:06d}", source, emotion, intensity, listening)
+    return PlannedSound(index, speaker, f"{speaker_name(speaker)}-{index:06d}", source, emotion, intensity, listening)
 
 
 def speaker_name(number: int) -> str:
@@ -140,10 +142,10 @@ def speaker_name(number: int) -> str:
     return f"s{number:04d}"
 
 
-def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
+def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
     """Who says it: the same person in all sounds of that speaker."""
     random = generator(settings.seed, "speaker", sound.speaker)
-    speaker = draw_speaker(
+    speaker = sample_speaker(
         speaker_name(sound.speaker),
         _language(settings, sound),
         random,
@@ -155,14 +157,14 @@ def speaker_of(settings: SynthesizeSettings, sound: Sound) -> Speaker:
     return replace(speaker, style=individual(speaker.style, settings.individuality, own))
 
 
-def cast_of(settings: SynthesizeSettings, sound: Sound) -> Cast:
+def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> DialogueVoices:
     """Whose voices are heard: the speaker's in the mood of the sound, and a partner's, drawn for this sound."""
-    voice = in_mood(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
+    voice = apply_emotion(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
     if not sound.listening:
-        return Cast(voice)
+        return DialogueVoices(voice)
     random = generator(settings.seed, "partner", sound.index)
-    return Cast(voice, draw_voice(random, _language(settings, sound), settings.voices))
+    return DialogueVoices(voice, sample_voice(random, _language(settings, sound), settings.voices))
 
 
-def _language(settings: SynthesizeSettings, sound: Sound) -> str:
+def _language(settings: SynthesizeSettings, sound: PlannedSound) -> str:
     return settings.languages[sound.speaker % len(settings.languages)]

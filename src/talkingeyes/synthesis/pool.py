@@ -12,17 +12,17 @@ import numpy as np
 
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.core.motion import Motion
-from talkingeyes.physiology.blinks import PHYSIO
-from talkingeyes.synthesis.speakers import draw_style
-from talkingeyes.synthesis.take import perform
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import sample_take
 
 PHONEME_S = 0.09
 SPEECH_MEDIAN_S, SPEECH_SPREAD = 1.5, 0.5
-GAP_MEDIAN_S, GAP_SPREAD, LEAST_GAP_S = 0.5, 0.6, 0.3
+GAP_MEDIAN_S, GAP_SPREAD, MIN_GAP_S = 0.5, 0.6, 0.3
 
 
 @dataclass(frozen=True)
-class Talk:
+class SketchedClip:
     """One sketched sound, its speaker, and takes of it."""
 
     speaker: str
@@ -30,21 +30,21 @@ class Talk:
     takes: tuple[Motion, ...]
 
 
-def pool(speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int) -> list[Talk]:
+def pool(speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int) -> list[SketchedClip]:
     """`sounds` of each speaker, `takes` of each sound; speaker and sound have generators of their own."""
     found = []
     for speaker in range(speakers):
-        style = draw_style(np.random.default_rng([seed, speaker]))
+        style = sample_style(np.random.default_rng([seed, speaker]))
         for sound in range(sounds):
             random = np.random.default_rng([seed, speaker, sound])
-            annotation = sketch(seconds, random)
-            motions = [perform(annotation, style, seconds, random, PHYSIO) for _ in range(takes)]
+            annotation = sketch_annotation(seconds, random)
+            motions = [sample_take(annotation, style, seconds, random, PHYSIOLOGICAL) for _ in range(takes)]
             frames = round(seconds * fps)
-            found.append(Talk(str(speaker), annotation, tuple(each.motion(fps, frames) for each in motions)))
+            found.append(SketchedClip(str(speaker), annotation, tuple(each.motion(fps, frames) for each in motions)))
     return found
 
 
-def sketch(seconds: float, random: np.random.Generator) -> Annotation:
+def sketch_annotation(seconds: float, random: np.random.Generator) -> Annotation:
     """Spans of speech and gaps; phonemes by turns open and shut, every third syllable stressed."""
     start_s = random.uniform(0.2, 1.0)
     speaking: list[Span] = []
@@ -55,5 +55,5 @@ def sketch(seconds: float, random: np.random.Generator) -> Annotation:
         for index, onset_s in enumerate(np.arange(start_s, end_s - PHONEME_S, PHONEME_S)):
             symbol = "a" if index % 2 else "t"
             phonemes.append(Phoneme(float(onset_s), float(onset_s + PHONEME_S), symbol, index % 6 == 1))
-        start_s = end_s + max(LEAST_GAP_S, GAP_MEDIAN_S * np.exp(GAP_SPREAD * random.standard_normal()))
+        start_s = end_s + max(MIN_GAP_S, GAP_MEDIAN_S * np.exp(GAP_SPREAD * random.standard_normal()))
     return Annotation(phonemes=tuple(phonemes), speaking=tuple(speaking))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from talkingeyes.head.eyelid.anatomy import Person
-from talkingeyes.physiology.blinks import PHYSIO, BlinkProfile, draw_rate_per_min
-from talkingeyes.physiology.lids import draw_eyes
-from talkingeyes.synthesis.accents import Voice, draw_voice
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile, sample_blink_rate
+from talkingeyes.physiology.lids import sample_eyelids
+from talkingeyes.synthesis.accents import Voice, sample_voice
 
 LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
 BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)
@@ -19,29 +19,29 @@ IDENTITY_SHAPES = 6
 
 
 @dataclass(frozen=True)
-class Style:
+class SpeakerStyle:
     """How one person moves. Angles in radians; scales are factors about 1.
 
-    `look` is the share of talking time spent looking at the partner, `look_listening` that of listening time, `side`
-    the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place at all (1 in an
-    interview; a source of quiet eyes has less), `coupling` (0 to 1) how far what is said moves gaze and head at all,
-    `head_tempo` how fast the head moves, `head_axes` how far about each axis (pitch, yaw, roll) and `sway` how far it
-    is carried, `head_threshold` and `head_gain` the eccentricity from which, and the share
-    with which, the head goes along with gaze, `speaking_lift` how far speech raises the head, `blink_completeness` the
-    share of blinks that shut the lids, `kappa` the (yaw, pitch) from the visual to the optical axis of the left and the
-    right eye.
+    `look` is the share of talking time spent looking at the partner, `partner_gaze_listening` that of listening time,
+    `aversion_side` the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place
+    at all (1 in an interview; a source of quiet eyes has less), `speech_coupling` (0 to 1) how far what is said moves
+    gaze and head at all, `head_tempo` how fast the head moves, `head_axes` how far about each axis (pitch, yaw, roll)
+    and `translation_scale` how far it is carried, `head_threshold` and `head_gain` the eccentricity from which, and the
+    share with which, the head goes along with gaze, `speaking_lift` how far speech raises the head,
+    `blink_completeness` the share of blinks that shut the lids, `kappa` the (yaw, pitch) from the visual to the optical
+    axis of the left and the right eye.
     """
 
     look: float
-    look_listening: float
+    partner_gaze_listening: float
     liveliness: float
-    side: float
+    aversion_side: float
     aversion_scale: float
     saccade_rate: float
-    coupling: float
+    speech_coupling: float
     head_scale: float
     head_axes: tuple[float, float, float]
-    sway: float
+    translation_scale: float
     head_tempo: float
     head_threshold: float
     head_gain: float
@@ -56,7 +56,7 @@ class Style:
     jaw_asymmetry: float
     lip_scale: float
     expressiveness: float
-    eyelids: tuple[Person, Person]
+    eyelids: tuple[EyelidParameters, EyelidParameters]
     kappa: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -66,28 +66,30 @@ class Speaker:
 
     name: str
     voice: Voice
-    style: Style
+    style: SpeakerStyle
     identity: tuple[float, ...]
 
 
-def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, liveliness: float = 1.0) -> Style:
+def sample_style(
+    random: np.random.Generator, blinks: BlinkProfile = PHYSIOLOGICAL, liveliness: float = 1.0
+) -> SpeakerStyle:
     """A style from the distributions over people; `blinks` is the profile of blink rates."""
-    return Style(
+    return SpeakerStyle(
         liveliness=liveliness,
         look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
-        side=float(random.normal(0.0, 0.25)),
+        aversion_side=float(random.normal(0.0, 0.25)),
         aversion_scale=float(np.exp(0.25 * random.standard_normal())),
         saccade_rate=float(np.exp(0.20 * random.standard_normal())),
-        coupling=float(random.beta(5.0, 2.0)),
+        speech_coupling=float(random.beta(5.0, 2.0)),
         head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
         head_axes=(1.0, 1.0, 1.0),
-        sway=1.0,
+        translation_scale=1.0,
         head_tempo=1.0,
         head_threshold=float(np.radians(random.uniform(5.0, 15.0))),
         head_gain=float(random.uniform(0.3, 0.9)),
         nod_probability=float(random.uniform(0.2, 0.4)),
         speaking_lift=float(np.radians(random.normal(3.8, 1.2))),
-        blinks_per_min=draw_rate_per_min(blinks, random),
+        blinks_per_min=sample_blink_rate(blinks, random),
         rest_pitch=float(np.radians(random.normal(2.0, 2.5))),
         rest_roll=float(np.radians(random.normal(0.0, 1.5))),
         lid_rest=float(np.clip(random.normal(0.0, 0.04), -0.1, 0.12)),
@@ -95,8 +97,8 @@ def draw_style(random: np.random.Generator, blinks: BlinkProfile = PHYSIO, livel
         jaw_asymmetry=float(random.normal(0.0, 0.12)),
         lip_scale=float(np.exp(0.12 * random.standard_normal())),
         expressiveness=float(np.exp(0.2 * random.standard_normal())),
-        eyelids=draw_eyes(random),
-        look_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
+        eyelids=sample_eyelids(random),
+        partner_gaze_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
         blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
         kappa=_kappa(random),
     )
@@ -109,14 +111,14 @@ def _kappa(random: np.random.Generator) -> tuple[tuple[float, float], tuple[floa
     return (float(temporal[0]), float(-down[0])), (float(-temporal[1]), float(-down[1]))
 
 
-def draw_speaker(
+def sample_speaker(
     name: str,
     language: str,
     random: np.random.Generator,
-    blinks: BlinkProfile = PHYSIO,
+    blinks: BlinkProfile = PHYSIOLOGICAL,
     liveliness: float = 1.0,
     voices: Sequence[str] = (),
 ) -> Speaker:
     """A person who speaks `language`, in one of the named voices if any are."""
-    voice, style = draw_voice(random, language, voices), draw_style(random, blinks, liveliness)
+    voice, style = sample_voice(random, language, voices), sample_style(random, blinks, liveliness)
     return Speaker(name, voice, style, tuple(map(float, random.standard_normal(IDENTITY_SHAPES))))

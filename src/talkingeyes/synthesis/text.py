@@ -47,7 +47,7 @@ class Pause:
     seconds: float
 
 
-Part = Word | Filler | Pause
+SpeechUnit = Word | Filler | Pause
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Sentence:
 
     text: str
     kind: SentenceKind
-    parts: tuple[Part, ...]
+    parts: tuple[SpeechUnit, ...]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Script:
         return tuple(sentence.text for sentence in self.sentences)
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[SpeechUnit, ...]:
         """Everything that is spoken, in order."""
         return tuple(part for sentence in self.sentences for part in sentence.parts)
 
@@ -92,20 +92,20 @@ PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
     "sentence": (0.5, 0.6, 0.15, 1.8),
 }
 HESITATIONS = {"filler": 0.35, "late filler": 0.2, "silence": 0.2, "restart": 0.25}
-PLANNING_FIRST = 0.3  # of hesitating sentences begin with an um
+INITIAL_FILLER_PROBABILITY = 0.3  # of hesitating sentences begin with an um
 
 # How long text takes at a usual rate (170 words a minute), measured over the voices of each language.
 SECONDS_PER_LETTER = 0.051
 SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
-ANOTHER_S = 1.9  # what a short sentence needs
-NEAR_S = 0.2
+MIN_NEXT_SENTENCE_S = 1.9  # what a short sentence needs
+END_TOLERANCE_S = 0.2
 SLOT = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True)
-class TextShare:
+class TextPartition:
     """A share of all sentences, by a hash of their text: splits that draw from shares apart never say the same."""
 
     start: float = 0.0
@@ -115,7 +115,7 @@ class TextShare:
         return self.start <= zlib.crc32(text.encode()) / 2**32 < self.stop
 
 
-ALL_TEXT = TextShare()
+ALL_TEXT = TextPartition()
 
 
 def languages() -> tuple[str, ...]:
@@ -126,41 +126,46 @@ def languages() -> tuple[str, ...]:
 def write_script(language: str, seconds: float, random: np.random.Generator) -> Script:
     """Sentences that take about `seconds` at a usual rate, never less than one sentence."""
     sentences: list[Sentence] = []
-    left_s = seconds
-    while not sentences or left_s > SHORTEST_SENTENCE_S:
-        sentences.append(write_sentence(language, left_s, random))
-        left_s -= spoken_s(sentences[-1])
+    remaining_s = seconds
+    while not sentences or remaining_s > SHORTEST_SENTENCE_S:
+        sentences.append(write_sentence(language, remaining_s, random))
+        remaining_s -= estimated_duration_s(sentences[-1])
     sentences[-1] = without_last_pause(sentences[-1])
     return Script(language, tuple(sentences))
 
 
 def write_sentence(
-    language: str, left_s: float, random: np.random.Generator, share: TextShare = ALL_TEXT, pace: float = 1.0
+    language: str,
+    remaining_s: float,
+    random: np.random.Generator,
+    partition: TextPartition = ALL_TEXT,
+    pace: float = 1.0,
 ) -> Sentence:
-    """A sentence of a drawn kind that leaves time for another in `left_s` seconds, or else comes closest to its end.
+    """A sentence of a drawn kind that leaves time for another in `remaining_s` seconds, or else comes closest to its
+    end.
 
     `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays; only where
     none of that kind fits, others are tried.
     """
     grammar = grammar_of(language)
-    kind = _drawn(KIND_SHARES, random)
+    kind = _sample_name(KIND_SHARES, random)
     candidates: list[Sentence] = []
     for number in range(2 * CANDIDATES):
         if number >= CANDIDATES:
-            kind = _drawn(KIND_SHARES, random)
-        candidates.append(_sentence(kind, grammar, random, share))
-        over_s = left_s - spoken_s(candidates[-1], pace)
-        if over_s > ANOTHER_S * pace or abs(over_s) < NEAR_S * (1 + number // CANDIDATES):
+            kind = _sample_name(KIND_SHARES, random)
+        candidates.append(_sentence(kind, grammar, random, partition))
+        over_s = remaining_s - estimated_duration_s(candidates[-1], pace)
+        if over_s > MIN_NEXT_SENTENCE_S * pace or abs(over_s) < END_TOLERANCE_S * (1 + number // CANDIDATES):
             return candidates[-1]
-    return min(candidates, key=lambda each: abs(left_s - spoken_s(without_last_pause(each), pace)))
+    return min(candidates, key=lambda each: abs(remaining_s - estimated_duration_s(without_last_pause(each), pace)))
 
 
-def spoken_s(sentence: Sentence, pace: float = 1.0) -> float:
+def estimated_duration_s(sentence: Sentence, pace: float = 1.0) -> float:
     """About how long a sentence takes, its pauses included."""
     return sum((_part_s(part, pace) for part in sentence.parts), 0.0)
 
 
-def _part_s(part: Part, pace: float) -> float:
+def _part_s(part: SpeechUnit, pace: float) -> float:
     match part:
         case Word():
             return pace * SECONDS_PER_LETTER * (len(part.text) + 1)
@@ -182,7 +187,7 @@ def grammar_of(language: str) -> Grammar:
     return GRAMMARS[language]
 
 
-def distinct(language: str, symbol: str) -> int:
+def count_expansions(language: str, symbol: str) -> int:
     """How many expansions a rule has (repetitions of a slot inside a sentence counted too)."""
     grammar = grammar_of(language)
 
@@ -193,12 +198,12 @@ def distinct(language: str, symbol: str) -> int:
     return count(symbol)
 
 
-def _sentence(kind: SentenceKind, grammar: Grammar, random: np.random.Generator, share: TextShare) -> Sentence:
+def _sentence(kind: SentenceKind, grammar: Grammar, random: np.random.Generator, partition: TextPartition) -> Sentence:
     symbol = "statement" if kind == "hesitation" else kind
     text = ""
-    while not text or text not in share:
+    while not text or text not in partition:
         text = _capitalised(_expand(symbol, grammar, random, set()))
-    parts: list[Part] = []
+    parts: list[SpeechUnit] = []
     for token in text.split():
         parts.append(Word(token))
         if token.endswith(","):
@@ -226,7 +231,7 @@ def _one_of(choices: Sequence[str], random: np.random.Generator) -> str:
     return choices[int(random.random() * len(choices))]  # a tenth of the time of random.integers
 
 
-def _drawn(shares: Mapping[K, float], random: np.random.Generator) -> K:
+def _sample_name(shares: Mapping[K, float], random: np.random.Generator) -> K:
     """One of the names, as often as its share says."""
     stops = np.cumsum(list(shares.values()))
     return tuple(shares)[min(int(np.searchsorted(stops, random.random(), "right")), len(stops) - 1)]
@@ -238,22 +243,22 @@ def _pause(kind: PauseKind, random: np.random.Generator) -> Pause:
     return Pause(kind, round(seconds, 3))
 
 
-def _hesitate(parts: list[Part], fillers: tuple[str, ...], random: np.random.Generator) -> list[Part]:
+def _hesitate(parts: list[SpeechUnit], fillers: tuple[str, ...], random: np.random.Generator) -> list[SpeechUnit]:
     """One or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
     gaps = [i for i in range(1, len(parts)) if isinstance(parts[i - 1], Word) and isinstance(parts[i], Word)]
     count = min(len(gaps), int(random.integers(1, 3)))
     chosen: list[int] = random.choice(gaps, size=count, replace=False).tolist()
     spoken = list(parts)
     for gap in sorted(chosen, reverse=True):
-        spoken[gap:gap] = _hesitation(_drawn(HESITATIONS, random), spoken, gap, fillers, random)
-    if random.random() < PLANNING_FIRST:
+        spoken[gap:gap] = _hesitation(_sample_name(HESITATIONS, random), spoken, gap, fillers, random)
+    if random.random() < INITIAL_FILLER_PROBABILITY:
         spoken[:0] = [Filler(_one_of(fillers, random)), _pause("hesitation", random)]
     return spoken
 
 
 def _hesitation(
-    form: str, spoken: list[Part], gap: int, fillers: tuple[str, ...], random: np.random.Generator
-) -> list[Part]:
+    form: str, spoken: list[SpeechUnit], gap: int, fillers: tuple[str, ...], random: np.random.Generator
+) -> list[SpeechUnit]:
     """What is put into a gap between words."""
     filler = Filler(_one_of(fillers, random))
     silence = _pause("hesitation", random)
@@ -268,7 +273,7 @@ def _hesitation(
             return [silence]
 
 
-def _repeated(parts: list[Part], gap: int) -> list[Part]:
+def _repeated(parts: list[SpeechUnit], gap: int) -> list[SpeechUnit]:
     """The one or two words before a gap, as far back as speech is unbroken."""
     start = gap - 1
     if start > 0 and isinstance(parts[start - 1], Word):

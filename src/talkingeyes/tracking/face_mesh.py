@@ -24,7 +24,7 @@ from pydantic import Field
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.head.face_points import EYE_POINTS, NAMES
+from talkingeyes.head.face_points import EYE_POINTS, LANDMARK_NAMES
 
 # The subject's left, then right, in the order of EYE_POINTS; MediaPipe's own "left" is the subject's too.
 _EYES = {"left": (263, 387, 385, 362, 380, 373), "right": (33, 160, 158, 133, 153, 144)}
@@ -53,25 +53,25 @@ _MIDDLE = {
     "lower_lip": 17,
     "outline_chin": 152,
 }
-MESH_POINTS: dict[str, int] = {
+MESH_INDICES: dict[str, int] = {
     **{f"{side}_eye_{point}": at for side, row in _EYES.items() for point, at in zip(EYE_POINTS, row, strict=True)},
     **{f"left_{name}": left for name, (left, _) in _PAIRED.items()},
     **{f"right_{name}": right for name, (_, right) in _PAIRED.items()},
     **_MIDDLE,
 }
-ORDER = np.array([MESH_POINTS[name] for name in NAMES])
-IRISES = np.array([473, 468])  # centres: left, right
-LARGEST_PX = 512  # of the side of a window, and of the picture in which faces are looked for
-MARGIN = 0.04  # of a window: a face nearer to its edge has moved out of it
+LANDMARK_INDICES = np.array([MESH_INDICES[name] for name in LANDMARK_NAMES])
+IRIS_INDICES = np.array([473, 468])  # centres: left, right
+MAX_SIDE_PX = 512  # of the side of a window, and of the picture in which faces are looked for
+WINDOW_MARGIN = 0.04  # of a window: a face nearer to its edge has moved out of it
 
 
-class FaceSettings(Settings):
+class FaceDetectionSettings(Settings):
     """When a face counts as one. Sizes are shares of the main face's, windows multiples of its width."""
 
-    least_score: Annotated[float, Field(gt=0, lt=1)]
+    min_confidence: Annotated[float, Field(gt=0, lt=1)]
     window: Annotated[float, Field(ge=1.2, le=5)]
-    check_s: Annotated[float, Field(gt=0)]
-    second_size: Annotated[float, Field(gt=0, le=1)]
+    detection_interval_s: Annotated[float, Field(gt=0)]
+    second_face_ratio: Annotated[float, Field(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Face:
+class DetectedFace:
     """One face in the picture's pixels; `faces` is how many were counted when it was last looked (0: not this time)."""
 
     landmarks: Float[ndarray, "L 2"]
@@ -103,59 +103,59 @@ class Face:
 
 
 class FaceMesh:
-    """MediaPipe's two networks and where they looked last. What it gives depends on nothing before `forget`."""
+    """MediaPipe's two networks and where they looked last. What it gives depends on nothing before `reset`."""
 
-    def __init__(self, settings: FaceSettings) -> None:
+    def __init__(self, settings: FaceDetectionSettings) -> None:
         self._settings = settings
         self._has_seen = False
-        with _hushed(), _unwarned():
+        with _suppress_stderr(), _suppress_warnings():
             self._load(_mediapipe())
-        self.forget()
+        self.reset()
 
     def _load(self, solutions: Any) -> None:
         self._mesh = solutions.face_mesh.FaceMesh(refine_landmarks=True, max_num_faces=1)
         # The first is for faces at any distance and misses some that fill the picture, which the second is for.
-        score = self._settings.least_score
+        score = self._settings.min_confidence
         self._detectors = [solutions.face_detection.FaceDetection(score, range_) for range_ in (1, 0)]
         for network in (self._mesh, *self._detectors):  # it starts, and talks, in threads of its own
             network.process(np.zeros((64, 64, 3), np.uint8))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Look for the face anew: the next frame belongs to another shot."""
         self._window: Box | None = None
         self._checked_s = -np.inf
 
-    def see(self, picture: UInt8[ndarray, "H W 3"], time_s: float) -> Face | None:
+    def detect(self, image: UInt8[ndarray, "H W 3"], time_s: float) -> DetectedFace | None:
         """The face of a frame, if there is one."""
         if self._has_seen:
-            return self._seen(picture, time_s)
-        with _hushed(), _unwarned():  # the networks say what they are when they first see a face
-            return self._seen(picture, time_s)
+            return self._detect(image, time_s)
+        with _suppress_stderr(), _suppress_warnings():  # the networks say what they are when they first see a face
+            return self._detect(image, time_s)
 
-    def _seen(self, picture: UInt8[ndarray, "H W 3"], time_s: float) -> Face | None:
+    def _detect(self, image: UInt8[ndarray, "H W 3"], time_s: float) -> DetectedFace | None:
         counted = 0
-        if self._window is None or time_s >= self._checked_s + self._settings.check_s:
-            boxes = self.boxes(picture)
+        if self._window is None or time_s >= self._checked_s + self._settings.detection_interval_s:
+            boxes = self.boxes(image)
             if not boxes and self._window is None:
                 return None
-            self._checked_s, counted = time_s, _visible(boxes, self._settings.second_size)
+            self._checked_s, counted = time_s, _visible(boxes, self._settings.second_face_ratio)
             if boxes and not any(self._window and _near(self._window, box) for box in boxes):
-                self._look_at(boxes[0])
-        face = self._in_window(picture, counted)
+                self._set_window(boxes[0])
+        face = self._in_window(image, counted)
         if face is None:
-            self.forget()
+            self.reset()
         elif _leaves(face, self._window):
             span = np.stack([face.landmarks.min(axis=0), face.landmarks.max(axis=0)])
             corner = span.mean(axis=0) - face.width_px / 2
-            self._look_at(Box(float(corner[0]), float(corner[1]), face.width_px))
+            self._set_window(Box(float(corner[0]), float(corner[1]), face.width_px))
         return face
 
-    def boxes(self, picture: UInt8[ndarray, "H W 3"]) -> list[Box]:
+    def boxes(self, image: UInt8[ndarray, "H W 3"]) -> list[Box]:
         """Squares around the faces of a picture that any detector finds, each once, the largest first."""
-        small = _smaller(picture, LARGEST_PX)
+        small = _downscaled(image, MAX_SIDE_PX)
         found = [each for detector in self._detectors for each in detector.process(small).detections or []]
         faces: list[Box] = []
-        for box in sorted((_box(each, picture) for each in found), key=lambda box: -box.side):
+        for box in sorted((_box(each, image) for each in found), key=lambda box: -box.side):
             if all(np.abs(box.centre - face.centre).max() > face.side / 2 for face in faces):
                 faces.append(box)
         return faces
@@ -165,34 +165,34 @@ class FaceMesh:
         for network in (self._mesh, *self._detectors):
             network.close()
 
-    def _look_at(self, box: Box) -> None:
+    def _set_window(self, box: Box) -> None:
         side = box.side * self._settings.window
         corner = box.centre - side / 2
         self._window = Box(float(corner[0]), float(corner[1]), side)
         # The mesh starts where it saw the face last; a picture without a face makes it look for one again.
         self._mesh.process(np.zeros((64, 64, 3), np.uint8))
 
-    def _in_window(self, picture: UInt8[ndarray, "H W 3"], counted: int) -> Face | None:
+    def _in_window(self, image: UInt8[ndarray, "H W 3"], counted: int) -> DetectedFace | None:
         window = self._window
         assert window is not None
-        found = self._mesh.process(_cut(picture, window)).multi_face_landmarks
+        found = self._mesh.process(_cut(image, window)).multi_face_landmarks
         if not found:
             return None
         self._has_seen = True
         points = np.array([(point.x, point.y) for point in found[0].landmark])
         points = points * window.side + (window.x, window.y)
-        return Face(points[ORDER], points[IRISES], counted)
+        return DetectedFace(points[LANDMARK_INDICES], points[IRIS_INDICES], counted)
 
 
-def _box(detection: Any, picture: UInt8[ndarray, "H W 3"]) -> Box:
-    height, width = picture.shape[:2]
+def _box(detection: Any, image: UInt8[ndarray, "H W 3"]) -> Box:
+    height, width = image.shape[:2]
     at = detection.location_data.relative_bounding_box
     side = max(at.width * width, at.height * height)
     return Box((at.xmin + at.width / 2) * width - side / 2, (at.ymin + at.height / 2) * height - side / 2, side)
 
 
-def _visible(boxes: list[Box], second_size: float) -> int:
-    return sum(box.side >= second_size * boxes[0].side for box in boxes)
+def _visible(boxes: list[Box], second_face_ratio: float) -> int:
+    return sum(box.side >= second_face_ratio * boxes[0].side for box in boxes)
 
 
 def _near(window: Box, box: Box) -> bool:
@@ -201,31 +201,31 @@ def _near(window: Box, box: Box) -> bool:
     return bool(inside) and box.side * 5 > window.side
 
 
-def _leaves(face: Face, window: Box | None) -> bool:
+def _leaves(face: DetectedFace, window: Box | None) -> bool:
     assert window is not None
     corner = np.array([window.x, window.y])
-    low, high = corner + MARGIN * window.side, corner + (1 - MARGIN) * window.side
+    low, high = corner + WINDOW_MARGIN * window.side, corner + (1 - WINDOW_MARGIN) * window.side
     return bool((face.landmarks < low).any() or (face.landmarks > high).any())
 
 
-def _cut(picture: UInt8[ndarray, "H W 3"], box: Box) -> UInt8[ndarray, "S S 3"]:
+def _cut(image: UInt8[ndarray, "H W 3"], box: Box) -> UInt8[ndarray, "S S 3"]:
     """The square of a picture at its own resolution, or at LARGEST_PX; black where it leaves the picture."""
     import cv2
 
-    side = min(max(round(box.side), 16), LARGEST_PX)
+    side = min(max(round(box.side), 16), MAX_SIDE_PX)
     scale = box.side / side
     onto = np.array([[scale, 0, box.x + (scale - 1) / 2], [0, scale, box.y + (scale - 1) / 2]])
     how = cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR
-    return np.asarray(cv2.warpAffine(picture, onto, (side, side), flags=how | cv2.WARP_INVERSE_MAP))
+    return np.asarray(cv2.warpAffine(image, onto, (side, side), flags=how | cv2.WARP_INVERSE_MAP))
 
 
-def _smaller(picture: UInt8[ndarray, "H W 3"], largest_px: int) -> UInt8[ndarray, "h w 3"]:
+def _downscaled(image: UInt8[ndarray, "H W 3"], largest_px: int) -> UInt8[ndarray, "h w 3"]:
     import cv2
 
-    scale = largest_px / max(picture.shape[:2])
+    scale = largest_px / max(image.shape[:2])
     if scale >= 1:
-        return picture
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+        return image
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
 def _mediapipe() -> Any:
@@ -238,7 +238,7 @@ def _mediapipe() -> Any:
 
 
 @contextlib.contextmanager
-def _unwarned() -> Iterator[None]:
+def _suppress_warnings() -> Iterator[None]:
     """Without protobuf's warnings about itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -246,7 +246,7 @@ def _unwarned() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _hushed() -> Iterator[None]:
+def _suppress_stderr() -> Iterator[None]:
     """Without what MediaPipe's C++ writes to stderr, which no level of logging stops."""
     sys.stderr.flush()
     stderr = os.dup(2)

@@ -18,21 +18,21 @@ from pydantic import Field
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.landmarks import EYE_CENTRES, RIGID, rest_points
+from talkingeyes.head.landmarks import EYE_CENTRES, RIGID_LANDMARKS, rest_landmarks
 from talkingeyes.head.observation import Observation
 from talkingeyes.tracking.shots import Shot
-from talkingeyes.tracking.visibility import EyeSettings, openings, turned_away
+from talkingeyes.tracking.visibility import EyeVisibilitySettings, eye_openness, self_occluded
 
 Positive = Annotated[float, Field(gt=0)]
 
 
 class CropSettings(Settings):
-    """The crop that landmarks are written in; frames further apart than `longest_gap_s` are not joined."""
+    """The crop that landmarks are written in; frames further apart than `max_gap_s` are not joined."""
 
     size_px: Annotated[int, Field(ge=32, le=4096)]
     scale_px_per_mm: Annotated[float, Field(gt=0, le=100)]
     distance_m: Annotated[float, Field(ge=0.3, le=10)]
-    longest_gap_s: Positive
+    max_gap_s: Positive
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Crop:
     y: float
     zoom: float
 
-    def onto(self, points: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
+    def to_crop(self, points: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
         """From the video's pixels to the crop's."""
         return np.asarray((points - (self.x, self.y)) * self.zoom)
 
 
 @dataclass(frozen=True)
-class Framed:
+class CroppedShot:
     """What is written of a shot, and where its crop lies."""
 
     observation: Observation
@@ -61,55 +61,60 @@ def frame_count(shot: Shot, fps: float) -> int:
     return int((shot.stop_s - shot.start_s) * fps + 1e-6) + 1
 
 
-def framed(shot: Shot, fps: float, settings: CropSettings, eyes: EyeSettings) -> Framed:
+def crop_shot(shot: Shot, fps: float, settings: CropSettings, eyes: EyeVisibilitySettings) -> CroppedShot:
     """Landmarks and pupils at the times start + t / fps; no pupil where its eye is hidden."""
-    seen = [look for look in shot.looks if look.face is not None]
-    times_s = np.array([look.time_s for look in seen])
-    points = np.array([np.concatenate([look.face.landmarks, look.face.pupils]) for look in seen if look.face])
-    crop = crop_of(points[:, :-2], settings)
-    wanted_s = shot.start_s + np.arange(frame_count(shot, fps)) / fps
-    resampled = at_times(crop.onto(points), times_s, wanted_s, settings.longest_gap_s)
+    seen = [tracked for tracked in shot.tracked_frames if tracked.face is not None]
+    times_s = np.array([tracked.time_s for tracked in seen])
+    points = np.array(
+        [np.concatenate([tracked.face.landmarks, tracked.face.pupils]) for tracked in seen if tracked.face]
+    )
+    crop = face_crop(points[:, :-2], settings)
+    target_times_s = shot.start_s + np.arange(frame_count(shot, fps)) / fps
+    resampled = resample_at(crop.to_crop(points), times_s, target_times_s, settings.max_gap_s)
     landmarks, pupils = resampled[:, :-2], resampled[:, -2:]
-    opening = openings(landmarks, eyes.open_percentile)
-    hidden = ~(opening >= eyes.hidden_below) | turned_away(landmarks, eyes)
-    confidence = np.clip(np.nan_to_num(opening.min(axis=1)) / max(eyes.hidden_below, 1e-9), 0.0, 1.0)
+    opening = eye_openness(landmarks, eyes.open_percentile)
+    hidden = ~(opening >= eyes.min_aperture) | self_occluded(landmarks, eyes)
+    confidence = np.clip(np.nan_to_num(opening.min(axis=1)) / max(eyes.min_aperture, 1e-9), 0.0, 1.0)
     pupils = np.where(hidden[..., None], np.nan, pupils)
-    return Framed(Observation(fps, landmarks, pupils, confidence, camera_of(settings)), crop)
+    return CroppedShot(Observation(fps, landmarks, pupils, confidence, crop_camera(settings)), crop)
 
 
-def at_times(
-    points: Float[ndarray, "F L 2"], times_s: Float[ndarray, " F"], wanted_s: Float[ndarray, " T"], longest_gap_s: float
+def resample_at(
+    points: Float[ndarray, "F L 2"],
+    times_s: Float[ndarray, " F"],
+    target_times_s: Float[ndarray, " T"],
+    max_gap_s: float,
 ) -> Float[ndarray, "T L 2"]:
-    """Linear between the frames around a moment; NaN where they are further apart than `longest_gap_s`."""
-    after = np.clip(np.searchsorted(times_s, wanted_s), 1, max(len(times_s) - 1, 1))
+    """Linear between the frames around a moment; NaN where they are further apart than `max_gap_s`."""
+    after = np.clip(np.searchsorted(times_s, target_times_s), 1, max(len(times_s) - 1, 1))
     if len(times_s) == 1:
-        return np.repeat(points, len(wanted_s), axis=0)
+        return np.repeat(points, len(target_times_s), axis=0)
     before = after - 1
     gap_s = times_s[after] - times_s[before]
-    share = np.clip((wanted_s - times_s[before]) / gap_s, 0.0, 1.0)[:, None, None]
+    share = np.clip((target_times_s - times_s[before]) / gap_s, 0.0, 1.0)[:, None, None]
     between = points[before] * (1 - share) + points[after] * share
     exact = (share == 0) | (share == 1)
-    return np.where((gap_s[:, None, None] <= longest_gap_s + 1e-6) | exact, between, np.nan)
+    return np.where((gap_s[:, None, None] <= max_gap_s + 1e-6) | exact, between, np.nan)
 
 
-def crop_of(landmarks: Float[ndarray, "F L 2"], settings: CropSettings) -> Crop:
+def face_crop(landmarks: Float[ndarray, "F L 2"], settings: CropSettings) -> Crop:
     """The crop in whose middle the face stands (the median of its boxes), at the standard size."""
-    zoom = settings.scale_px_per_mm / float(np.median(scales(landmarks)))
+    zoom = settings.scale_px_per_mm / float(np.median(pixels_per_mm(landmarks)))
     boxes = (landmarks.min(axis=1) + landmarks.max(axis=1)) / 2
     corner = np.median(boxes, axis=0) - settings.size_px / 2 / zoom
     return Crop(float(corner[0]), float(corner[1]), zoom)
 
 
-def scales(landmarks: Float[ndarray, "F L 2"]) -> Float[ndarray, " F"]:
+def pixels_per_mm(landmarks: Float[ndarray, "F L 2"]) -> Float[ndarray, " F"]:
     """Pixels a millimetre of each frame: the rigid points as a parallel projection of the head, turned anyhow."""
-    rest = rest_points()[RIGID] * 1000.0
+    rest = rest_landmarks()[RIGID_LANDMARKS] * 1000.0
     rest = rest - rest.mean(axis=0)
-    seen = landmarks[:, RIGID] - landmarks[:, RIGID].mean(axis=1, keepdims=True)
+    seen = landmarks[:, RIGID_LANDMARKS] - landmarks[:, RIGID_LANDMARKS].mean(axis=1, keepdims=True)
     affine = np.einsum("kr,frc->fkc", np.linalg.pinv(rest), seen)
     return np.asarray(np.linalg.svd(affine, compute_uv=False).mean(axis=1))
 
 
-def camera_of(settings: CropSettings) -> Camera:
+def crop_camera(settings: CropSettings) -> Camera:
     """The camera that a crop is thought to be taken with."""
     half = settings.size_px / 2.0
     focal_px = 1000.0 * settings.scale_px_per_mm * (settings.distance_m - float(EYE_CENTRES[0, 2]))

@@ -12,58 +12,58 @@ from pathlib import Path
 from typing import Any
 
 from talkingeyes.tracking.framing import Crop
-from talkingeyes.tracking.judgement import Measures
+from talkingeyes.tracking.judgement import ShotQuality
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A shot: kept if there is no reason against it. `next_s` is where tracking goes on after it, null at the end."""
+class ShotRecord:
+    """A shot: kept if there is no reason against it. `resume_s` is where tracking goes on after it, null at the end."""
 
     id: str
     start_s: float
     stop_s: float
-    next_s: float | None
-    ended: str
+    resume_s: float | None
+    end_reason: str
     reason: str
     crop: Crop
     fingerprint: str
     content_hash: str
-    measures: Measures
+    quality: ShotQuality
 
 
 @dataclass(frozen=True)
-class Ledger:
+class TrackingJournal:
     """All of a video: its shots, how often it was begun, and how it ended; `seconds` is where its last frame is."""
 
-    entries: tuple[Entry, ...] = ()
-    begun: int = 0
+    entries: tuple[ShotRecord, ...] = ()
+    attempt_count: int = 0
     done: bool = False
-    failed: str = ""
+    failure: str = ""
     seconds: float = 0.0
 
     @property
-    def next_s(self) -> float:
+    def resume_s(self) -> float:
         """Where tracking goes on."""
-        following = self.entries[-1].next_s if self.entries else None
+        following = self.entries[-1].resume_s if self.entries else None
         return -1e9 if following is None else following
 
 
-def read(path: Path) -> Ledger:
+def read(path: Path) -> TrackingJournal:
     """The ledger of a file; an empty one if there is none.
 
     A last line that was cut off is left out, and so is a last shot of a video whose end was not noted: how long the
     video is can only be seen by going there again.
     """
-    book = _read(path)
-    unsure = not book.done and book.entries and book.entries[-1].next_s is None
-    return replace(book, entries=book.entries[:-1]) if unsure else book
+    video_journal = _read(path)
+    unsure = not video_journal.done and video_journal.entries and video_journal.entries[-1].resume_s is None
+    return replace(video_journal, entries=video_journal.entries[:-1]) if unsure else video_journal
 
 
-def _read(path: Path) -> Ledger:
+def _read(path: Path) -> TrackingJournal:
     if not path.exists():
-        return Ledger()
-    entries: dict[str, Entry] = {}
-    begun, failed, done, seconds = 0, "", False, 0.0
+        return TrackingJournal()
+    entries: dict[str, ShotRecord] = {}
+    attempt_count, failure, done, seconds = 0, "", False, 0.0
     for line in path.read_text().splitlines():
         try:
             kind, content = next(iter(json.loads(line).items()))
@@ -71,11 +71,11 @@ def _read(path: Path) -> Ledger:
             break
         if kind == "shot":
             entries[content["id"]] = _entry(content)
-            begun = 0
-        begun = 0 if kind == "failed" else begun + (kind == "begin")
-        failed = content if kind == "failed" else ""
+            attempt_count = 0
+        attempt_count = 0 if kind == "failed" else attempt_count + (kind == "begin")
+        failure = content if kind == "failed" else ""
         done, seconds = (True, content) if kind == "end" else (False, seconds)
-    return Ledger(tuple(entries.values()), begun, done, failed, seconds)
+    return TrackingJournal(tuple(entries.values()), attempt_count, done, failure, seconds)
 
 
 def add(path: Path, kind: str, content: Any) -> None:
@@ -84,7 +84,7 @@ def add(path: Path, kind: str, content: Any) -> None:
         path.write_text("".join(line + "\n" for line in path.read_text().splitlines()[:-1]))
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
-        file.write(json.dumps({kind: asdict(content) if isinstance(content, Entry) else content}) + "\n")
+        file.write(json.dumps({kind: asdict(content) if isinstance(content, ShotRecord) else content}) + "\n")
 
 
 def finish(path: Path, seconds: float) -> None:
@@ -95,6 +95,6 @@ def finish(path: Path, seconds: float) -> None:
     partial.replace(path)
 
 
-def _entry(content: dict[str, Any]) -> Entry:
-    parts = {"crop": Crop(**content["crop"]), "measures": Measures(**content["measures"])}
-    return Entry(**{**content, **parts})
+def _entry(content: dict[str, Any]) -> ShotRecord:
+    parts = {"crop": Crop(**content["crop"]), "quality": ShotQuality(**content["quality"])}
+    return ShotRecord(**{**content, **parts})

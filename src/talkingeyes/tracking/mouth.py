@@ -17,21 +17,21 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.head.face_points import NAMES
+from talkingeyes.head.face_points import LANDMARK_NAMES
 
-EDGES_HZ = (500.0, 800.0, 1200.0, 1800.0, 2600.0)
+BAND_EDGES_HZ = (500.0, 800.0, 1200.0, 1800.0, 2600.0)
 WINDOW_S = 0.04  # of a spectrum
 SMOOTHING_S, LEVEL_S = 0.2, 0.1  # of both speeds; of the level
 LAGS_S = (-0.12, 0.2)  # sound may lead by a little and be late by more (ITU-R BT.1359)
-_LIPS = [NAMES.index("upper_lip_inner"), NAMES.index("lower_lip_inner")]
+_LIPS = [LANDMARK_NAMES.index("upper_lip_inner"), LANDMARK_NAMES.index("lower_lip_inner")]
 
 
-def agreement(landmarks: Float[ndarray, "T L 2"], sound: Float[ndarray, " N"], fps: float) -> float:
+def lip_sync_score(landmarks: Float[ndarray, "T L 2"], sound: Float[ndarray, " N"], fps: float) -> float:
     """The best mean correlation over the lags; 0 where lips or sound do not change at all."""
-    gap, loud = lip_gap(landmarks), loudness(sound, len(landmarks), fps)
-    flux = smoothed(np.abs(np.gradient(loud, axis=0)).sum(axis=1), SMOOTHING_S * fps)
-    level = smoothed(loud[:, :-1].sum(axis=1), LEVEL_S * fps)
-    speed = smoothed(np.abs(np.gradient(gap)), SMOOTHING_S * fps)
+    gap, loud = lip_gap(landmarks), band_levels(sound, len(landmarks), fps)
+    flux = moving_average(np.abs(np.gradient(loud, axis=0)).sum(axis=1), SMOOTHING_S * fps)
+    level = moving_average(loud[:, :-1].sum(axis=1), LEVEL_S * fps)
+    speed = moving_average(np.abs(np.gradient(gap)), SMOOTHING_S * fps)
     first, last = (round(lag_s * fps) for lag_s in LAGS_S)
     return max((_correlation(speed, flux, lag) + _correlation(gap, level, lag)) / 2 for lag in range(first, last + 1))
 
@@ -45,7 +45,7 @@ def lip_gap(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
     return np.asarray(np.interp(np.arange(len(gap)), np.flatnonzero(known), gap[known]))
 
 
-def loudness(sound: Float[ndarray, " N"], frames: int, fps: float) -> Float[ndarray, "T 4"]:
+def band_levels(sound: Float[ndarray, " N"], frames: int, fps: float) -> Float[ndarray, "T 4"]:
     """Power of each band around the times t / fps, to a quarter: between level and loudness."""
     half = round(WINDOW_S * SAMPLE_RATE) // 2
     padded = np.pad(sound.astype(np.float64), (half, half))
@@ -53,12 +53,12 @@ def loudness(sound: Float[ndarray, " N"], frames: int, fps: float) -> Float[ndar
     pieces = np.lib.stride_tricks.sliding_window_view(padded, 2 * half)[starts]
     power = np.abs(np.fft.rfft(pieces * np.hanning(2 * half), axis=1)) ** 2
     hz = np.fft.rfftfreq(2 * half, 1 / SAMPLE_RATE)
-    first, last = np.searchsorted(hz, EDGES_HZ[:-1]), np.searchsorted(hz, EDGES_HZ[1:])
+    first, last = np.searchsorted(hz, BAND_EDGES_HZ[:-1]), np.searchsorted(hz, BAND_EDGES_HZ[1:])
     bands = [power[:, low:high].sum(axis=1) for low, high in zip(first, last, strict=True)]
     return np.stack(bands, axis=1) ** 0.25
 
 
-def smoothed(values: Float[ndarray, " T"], frames: float) -> Float[ndarray, " T"]:
+def moving_average(values: Float[ndarray, " T"], frames: float) -> Float[ndarray, " T"]:
     """A running mean."""
     window = np.ones(max(round(frames), 1))
     return np.convolve(values, window / len(window), "same")

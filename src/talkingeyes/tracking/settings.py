@@ -7,11 +7,11 @@ from typing import Annotated
 from pydantic import Field
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.tracking.face_mesh import FaceSettings
+from talkingeyes.tracking.face_mesh import FaceDetectionSettings
 from talkingeyes.tracking.framing import CropSettings
-from talkingeyes.tracking.judgement import KeepSettings
+from talkingeyes.tracking.judgement import ClipFilterSettings
 from talkingeyes.tracking.shots import ShotSettings
-from talkingeyes.tracking.visibility import EyeSettings
+from talkingeyes.tracking.visibility import EyeVisibilitySettings
 
 
 class TrackSettings(Settings):
@@ -21,14 +21,14 @@ class TrackSettings(Settings):
     """
 
     fps: Annotated[float, Field(ge=10, le=120)]
-    fastest_fps: Annotated[float, Field(ge=10, le=240)]
+    max_fps: Annotated[float, Field(ge=10, le=240)]
     seed: Annotated[int, Field(ge=0)]
     thumbnails: bool
     source: str
     licence: str
-    attempts: Annotated[int, Field(ge=1)]
-    face: FaceSettings
+    max_attempts: Annotated[int, Field(ge=1)]
+    face: FaceDetectionSettings
     shot: ShotSettings
     crop: CropSettings
-    eyes: EyeSettings
-    keep: KeepSettings
+    eyes: EyeVisibilitySettings
+    clip_filter: ClipFilterSettings

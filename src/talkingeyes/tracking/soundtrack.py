@@ -18,9 +18,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.tracking.video import opened
+from talkingeyes.tracking.video import open_video
 
-GAP_S = 0.1  # time stamps jitter by less
+MAX_JITTER_S = 0.1  # time stamps jitter by less
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Soundtrack:
 @contextlib.contextmanager
 def soundtrack(path: Path) -> Iterator[Soundtrack]:
     """The first sound stream of a video; its temporary file goes when the block ends."""
-    with tempfile.TemporaryFile() as file, opened(path) as container:
+    with tempfile.TemporaryFile() as file, open_video(path) as container:
         start_s = _decode(container, file) if container.streams.audio else 0.0
         size = file.tell() // 4
         yield Soundtrack(np.memmap(file, np.float32, "r", shape=(size,)) if size else np.zeros(0, np.float32), start_s)
@@ -59,7 +59,7 @@ def _decode(container: Any, file: IO[bytes]) -> float:
     for frame in _frames(container):
         start_s = frame.time if start_s is None else start_s
         missing_s = frame.time - start_s - heard_s
-        if missing_s > GAP_S:
+        if missing_s > MAX_JITTER_S:
             file.write(np.zeros(round(missing_s * SAMPLE_RATE), np.float32).tobytes())
             heard_s += missing_s
         heard_s += frame.samples / frame.sample_rate

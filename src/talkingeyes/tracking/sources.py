@@ -18,7 +18,7 @@ from talkingeyes.tracking.video import SUFFIXES
 
 
 @dataclass(frozen=True)
-class Source:
+class VideoSource:
     """A video: where it lies, its name in the corpus, the beginning of its clips' ids, its speaker."""
 
     path: Path
@@ -27,7 +27,7 @@ class Source:
     speaker: str
 
 
-def sources(videos: Sequence[Path], speakers: Path | None) -> list[Source]:
+def sources(videos: Sequence[Path], speakers: Path | None) -> list[VideoSource]:
     """All videos of files and folders, by name. Raises InputError for none, for a name met twice, for a bad map."""
     named = _named(videos)
     if not named:
@@ -36,7 +36,9 @@ def sources(videos: Sequence[Path], speakers: Path | None) -> list[Source]:
     missing = next((name for name in named if speakers is not None and name not in known), None)
     if missing is not None:
         raise InputError(f"{speakers}: should name the speaker of every video, got none for {missing}")
-    return [Source(path, name, _id(name), known.get(name) or _speaker(name)) for name, path in sorted(named.items())]
+    return [
+        VideoSource(path, name, _id(name), known.get(name) or _speaker(name)) for name, path in sorted(named.items())
+    ]
 
 
 def _named(videos: Sequence[Path]) -> Mapping[str, Path]:

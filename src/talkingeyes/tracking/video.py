@@ -26,11 +26,11 @@ class Frame:
     """A picture as it should be looked at (turned as the file says), and when: seconds on the file's own clock."""
 
     time_s: float
-    picture: UInt8[ndarray, "H W 3"]
+    image: UInt8[ndarray, "H W 3"]
 
 
 @dataclass(frozen=True)
-class Facts:
+class VideoInfo:
     """What a container says of itself; `seconds` is 0 where it does not know."""
 
     seconds: float
@@ -40,26 +40,28 @@ class Facts:
     has_sound: bool
 
 
-def facts(path: Path) -> Facts:
+def probe_video(path: Path) -> VideoInfo:
     """What the container says. Raises InputError if it is no video."""
-    with opened(path) as container:
+    with open_video(path) as container:
         stream = container.streams.video[0]
         seconds = float(container.duration / 1e6) if container.duration else 0.0
         size = stream.codec_context
-        return Facts(seconds, float(stream.average_rate or 0), size.width, size.height, bool(container.streams.audio))
+        return VideoInfo(
+            seconds, float(stream.average_rate or 0), size.width, size.height, bool(container.streams.audio)
+        )
 
 
-def frames(path: Path, fastest_fps: float, from_s: float = -np.inf) -> Iterator[Frame]:
-    """Frames from a time on, at most `fastest_fps` a second, in the order of their time stamps.
+def frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Frame]:
+    """Frames from a time on, at most `max_fps` a second, in the order of their time stamps.
 
     A stamp that does not grow, as in damaged streams, takes its frame out. Raises InputError if it is no video, or if
     not one frame can be decoded.
     """
     decoded, last_s = 0, -np.inf
-    with opened(path) as container:
+    with open_video(path) as container:
         for frame in _decoded(container):
             decoded += 1
-            if frame.time is None or frame.time < from_s or frame.time < last_s + 0.98 / fastest_fps:
+            if frame.time is None or frame.time < start_s or frame.time < last_s + 0.98 / max_fps:
                 continue
             last_s = float(frame.time)
             yield Frame(last_s, upright(frame.to_ndarray(format="rgb24"), frame.rotation))
@@ -67,13 +69,13 @@ def frames(path: Path, fastest_fps: float, from_s: float = -np.inf) -> Iterator[
         raise InputError(f"{path.name}: should hold frames that can be decoded, got none")
 
 
-def upright(picture: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
+def upright(image: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
     """The picture turned counter-clockwise by a display rotation, of which quarter turns are known."""
-    return np.ascontiguousarray(np.rot90(picture, k=round(rotation_deg / 90) % 4))
+    return np.ascontiguousarray(np.rot90(image, k=round(rotation_deg / 90) % 4))
 
 
 @contextlib.contextmanager
-def opened(path: Path) -> Iterator[Any]:
+def open_video(path: Path) -> Iterator[Any]:
     """The container of a file with a video stream; nothing outside the file is ever read."""
     import av
 

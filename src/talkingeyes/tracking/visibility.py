@@ -15,23 +15,23 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.head.face_points import EYES, NAMES
+from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
 
-_CORNERS = [NAMES.index(f"{side}_eye_outer") for side in ("left", "right")]
-_OUTLINE = [NAMES.index(f"{side}_outline_ear") for side in ("left", "right")]
+_CORNERS = [LANDMARK_NAMES.index(f"{side}_eye_outer") for side in ("left", "right")]
+_OUTLINE = [LANDMARK_NAMES.index(f"{side}_outline_ear") for side in ("left", "right")]
 
 
-class EyeSettings(Settings):
+class EyeVisibilitySettings(Settings):
     """An eye is hidden below a share of its open height (`open_percentile` of the clip), or beyond a disparity."""
 
-    hidden_below: Annotated[float, Field(ge=0, lt=1)]
+    min_aperture: Annotated[float, Field(ge=0, lt=1)]
     open_percentile: Annotated[float, Field(ge=50, le=100)]
     disparity: Annotated[float, Field(gt=0, le=10)]
 
 
-def openings(landmarks: Float[ndarray, "T L 2"], open_percentile: float) -> Float[ndarray, "T 2"]:
+def eye_openness(landmarks: Float[ndarray, "T L 2"], open_percentile: float) -> Float[ndarray, "T 2"]:
     """How far each eye is open, 1 at the clip's own open level: height over width of the lids (EAR)."""
-    p1, p2, p3, p4, p5, p6 = np.moveaxis(landmarks[:, EYES], 2, 0)
+    p1, p2, p3, p4, p5, p6 = np.moveaxis(landmarks[:, EYE_LANDMARKS], 2, 0)
     height = np.linalg.norm(p2 - p6, axis=-1) + np.linalg.norm(p3 - p5, axis=-1)
     ratio = height / (2 * np.linalg.norm(p1 - p4, axis=-1))
     return np.asarray(ratio / np.nanpercentile(ratio, open_percentile, axis=0))
@@ -51,7 +51,7 @@ def disparity(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
     return np.asarray(np.abs(left - right) / np.maximum(np.abs(left + right), 1e-6))
 
 
-def turned_away(landmarks: Float[ndarray, "T L 2"], settings: EyeSettings) -> Bool[ndarray, "T 2"]:
+def self_occluded(landmarks: Float[ndarray, "T L 2"], settings: EyeVisibilitySettings) -> Bool[ndarray, "T 2"]:
     """The far eye of frames whose disparity is too large; none where there is no face."""
     sides = side_distances(landmarks)
     far = sides < sides[:, ::-1]

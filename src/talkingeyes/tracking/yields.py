@@ -13,24 +13,24 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.tracking.ledger import Entry
-from talkingeyes.tracking.sources import Source
+from talkingeyes.tracking.ledger import ShotRecord
+from talkingeyes.tracking.sources import VideoSource
 
 NO_FACE = "no face was found"
-COPY = "a copy of"
+DUPLICATE_OF = "a copy of"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VideoResult:
     """One video: its shots, with the reasons that all videos together gave; or the error for which it was not read."""
 
-    source: Source
-    entries: tuple[Entry, ...]
+    source: VideoSource
+    entries: tuple[ShotRecord, ...]
     seconds: float
-    failed: str
+    failure: str
 
 
-def write_lists(folder: Path, outcomes: Sequence[Outcome]) -> None:
+def write_tables(folder: Path, outcomes: Sequence[VideoResult]) -> None:
     """tracked.csv: kept shots and where their crops lie; rejected.csv: reasons; retry.csv: videos that failed."""
     shots = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries]
     columns = ("clip", "video", "start_s", "stop_s", "crop_x", "crop_y", "crop_zoom")
@@ -43,26 +43,26 @@ def write_lists(folder: Path, outcomes: Sequence[Outcome]) -> None:
     ]
     rejected += [("", o.source.name, "0.000", f"{o.seconds:.3f}", NO_FACE) for o in outcomes if _faceless(o)]
     _write_csv(folder / "rejected.csv", ("clip", "video", "start_s", "stop_s", "reason"), sorted(rejected, key=str))
-    failed = [(outcome.source.name, outcome.failed) for outcome in outcomes if outcome.failed]
-    _write_csv(folder / "retry.csv", ("video", "error"), failed)
+    failure = [(outcome.source.name, outcome.failure) for outcome in outcomes if outcome.failure]
+    _write_csv(folder / "retry.csv", ("video", "error"), failure)
 
 
-def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def summary(outcomes: Sequence[VideoResult]) -> dict[str, Any]:
     """The yield: videos, shots and seconds, and what was rejected why (the reason up to its figures)."""
     entries = [entry for outcome in outcomes for entry in outcome.entries]
     kept = [entry for entry in entries if not entry.reason]
     reasons: dict[str, list[float]] = {}
     for entry in entries:
         if entry.reason:
-            reasons.setdefault(_kind(entry.reason), []).append(entry.measures.seconds)
+            reasons.setdefault(_kind(entry.reason), []).append(entry.quality.seconds)
     for outcome in outcomes:
         if _faceless(outcome):
             reasons.setdefault(NO_FACE, []).append(outcome.seconds)
     video_s = sum(outcome.seconds for outcome in outcomes)
-    kept_s = sum(entry.measures.seconds for entry in kept)
+    kept_s = sum(entry.quality.seconds for entry in kept)
     return {
         "videos": len(outcomes),
-        "videos_failed": sum(bool(outcome.failed) for outcome in outcomes),
+        "videos_failed": sum(bool(outcome.failure) for outcome in outcomes),
         "video_s": round(video_s, 3),
         "shots": len(entries),
         "clips": len(kept),
@@ -72,7 +72,7 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def write_page(path: Path, thumbnail: dict[str, str], outcomes: Sequence[Outcome]) -> None:
+def write_page(path: Path, thumbnail: dict[str, str], outcomes: Sequence[VideoResult]) -> None:
     """A page of all shots, kept ones first; `thumbnail`: the file of each, relative to the page."""
     shots = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries if entry.id in thumbnail]
     parts = [
@@ -87,12 +87,12 @@ def write_page(path: Path, thumbnail: dict[str, str], outcomes: Sequence[Outcome
     path.write_text(f"{head}\n<h1>Tracked shots</h1>\n" + "\n".join(parts) + "\n")
 
 
-def write_yield(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_summary(path: Path, outcomes: Sequence[VideoResult]) -> None:
     """yield.json."""
     path.write_text(json.dumps(summary(outcomes), indent=1) + "\n")
 
 
-def as_text(outcomes: Sequence[Outcome]) -> str:
+def as_text(outcomes: Sequence[VideoResult]) -> str:
     """The yield for a person, one line a reason."""
     total = summary(outcomes)
     lines = [
@@ -100,24 +100,24 @@ def as_text(outcomes: Sequence[Outcome]) -> str:
         f"{total['clips_s'] / 60:.1f} min ({total['yield']:.0%})"
     ]
     lines += [f"  rejected, {reason}: {of['shots']}" for reason, of in total["rejected"].items()]
-    lines += [f"  failed, {o.source.name}: {o.failed}" for o in outcomes if o.failed]
+    lines += [f"  failed, {o.source.name}: {o.failure}" for o in outcomes if o.failure]
     return "\n".join(lines)
 
 
-def _faceless(outcome: Outcome) -> bool:
-    return not outcome.entries and not outcome.failed
+def _faceless(outcome: VideoResult) -> bool:
+    return not outcome.entries and not outcome.failure
 
 
 def _kind(reason: str) -> str:
-    return COPY + " another" if reason.startswith(COPY) else reason.partition(":")[0]
+    return DUPLICATE_OF + " another" if reason.startswith(DUPLICATE_OF) else reason.partition(":")[0]
 
 
-def _where(source: Source, entry: Entry) -> Sequence[Any]:
+def _where(source: VideoSource, entry: ShotRecord) -> Sequence[Any]:
     crop = [f"{value:.6g}" for value in asdict(entry.crop).values()]
     return (entry.id, source.name, f"{entry.start_s:.6f}", f"{entry.stop_s:.6f}", *crop)
 
 
-def _figure(source: Source, entry: Entry, thumbnail: dict[str, str]) -> str:
+def _figure(source: VideoSource, entry: ShotRecord, thumbnail: dict[str, str]) -> str:
     about = f"{source.name} {entry.start_s:.1f}&ndash;{entry.stop_s:.1f} s"
     image = f'<img loading=lazy src="{html.escape(thumbnail[entry.id])}" alt="">'
     return f"<figure>{image}<figcaption>{about}<br>{html.escape(entry.reason)}</figcaption></figure>"

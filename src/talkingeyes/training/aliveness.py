@@ -18,25 +18,33 @@ from talkingeyes.core import kinematics
 
 
 @dataclass(frozen=True)
-class Aliveness:
+class FreeRunningStatistics:
     """Mean eye-in-head speed and its 99th percentile, mean head speed (degrees a second), stillness in space."""
 
-    speed: float
-    speed_99: float
-    still_in_space: float
+    eye_speed: float
+    eye_speed_p99: float
+    still_fraction_in_space: float
     head_speed: float
 
-    def distance(self, truth: Aliveness) -> float:
+    def distance(self, truth: FreeRunningStatistics) -> float:
         """0 when alive as the truth: log ratios of speeds and four times the difference in still frames."""
-        ratios = [(self.speed, truth.speed), (self.speed_99, truth.speed_99), (self.head_speed, truth.head_speed)]
+        ratios = [
+            (self.eye_speed, truth.eye_speed),
+            (self.eye_speed_p99, truth.eye_speed_p99),
+            (self.head_speed, truth.head_speed),
+        ]
         return sum(abs(math.log(max(a, 0.1) / max(b, 0.1))) for a, b in ratios) + 4 * abs(
-            self.still_in_space - truth.still_in_space
+            self.still_fraction_in_space - truth.still_fraction_in_space
         )
 
 
-def aliveness(head: Sequence[Float[ndarray, "T 3"]], gaze: Sequence[Float[ndarray, "T 2 3"]], fps: float) -> Aliveness:
+def free_running_statistics(
+    head: Sequence[Float[ndarray, "T 3"]], gaze: Sequence[Float[ndarray, "T 2 3"]], fps: float
+) -> FreeRunningStatistics:
     """Figures of several motions together."""
     eye = np.concatenate([kinematics.eye_speed_deg_s(each, fps) for each in gaze])
-    space = np.concatenate([kinematics.space_speed_deg_s(h, g, fps) for h, g in zip(head, gaze, strict=True)])
-    turned = np.concatenate([kinematics.head_speed_deg_s(each, fps) for each in head])
-    return Aliveness(float(eye.mean()), float(np.quantile(eye, 0.99)), kinematics.still(space), float(turned.mean()))
+    space = np.concatenate([kinematics.gaze_in_space_speed_deg_s(h, g, fps) for h, g in zip(head, gaze, strict=True)])
+    head_speeds = np.concatenate([kinematics.head_speed_deg_s(each, fps) for each in head])
+    return FreeRunningStatistics(
+        float(eye.mean()), float(np.quantile(eye, 0.99)), kinematics.still_fraction(space), float(head_speeds.mean())
+    )

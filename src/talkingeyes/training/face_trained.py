@@ -19,19 +19,19 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models import baselines
-from talkingeyes.models.baselines import Bank, BaselineSettings
-from talkingeyes.models.face.basis import JAW, FaceBasis
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleKey, StyleVocabulary
 from talkingeyes.models.speech_to_face import SpeechToFace
 from talkingeyes.training.checkpoint import Checkpoint, load, save
-from talkingeyes.training.face_priors import FacePrior, untrained
-from talkingeyes.training.face_translation import FaceData, FaceTranslationSettings
+from talkingeyes.training.face_priors import FaceTokenizer, build_face_tokenizer
+from talkingeyes.training.face_translation import FaceData, FaceTaskSettings
 
-FADE_S = 0.5  # of a change of style along a clip
+STYLE_FADE_S = 0.5  # of a change of style along a clip
 
 
 @runtime_checkable
-class FaceGenerator(Protocol):
+class TrainedFaceGenerator(Protocol):
     """Speech embedding and a course of style in, S faces out; a seed gives the same face alone or with others."""
 
     @property
@@ -57,8 +57,8 @@ class NetworkFaceGenerator:
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
     ) -> FaceSamples:
         """Sample the network. Raises InputError for a speaker whom it does not know."""
-        course = torch.from_numpy(self.vocabulary.along(style, len(embedding), fps, FADE_S))
-        faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), course, seeds)
+        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S))
+        faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), style_course, seeds)
         return _samples(faces.numpy(), fps, self.basis)
 
 
@@ -67,7 +67,7 @@ class BaselineFaceGenerator:
     """A baseline over the bank of training faces; style counts for nothing."""
 
     settings: BaselineSettings
-    bank: Bank
+    bank: MotionBank
     mean: Float[ndarray, " C"]
     std: Float[ndarray, " C"]
     basis: FaceBasis
@@ -78,12 +78,12 @@ class BaselineFaceGenerator:
     ) -> FaceSamples:
         """Draw from the bank. Raises InputError for a speaker whom it does not know."""
         for key in style:
-            self.vocabulary.vector(key.style)
+            self.vocabulary.style_vector(key.style)
         standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
-        return _samples(baselines.draw(self.settings, self.bank, standardised, seeds), fps, self.basis)
+        return _samples(baselines.sample_bank(self.settings, self.bank, standardised, seeds), fps, self.basis)
 
 
-def face_config(settings: FaceTranslationSettings, data: FaceData, prior: FacePrior | None) -> dict[str, Any]:
+def face_config(settings: FaceTaskSettings, data: FaceData, prior: FaceTokenizer | None) -> dict[str, Any]:
     """What a network is rebuilt from."""
     return {
         "model": settings.model_dump(mode="json"),
@@ -94,7 +94,7 @@ def face_config(settings: FaceTranslationSettings, data: FaceData, prior: FacePr
     }
 
 
-def save_face_baseline(folder: Path, settings: BaselineSettings, bank: Bank, data: FaceData) -> None:
+def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, data: FaceData) -> None:
     """Write a baseline as a checkpoint."""
     statistics = {"mean": data.normaliser.mean, "std": data.normaliser.std}
     arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, **statistics}
@@ -106,7 +106,7 @@ def save_face_baseline(folder: Path, settings: BaselineSettings, bank: Bank, dat
     save(folder, {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()}, config)
 
 
-def gives_face(folder: Path) -> bool:
+def is_face_model(folder: Path) -> bool:
     """Whether the model in a folder of the train stage is one of the face. Raises InputError if it is none at all."""
     try:
         return "face" in json.loads((folder / "config.json").read_text())["model"]["parts"]
@@ -114,7 +114,7 @@ def gives_face(folder: Path) -> bool:
         raise InputError(f"{folder}: not a trained model ({error!r}); `make repro` trains one") from None
 
 
-def load_face_generator(folder: Path, head: FaceBasis | None = None) -> FaceGenerator:
+def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedFaceGenerator:
     """The model of the face in a folder of the train stage.
 
     Raises InputError (one line) if it is missing, damaged, no model of the face, or of another head than `head`.
@@ -125,24 +125,24 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> FaceGene
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
         raise InputError(f"{folder}: not a model of the face ({error!r}); `make repro` trains probtalk3d") from None
     if head is not None:
-        generator.basis.require(head, str(folder), "train one on faces of that head")
+        generator.basis.require_match(head, str(folder), "train one on faces of that head")
     return generator
 
 
-def _network(checkpoint: Checkpoint) -> FaceGenerator:
+def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
-    prior = untrained(config["prior"]).network if config["prior"] else None
-    settings = FaceTranslationSettings.model_validate(config["model"])
+    prior = build_face_tokenizer(config["prior"]).network if config["prior"] else None
+    settings = FaceTaskSettings.model_validate(config["model"])
     network = SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, prior)
     network.load_state_dict(checkpoint.tensors)
     return NetworkFaceGenerator(network.eval(), basis, vocabulary)
 
 
-def _baseline(checkpoint: Checkpoint) -> FaceGenerator:
+def _baseline(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    bank = Bank(arrays["starts"], arrays["motion"], arrays["features"])
+    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
     settings = BaselineSettings.model_validate(config["model"])
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
     return BaselineFaceGenerator(settings, bank, arrays["mean"], arrays["std"], basis, vocabulary)
@@ -150,4 +150,4 @@ def _baseline(checkpoint: Checkpoint) -> FaceGenerator:
 
 def _samples(faces: Float[ndarray, "S T F"], fps: float, basis: FaceBasis) -> FaceSamples:
     faces = faces.astype(np.float64)
-    return FaceSamples(fps, faces[..., -JAW:], faces[..., :-JAW], basis.expression_names, basis.head_model)
+    return FaceSamples(fps, faces[..., -JAW_DIM:], faces[..., :-JAW_DIM], basis.expression_names, basis.head_model)

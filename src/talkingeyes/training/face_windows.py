@@ -12,10 +12,10 @@ from numpy import ndarray
 from torch import Tensor
 
 from talkingeyes.corpus.faces import FaceRecording
-from talkingeyes.models.face.basis import JAW, FaceBasis
+from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.speech_to_face import FaceBatch
-from talkingeyes.training.windows import Places, Window, WindowSettings, statistics
+from talkingeyes.training.windows import Window, WindowSampler, WindowSettings, statistics
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class FaceStatistics:
 
     mean: Float[Tensor, " F"]
     scale: Float[Tensor, " F"]
-    lowest: Float[Tensor, " F"]
-    highest: Float[Tensor, " F"]
+    min_face: Float[Tensor, " F"]
+    max_face: Float[Tensor, " F"]
 
     @classmethod
     def of(cls, recordings: Sequence[FaceRecording]) -> FaceStatistics:
@@ -34,12 +34,12 @@ class FaceStatistics:
         jaw = np.concatenate([each.jaw for each in recordings])
         parts = [statistics(expression), statistics(jaw)]
         face = np.concatenate([expression, jaw], axis=1)
-        scale = np.repeat([part.scale for part in parts], [expression.shape[1], JAW])
+        scale = np.repeat([part.scale for part in parts], [expression.shape[1], JAW_DIM])
         arrays = (np.concatenate([part.mean for part in parts]), scale, face.min(0), face.max(0))
         return cls(*(torch.from_numpy(array.astype(np.float32)) for array in arrays))
 
 
-class FaceWindows:
+class FaceWindowDataset:
     """Draws batches of faces with their speech and style."""
 
     def __init__(
@@ -51,18 +51,18 @@ class FaceWindows:
         seed: int,
     ) -> None:
         self.recordings, self.basis, self.vocabulary = recordings, basis, vocabulary
-        self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.random = self.places.random
+        self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
+        self.random = self.window_sampler.random
 
-    def draw(self, batch: int) -> FaceBatch:
+    def sample_batch(self, batch: int) -> FaceBatch:
         """A batch of windows."""
-        speech, style, face = zip(*map(self._cut, self.places.draw(batch)), strict=True)
+        speech, style, face = zip(*map(self._slice_window, self.window_sampler.sample_batch(batch)), strict=True)
         return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in (speech, style, face)))
 
-    def _cut(self, window: Window) -> tuple[ndarray, ...]:
+    def _slice_window(self, window: Window) -> tuple[ndarray, ...]:
         recording, part = self.recordings[window.index], window.frames
-        face = self.basis.joined(recording.expression[part], recording.jaw[part])
+        face = self.basis.to_vector(recording.expression[part], recording.jaw[part])
         if window.mirrored:
             face = self.basis.mirrored(face)
-        style = self.vocabulary.vector(self.vocabulary.style_of(recording.clip))
+        style = self.vocabulary.style_vector(self.vocabulary.style_of(recording.clip))
         return np.asarray(recording.speech[part]), style[None], face

@@ -1,8 +1,8 @@
 """The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
 
-A `Task` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly, on any
-device, in one process or several (place.py), and goes on where it was killed (progress.py). A `Contest` also has a
-rival, which takes its turn after each step, with an optimiser of its own.
+A `TrainingTask` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly,
+on any device, in one process or several (place.py), and goes on where it was killed (progress.py). A `AdversarialTask`
+also has a rival, which takes its turn after each step, with an optimiser of its own.
 Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
 """
 
@@ -20,10 +20,10 @@ from tqdm import tqdm
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers import share
-from talkingeyes.training.place import CPU, Place
-from talkingeyes.training.progress import Progress, State
+from talkingeyes.training.place import CPU_CONTEXT, ExecutionContext
+from talkingeyes.training.progress import ResumeFile, TrainingState
 
-LOSS = "loss/"
+LOSS_PREFIX = "loss/"
 
 
 class LoopSettings(Settings):
@@ -40,7 +40,7 @@ class LoopSettings(Settings):
 
 
 @runtime_checkable
-class Task(Protocol):
+class TrainingTask(Protocol):
     """What is trained. `losses` draws a batch and returns named scalars, `total` is minimised.
 
     `validate` returns named figures; `score` is maximised: the weights of its best value are kept (of NaN: the last).
@@ -58,64 +58,68 @@ class Task(Protocol):
 
 
 @runtime_checkable
-class Contest(Protocol):
+class AdversarialTask(Protocol):
     """A task whose network has a rival, a part of its module that is trained against the rest of it (PoseGAN)."""
 
     @property
-    def rival(self) -> nn.Module | None: ...
+    def discriminator(self) -> nn.Module | None: ...
 
     # On the batch of `losses` of the same step; `total` is minimised by the rival alone.
-    def rival_losses(self, step: int) -> dict[str, Tensor]: ...
+    def discriminator_losses(self, step: int) -> dict[str, Tensor]: ...
 
 
-Watch = Callable[[int, dict[str, float]], None]
+ValidationCallback = Callable[[int, dict[str, float]], None]
 
 
 def train(
-    task: Task,
+    task: TrainingTask,
     settings: LoopSettings,
     title: str,
-    report: Watch | None = None,
-    place: Place = CPU,
-    progress: Progress | None = None,
+    on_validation: ValidationCallback | None = None,
+    context: ExecutionContext = CPU_CONTEXT,
+    resume: ResumeFile | None = None,
 ) -> list[dict[str, float]]:
     """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures.
 
-    `report` is given the step and the figures of every validation, and may raise to end a training that leads nowhere.
-    With `progress`, a training that was killed goes on from its last validation; the caller removes the file.
+    `on_validation` is given the step and the figures of every validation, and may raise to end a training that leads
+    nowhere. With `resume`, a training that was killed goes on from its last validation; the caller removes the file.
     """
-    module = task.module.to(place.device)
-    rival = task.rival if isinstance(task, Contest) else None
-    of_rival = list(rival.parameters()) if rival else []
-    weights = [each for each in module.parameters() if each.requires_grad and not _among(each, of_rival)]
+    module = task.module.to(context.device)
+    discriminator = task.discriminator if isinstance(task, AdversarialTask) else None
+    discriminator_parameters = list(discriminator.parameters()) if discriminator else []
+    weights = [
+        each for each in module.parameters() if each.requires_grad and not _among(each, discriminator_parameters)
+    ]
     optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    against = torch.optim.AdamW(of_rival, lr=settings.learning_rate) if rival else None
-    losses_of = place.shared(module, task.losses, settings.batch)
-    state = progress.restore(module, optimiser, task.random, against) if progress else State()
-    for row in state.history if report else ():
-        report(int(row["step"]), _figures(row))  # type: ignore[misc]
+    discriminator_optimiser = (
+        torch.optim.AdamW(discriminator_parameters, lr=settings.learning_rate) if discriminator else None
+    )
+    losses_of = context.distribute(module, task.losses, settings.batch)
+    state = resume.restore(module, optimiser, task.random, discriminator_optimiser) if resume else TrainingState()
+    for row in state.history if on_validation else ():
+        on_validation(int(row["step"]), _metrics(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
     steps = range(state.step + 1, settings.steps + 1)
-    bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not place.first)
+    bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not context.is_main)
     for step in bar:
         for group in optimiser.param_groups:
-            group["lr"] = _rate(settings, step)
+            group["lr"] = _learning_rate(settings, step)
         module.train()
-        with place.autocast():
+        with context.autocast():
             losses = losses_of(step)
         optimiser.zero_grad(set_to_none=True)
         losses["total"].backward()
         nn.utils.clip_grad_norm_(weights, settings.clip_norm)
         optimiser.step()
-        if isinstance(task, Contest) and against is not None:
-            for group in against.param_groups:
-                group["lr"] = _rate(settings, step)
-            with place.autocast():
-                replies = task.rival_losses(step)
-            against.zero_grad(set_to_none=True)  # what the other's turn has left there
+        if isinstance(task, AdversarialTask) and discriminator_optimiser is not None:
+            for group in discriminator_optimiser.param_groups:
+                group["lr"] = _learning_rate(settings, step)
+            with context.autocast():
+                replies = task.discriminator_losses(step)
+            discriminator_optimiser.zero_grad(set_to_none=True)  # what the other's turn has left there
             replies["total"].backward()
-            nn.utils.clip_grad_norm_(of_rival, settings.clip_norm)
-            against.step()
+            nn.utils.clip_grad_norm_(discriminator_parameters, settings.clip_norm)
+            discriminator_optimiser.step()
             losses |= {f"rival_{name}": value for name, value in replies.items()}
         for name, value in losses.items():
             sums[name] = sums.get(name, 0.0) + value.item()
@@ -125,16 +129,16 @@ def train(
                 figures = task.validate()
             since = step - state.step
             state.step = step
-            state.history.append({"step": float(step), **_means(sums, since, place), **figures})
-            state.better(figures["score"], module.state_dict())
+            state.history.append({"step": float(step), **_means(sums, since, context), **figures})
+            state.update_best(figures["score"], module.state_dict())
             sums = {}
             bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
-            if progress is not None and place.first:
-                progress.keep(state, module, optimiser, task.random, against)
-            if report is not None:
-                report(step, figures)
-    if state.kept is not None:
-        module.load_state_dict(state.kept)
+            if resume is not None and context.is_main:
+                resume.keep(state, module, optimiser, task.random, discriminator_optimiser)
+            if on_validation is not None:
+                on_validation(step, figures)
+    if state.best_weights is not None:
+        module.load_state_dict(state.best_weights)
     module.cpu().eval()
     return state.history
 
@@ -143,18 +147,18 @@ def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
     return any(parameter is each for each in others)
 
 
-def _means(sums: dict[str, float], steps: int, place: Place) -> dict[str, float]:
+def _means(sums: dict[str, float], steps: int, context: ExecutionContext) -> dict[str, float]:
     """Losses a step, over all processes."""
-    values = share.mean(torch.tensor(list(sums.values()), dtype=torch.float64, device=place.device) / steps).tolist()
-    return {f"{LOSS}{name}": value for name, value in zip(sums, values, strict=True)}
+    values = share.mean(torch.tensor(list(sums.values()), dtype=torch.float64, device=context.device) / steps).tolist()
+    return {f"{LOSS_PREFIX}{name}": value for name, value in zip(sums, values, strict=True)}
 
 
-def _figures(row: dict[str, float]) -> dict[str, float]:
+def _metrics(row: dict[str, float]) -> dict[str, float]:
     """What `validate` said."""
-    return {name: value for name, value in row.items() if name != "step" and not name.startswith(LOSS)}
+    return {name: value for name, value in row.items() if name != "step" and not name.startswith(LOSS_PREFIX)}
 
 
-def _rate(settings: LoopSettings, step: int) -> float:
+def _learning_rate(settings: LoopSettings, step: int) -> float:
     """One cycle: up over the first tenth, down along a cosine to 1 % (Smith & Topin 2018)."""
     if settings.schedule == "constant":
         return settings.learning_rate

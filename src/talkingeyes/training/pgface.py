@@ -17,8 +17,8 @@ from torch import Tensor
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.poses import PoseSettings, head_of, linearly_resampled, read_poses
-from talkingeyes.corpus.store import sharded
+from talkingeyes.corpus.poses import PoseSettings, head_rotations, read_poses, resample_linear
+from talkingeyes.corpus.store import shard_path
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
@@ -26,10 +26,10 @@ from talkingeyes.training.checkpoint import Checkpoint
 from talkingeyes.training.loop import LoopSettings
 
 BASIS_FRAMES = 800  # that the basis of shapes is made of
-STILL = 1e-6  # a number of the pose that varies by less stays as it is
+MIN_POSE_SD = 1e-6  # a number of the pose that varies by less stays as it is
 
 
-class PGFaceSettings(Settings):
+class PGFaceTaskSettings(Settings):
     """The model and how it is trained."""
 
     kind: Literal["pgface"]
@@ -39,7 +39,7 @@ class PGFaceSettings(Settings):
     network: PGFaceNetworkSettings
     loop: LoopSettings
     # Windows that a validation looks at.
-    watched: Annotated[int, Field(gt=0)]
+    validation_windows: Annotated[int, Field(gt=0)]
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,18 @@ class ShapeRecording:
         return len(self.pose)
 
 
-def read_shapes(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> ShapeRecording:
+def read_shape_recording(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> ShapeRecording:
     """A fitted clip; its face is resampled by straight lines."""
     found = read_poses(fit, embed, clip, settings)
-    fitted = Motion.load(sharded(fit / "motion", clip.id, ".npz"))
+    fitted = Motion.load(shard_path(fit / "motion", clip.id, ".npz"))
     frames = len(found)
     pose = found.pose + found.centre
     expression, jaw = (
-        linearly_resampled(each, fitted.fps, settings.fps)[:frames] for each in (fitted.expression, fitted.jaw)
+        resample_linear(each, fitted.fps, settings.fps)[:frames] for each in (fitted.expression, fitted.jaw)
     )
     motion = Motion.of(
         settings.fps,
-        head_of(pose),
+        head_rotations(pose),
         np.zeros((frames, 2, 3)),
         jaw=jaw,
         expression=expression,
@@ -80,7 +80,7 @@ class PGFaceTask:
 
     def __init__(
         self,
-        settings: PGFaceSettings,
+        settings: PGFaceTaskSettings,
         seed: int,
         train: Sequence[ShapeRecording],
         val: Sequence[ShapeRecording],
@@ -93,38 +93,42 @@ class PGFaceTask:
         self.module = PGFace(settings.network, normaliser.channels, len(surface.vertices))
         self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
         deviation = np.concatenate([each.pose for each in train]).std(0)
-        self.module.pose_scale.copy_(torch.from_numpy(np.where(deviation > STILL, deviation, 1.0)))
+        self.module.pose_scale.copy_(torch.from_numpy(np.where(deviation > MIN_POSE_SD, deviation, 1.0)))
         self._learn_basis()
-        self.places = [
+        self.window_starts = [
             (index, start) for index, each in enumerate(train) for start in range(len(each) - settings.network.window)
         ]
         self.of_train = [self._coefficients(each) for each in train]
-        self.watched = self._watched(val)
+        self.validation_windows = self._validation_windows(val)
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 8 on a batch."""
-        chosen = self.random.integers(len(self.places), size=self.settings.loop.batch)
-        cuts = [self.places[int(each)] for each in chosen]
-        window, told, device = self.settings.network.window, self.settings.network.told - 1, self.module.mean.device
-        made, made_next = (
-            self.module(*(each.to(device) for each in windows(self.train, cuts, window, later))) for later in (0, 1)
+        chosen = self.random.integers(len(self.window_starts), size=self.settings.loop.batch)
+        cuts = [self.window_starts[int(each)] for each in chosen]
+        window, output_frame, device = (
+            self.settings.network.window,
+            self.settings.network.output_frame - 1,
+            self.module.mean.device,
+        )
+        generated, generated_next = (
+            self.module(*(each.to(device) for each in cut_windows(self.train, cuts, window, shift))) for shift in (0, 1)
         )
         true, true_next = (
-            torch.stack([self.of_train[index][start + told + later] for index, start in cuts]).to(device)
-            for later in (0, 1)
+            torch.stack([self.of_train[index][start + output_frame + shift] for index, start in cuts]).to(device)
+            for shift in (0, 1)
         )
-        return self.module.terms(made, true, made_next, true_next)
+        return self.module.loss_terms(generated, true, generated_next, true_next)
 
     def validate(self) -> dict[str, float]:
         """Mean distance of vertices from the fitted ones on val; the score is its negative."""
-        speech, pose, vertices = (each.to(self.module.mean.device) for each in self.watched)
-        apart = (self.module.shapes(self.module(speech, pose)) - vertices).norm(dim=-1) * 1000
+        speech, pose, vertices = (each.to(self.module.mean.device) for each in self.validation_windows)
+        distance_mm = (self.module.shapes(self.module(speech, pose)) - vertices).norm(dim=-1) * 1000
         lower = torch.from_numpy(self.surface.lower)
         still = (self.module.mean - vertices).norm(dim=-1) * 1000
         return {
-            "score": -float(apart.mean()),
-            "mm": float(apart.mean()),
-            "mm_lower_face": float(apart[:, lower].mean()),
+            "score": -float(distance_mm.mean()),
+            "mm": float(distance_mm.mean()),
+            "mm_lower_face": float(distance_mm[:, lower].mean()),
             "mm_mean_shape": float(still.mean()),
         }
 
@@ -139,7 +143,7 @@ class PGFaceTask:
         basis = np.zeros((count, flat.shape[1]))
         kept = min(count, len(size))
         basis[:kept] = directions[:kept] * (size[:kept] / np.sqrt(len(flat)))[:, None]
-        self.module.learn_basis(
+        self.module.set_basis(
             torch.from_numpy(mean).float(),
             torch.from_numpy(basis.reshape(count, *mean.shape)).float(),
             torch.from_numpy(self.surface.lower),
@@ -157,32 +161,32 @@ class PGFaceTask:
         factors = torch.from_numpy(self._factors(recording))
         return (rest.flatten() @ to_coefficients + factors @ directions).float()
 
-    def _watched(self, val: Sequence[ShapeRecording]) -> tuple[Tensor, ...]:
+    def _validation_windows(self, val: Sequence[ShapeRecording]) -> tuple[Tensor, ...]:
         """Windows of val, evenly spread, with the vertices of the frames that are told."""
-        window, told = self.settings.network.window, self.settings.network.told - 1
-        each_clip = max(1, self.settings.watched // len(val))
+        window, output_frame = self.settings.network.window, self.settings.network.output_frame - 1
+        each_clip = max(1, self.settings.validation_windows // len(val))
         cuts = [
             (index, int(start))
             for index, each in enumerate(val)
             for start in np.linspace(0, len(each) - window - 1, each_clip)
         ]
         factors = [self._factors(each) for each in val]
-        vertices = self.surface.shapes(np.stack([factors[index][start + told] for index, start in cuts]))
-        return (*windows(val, cuts, window, 0), torch.from_numpy(vertices).float())
+        vertices = self.surface.shapes(np.stack([factors[index][start + output_frame] for index, start in cuts]))
+        return (*cut_windows(val, cuts, window, 0), torch.from_numpy(vertices).float())
 
 
-def windows(
-    recordings: Sequence[ShapeRecording], cuts: Sequence[tuple[int, int]], window: int, later: int
+def cut_windows(
+    recordings: Sequence[ShapeRecording], cuts: Sequence[tuple[int, int]], window: int, shift: int
 ) -> tuple[Float[Tensor, "B W C"], Float[Tensor, "B W 6"]]:
-    """Speech and poses of windows, `later` frames after where they are cut."""
-    parts = [(recordings[index], slice(start + later, start + later + window)) for index, start in cuts]
+    """Speech and poses of windows, `shift` frames after where they are cut."""
+    parts = [(recordings[index], slice(start + shift, start + shift + window)) for index, start in cuts]
     return (
         torch.from_numpy(np.stack([each.speech[part] for each, part in parts])),
         torch.from_numpy(np.stack([each.pose[part] for each, part in parts])),
     )
 
 
-def pgface_config(settings: PGFaceSettings, normaliser: Normaliser, surface: FaceSurface) -> dict[str, Any]:
+def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface: FaceSurface) -> dict[str, Any]:
     """What the network is rebuilt from."""
     return {
         "model": settings.model_dump(mode="json"),
@@ -193,7 +197,7 @@ def pgface_config(settings: PGFaceSettings, normaliser: Normaliser, surface: Fac
 
 def pgface_network(checkpoint: Checkpoint) -> PGFace:
     """The network of a checkpoint."""
-    settings = PGFaceSettings.model_validate(checkpoint.config["model"])
+    settings = PGFaceTaskSettings.model_validate(checkpoint.config["model"])
     network = PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()

@@ -22,18 +22,18 @@ from torch.nn.parallel import DistributedDataParallel
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.layers import share
 
-LossesOf = Callable[[int], dict[str, Tensor]]
+LossFunction = Callable[[int], dict[str, Tensor]]
 
 
 @dataclass(frozen=True)
-class Place:
+class ExecutionContext:
     """A device with a precision. With `bfloat16`, losses are computed under autocast; weights stay float32."""
 
     device: torch.device
     precision: str
 
     @classmethod
-    def of(cls, machine: Mapping[str, Any]) -> Place:
+    def of(cls, machine: Mapping[str, Any]) -> ExecutionContext:
         """The place of a `machine` section; under torchrun this process joins the others.
 
         Raises InputError (one line) if there is no such device.
@@ -43,7 +43,7 @@ class Place:
                 raise InputError(f"params: machine.{key} is missing; `make params` writes it from conf/")
         index = int(os.environ.get("LOCAL_RANK", "0"))
         if machine["device"] == "cuda":
-            _ready_card(index)
+            _prepare_gpu(index)
         if "WORLD_SIZE" in os.environ and not dist.is_initialized():
             dist.init_process_group("nccl" if machine["device"] == "cuda" else "gloo")
             atexit.register(dist.destroy_process_group)
@@ -51,56 +51,58 @@ class Place:
         return cls(device, str(machine["precision"]))
 
     @classmethod
-    def alone(cls, machine: Mapping[str, Any]) -> Place:
+    def single_process(cls, machine: Mapping[str, Any]) -> ExecutionContext:
         """The place of a training that cannot be shared, because the rows of its batches belong together."""
         if int(os.environ.get("WORLD_SIZE", "1")) > 1:
             raise InputError(f"torchrun: this stage trains in one process each, got {os.environ['WORLD_SIZE']}")
         return cls.of(machine)
 
     @property
-    def first(self) -> bool:
+    def is_main(self) -> bool:
         """Whether this process writes."""
         return share.rank() == 0
 
-    def leave_unless_first(self) -> None:
+    def exit_unless_main(self) -> None:
         """The work is done: every process but the one that writes ends here."""
-        if not self.first:
+        if not self.is_main:
             sys.exit(0)
 
     def describe(self) -> dict[str, Any]:
         """What of it the last digits of a result depend on."""
-        return {"device": self.device.type, "precision": self.precision, "processes": share.processes()}
+        return {"device": self.device.type, "precision": self.precision, "world_size": share.world_size()}
 
     def autocast(self) -> AbstractContextManager[Any]:
         """The precision of the losses."""
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
-    def shared(self, module: nn.Module, losses: LossesOf, batch: int) -> LossesOf:
+    def distribute(self, module: nn.Module, losses: LossFunction, batch: int) -> LossFunction:
         """The losses of this process's share of a batch, with gradients that become the mean over all processes."""
-        if share.processes() == 1:
+        if share.world_size() == 1:
             return losses
-        if batch % share.processes():
-            raise InputError(f"loop.batch: should be a multiple of the {share.processes()} processes, got {batch}")
-        return DistributedDataParallel(_Shared(module, losses), forward_sync_buffers=False, find_unused_parameters=True)
+        if batch % share.world_size():
+            raise InputError(f"loop.batch: should be a multiple of the {share.world_size()} processes, got {batch}")
+        return DistributedDataParallel(
+            _DistributedLosses(module, losses), forward_sync_buffers=False, find_unused_parameters=True
+        )
 
 
-CPU = Place(torch.device("cpu"), "float32")
+CPU_CONTEXT = ExecutionContext(torch.device("cpu"), "float32")
 
 
-class _Shared(nn.Module):
+class _DistributedLosses(nn.Module):
     """The module and its losses as DDP wants them: one forward; terms that are only reported have no gradient."""
 
-    def __init__(self, module: nn.Module, losses: LossesOf) -> None:
+    def __init__(self, module: nn.Module, losses: LossFunction) -> None:
         super().__init__()
         self.module, self.losses = module, losses
 
     def forward(self, step: int) -> dict[str, Tensor]:
-        with share.NoiseOfTheBatch():
+        with share.BatchNoiseMode():
             losses = self.losses(step)
         return {name: value if name == "total" else value.detach() for name, value in losses.items()}
 
 
-def _ready_card(index: int) -> None:
+def _prepare_gpu(index: int) -> None:
     """The card, made to repeat itself. Raises InputError if there is none of this number."""
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if index >= count:

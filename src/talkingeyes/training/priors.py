@@ -15,15 +15,15 @@ from torch import Tensor
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.windows import Recording
 from talkingeyes.models.gaze.categorical import stay_mask
-from talkingeyes.models.gaze.signal import signal_of, to_signal
+from talkingeyes.models.gaze.signal import to_signal, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.layers import share
 from talkingeyes.models.layers.quantiser import perplexity
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.windows import Windows, WindowSettings, statistics
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
 
 
-class PriorSettings(Settings):
+class GazeTokenizerSettings(Settings):
     """A codebook and how it is trained."""
 
     kind: Literal["gaze"]
@@ -34,12 +34,12 @@ class PriorSettings(Settings):
 
 
 @dataclass(frozen=True)
-class CodeUse:
+class CodeUsage:
     """How often each code is used over all windows of a split, and what the reconstruction is off by."""
 
     counts: Float[Tensor, " K"]
     error_deg: float
-    stays: float
+    stay_fraction: float
 
     def figures(self) -> dict[str, float]:
         """Distinct codes used, their share, perplexity, share of stays, error."""
@@ -48,19 +48,19 @@ class CodeUse:
             "codes_used": float(used),
             "codes_used_share": used / len(self.counts),
             "perplexity": perplexity(self.counts),
-            "stays": self.stays,
+            "stay_fraction": self.stay_fraction,
             "error_deg": self.error_deg,
         }
 
 
-class PriorTask:
+class GazeTokenizerTask:
     """Self-reconstruction of true gaze through the codebook."""
 
-    def __init__(self, settings: PriorSettings, train: Sequence[Recording], val: Sequence[Recording]) -> None:
+    def __init__(self, settings: GazeTokenizerSettings, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         torch.manual_seed(settings.seed)
         self.settings, self.train_recordings, self.val_recordings = settings, train, val
         self.module = GazeVQVAE(settings.network)
-        self.windows = Windows(train, settings.windows, settings.seed)
+        self.windows = MotionWindowDataset(train, settings.windows, settings.seed)
         self.random = self.windows.random
         frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
         measured = statistics(frames)
@@ -68,8 +68,8 @@ class PriorTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Eq. 7 on a batch; the codebook term is the quantiser's moving average."""
-        batch = self.windows.draw(self.settings.loop.batch)
-        signal = self._whole(signal_of(self.settings.network.signal, batch.head, batch.gaze))
+        batch = self.windows.sample_batch(self.settings.loop.batch)
+        signal = self._whole(to_signal_tensor(self.settings.network.signal, batch.head, batch.gaze))
         stay = stay_mask(self.module, signal)
         reconstruction = self.module(signal, stay)
         moving = ~stay.repeat_interleave(self.settings.network.frames_per_code, dim=1)[..., None]
@@ -81,14 +81,18 @@ class PriorTask:
 
     def validate(self) -> dict[str, float]:
         """Error on val clips; the score is its negative."""
-        use = self.use(self.val_recordings)
-        return {"score": -use.error_deg, "error_deg": use.error_deg, "perplexity": perplexity(use.counts)}
+        code_usage = self.code_usage(self.val_recordings)
+        return {
+            "score": -code_usage.error_deg,
+            "error_deg": code_usage.error_deg,
+            "perplexity": perplexity(code_usage.counts),
+        }
 
     @torch.no_grad()
-    def use(self, recordings: Sequence[Recording]) -> CodeUse:
+    def code_usage(self, recordings: Sequence[Recording]) -> CodeUsage:
         """Codes over every clip of a split, whole clips at once."""
         counts = torch.zeros(self.settings.network.quantiser.codes)
-        squares, numbers, stays, patches = 0.0, 0, 0, 0
+        squares, numbers, stay_fraction, patches = 0.0, 0, 0, 0
         for recording in recordings:
             signal = self._whole(
                 torch.from_numpy(to_signal(self.settings.network.signal, recording.head, recording.gaze))[None]
@@ -98,9 +102,11 @@ class PriorTask:
             counts += torch.bincount(quantised.indices[~stay], minlength=len(counts)).cpu()
             squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
             numbers += signal.numel() // signal.shape[-1]
-            stays, patches = stays + int(stay.sum()), patches + stay.numel()
+            stay_fraction, patches = stay_fraction + int(stay.sum()), patches + stay.numel()
         # Both eyes' errors together, so half of the sum of squares is one eye's.
-        return CodeUse(counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stays / max(patches, 1))
+        return CodeUsage(
+            counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stay_fraction / max(patches, 1)
+        )
 
     def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B U F"]:
         """Whole patches only, where the network is."""

@@ -26,34 +26,34 @@ from tqdm import tqdm
 
 PACKAGE = Path(__file__).resolve().parents[1]
 # The code that a training runs on; other rooms may change while it is interrupted.
-ROOMS = ("core", "corpus", "models", "training", "evaluation")
+HASHED_PACKAGES = ("core", "corpus", "models", "training", "evaluation")
 
 
 @dataclass
-class State:
+class TrainingState:
     """How far a training is: its last step, a row a validation, the best score and its weights."""
 
     step: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
-    best: float = -math.inf
-    kept: dict[str, Tensor] | None = None
+    best_score: float = -math.inf
+    best_weights: dict[str, Tensor] | None = None
 
-    def better(self, score: float, weights: dict[str, Tensor]) -> None:
+    def update_best(self, score: float, weights: dict[str, Tensor]) -> None:
         """Keep the weights of the best score (of NaN: the last)."""
-        if not score <= self.best:
-            self.best = score
-            self.kept = {name: tensor.clone() for name, tensor in weights.items()}
+        if not score <= self.best_score:
+            self.best_score = score
+            self.best_weights = {name: tensor.clone() for name, tensor in weights.items()}
 
 
 @dataclass(frozen=True)
-class Progress:
+class ResumeFile:
     """The file of one training, and what the training is made of besides its code."""
 
     path: Path
-    made_of: str
+    fingerprint: str
 
     @classmethod
-    def of(cls, path: Path, settings: Iterable[Any], reads: Iterable[Path]) -> Progress:
+    def of(cls, path: Path, settings: Iterable[Any], reads: Iterable[Path]) -> ResumeFile:
         """Of settings (anything JSON can say) and the files that stand for what is read, if they are there."""
         digests = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else None for each in reads]
         return cls(path, json.dumps([list(settings), digests], sort_keys=True))
@@ -63,51 +63,53 @@ class Progress:
         module: nn.Module,
         optimiser: torch.optim.Optimizer,
         random: np.random.Generator,
-        rival: torch.optim.Optimizer | None = None,
-    ) -> State:
-        """Put everything back as it was; a new state if there is nothing to go on from. `rival`: its optimiser."""
+        discriminator_optimiser: torch.optim.Optimizer | None = None,
+    ) -> TrainingState:
+        """Put everything back as it was; a new state if there is nothing to go on from."""
         if not self.path.exists():
-            return State()
+            return TrainingState()
         try:
             saved = torch.load(self.path, map_location="cpu", weights_only=True)
-            words = json.loads(saved["words"])
+            metadata = json.loads(saved["metadata"])
         except (OSError, RuntimeError, KeyError, EOFError, ValueError, pickle.UnpicklingError):
-            return self._start_again("is damaged")
-        if words["key"] != self._key(module):
-            return self._start_again("is of other settings, data or code")
+            return self._restart("is damaged")
+        if metadata["key"] != self._key(module):
+            return self._restart("is of other settings, data or code")
         module.load_state_dict(saved["weights"])
         optimiser.load_state_dict(saved["optimiser"])
-        if rival is not None:
-            rival.load_state_dict(saved["rival"])
+        if discriminator_optimiser is not None:
+            discriminator_optimiser.load_state_dict(saved["discriminator_optimiser"])
         torch.set_rng_state(saved["noise"])
         if saved["noise_cuda"]:
             torch.cuda.set_rng_state_all(saved["noise_cuda"])
-        random.bit_generator.state = words["random"]
-        tqdm.write(f"{self.path.name}: goes on from step {words['step']}", file=sys.stderr)
-        return State(words["step"], words["history"], words["best"], saved["kept"])
+        random.bit_generator.state = metadata["random"]
+        tqdm.write(f"{self.path.name}: goes on from step {metadata['step']}", file=sys.stderr)
+        return TrainingState(metadata["step"], metadata["history"], metadata["best_score"], saved["best_weights"])
 
     def keep(
         self,
-        state: State,
+        state: TrainingState,
         module: nn.Module,
         optimiser: torch.optim.Optimizer,
         random: np.random.Generator,
-        rival: torch.optim.Optimizer | None = None,
+        discriminator_optimiser: torch.optim.Optimizer | None = None,
     ) -> None:
         """Write everything, whole or not at all."""
-        words = {
+        metadata = {
             "key": self._key(module),
             "step": state.step,
             "history": state.history,
-            "best": state.best,
+            "best_score": state.best_score,
             "random": random.bit_generator.state,
         }
         content = {
-            "words": json.dumps(words),
+            "metadata": json.dumps(metadata),
             "weights": module.state_dict(),
             "optimiser": optimiser.state_dict(),
-            "rival": rival.state_dict() if rival is not None else None,
-            "kept": state.kept,
+            "discriminator_optimiser": discriminator_optimiser.state_dict()
+            if discriminator_optimiser is not None
+            else None,
+            "best_weights": state.best_weights,
             "noise": torch.get_rng_state(),
             "noise_cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_initialized() else [],
         }
@@ -123,17 +125,19 @@ class Progress:
         """The stage has ended."""
         self.path.unlink(missing_ok=True)
 
-    def _start_again(self, why: str) -> State:
+    def _restart(self, why: str) -> TrainingState:
         tqdm.write(f"{self.path.name}: {why}; the training starts again", file=sys.stderr)
-        return State()
+        return TrainingState()
 
     def _key(self, module: nn.Module) -> str:
-        return hashlib.sha256(f"{self.made_of} {torch.__version__} {code_of(module)}".encode()).hexdigest()
+        return hashlib.sha256(f"{self.fingerprint} {torch.__version__} {code_digest(module)}".encode()).hexdigest()
 
 
-def code_of(module: nn.Module) -> str:
+def code_digest(module: nn.Module) -> str:
     """A digest of the rooms, and of the files from elsewhere that parts of the module are written in."""
-    rooms = {file for room in ROOMS for file in [PACKAGE / room, *(PACKAGE / room).rglob("*.py")] if file.is_file()}
+    rooms = {
+        file for room in HASHED_PACKAGES for file in [PACKAGE / room, *(PACKAGE / room).rglob("*.py")] if file.is_file()
+    }
     parts = {Path(inspect.getfile(type(each))) for each in module.modules()}
     own = sorted(file for file in rooms | parts if Path(torch.__file__).parent not in file.parents)
     return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in own)).hexdigest()

@@ -12,23 +12,23 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.training.checkpoint import Checkpoint
 
-TAKEN = ("head.", "gaze.", "speech.stack.", "conditions.")
-HEARS = "speech.stack.enter.weight"
+COPIED_PREFIXES = ("head.", "gaze.", "speech.stack.", "conditions.")
+SPEECH_INPUT_WEIGHT = "speech.stack.input_projection.weight"
 
 
 @torch.no_grad()
-def start_from(network: SpeechToMotion, other: Checkpoint) -> None:
+def init_from(network: SpeechToMotion, other: Checkpoint) -> None:
     """Take the weights of a trained model. Raises InputError if its generators are others."""
     for name, own in network.state_dict().items():
-        if not name.startswith(TAKEN):
+        if not name.startswith(COPIED_PREFIXES):
             continue
-        theirs = other.tensors.get(name)
-        if theirs is not None and theirs.shape == own.shape:
-            own.copy_(theirs)
-        elif name == HEARS:
+        source = other.tensors.get(name)
+        if source is not None and source.shape == own.shape:
+            own.copy_(source)
+        elif name == SPEECH_INPUT_WEIGHT:
             own.zero_()
         else:
-            came = "none" if theirs is None else str(tuple(theirs.shape))
+            came = "none" if source is None else str(tuple(source.shape))
             raise InputError(
-                f"start_from: should be a model of the same parts; {name} is {tuple(own.shape)}, got {came}"
+                f"init_from: should be a model of the same parts; {name} is {tuple(own.shape)}, got {came}"
             )

@@ -19,25 +19,29 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.models import baselines
-from talkingeyes.models.baselines import Bank, BaselineSettings
-from talkingeyes.models.condition.conditioner import NOTHING, Given, Need
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.training.checkpoint import Checkpoint, load, save
-from talkingeyes.training.trained_canonical import HEAD, CanonicalGaze, load_canonical
-from talkingeyes.training.trained_poses import HeadGenerator, pose_network
-from talkingeyes.training.translation import TranslationSettings
+from talkingeyes.training.trained_canonical import HEAD_PREFIX, CanonicalGaze, load_canonical
+from talkingeyes.training.trained_poses import PoseModelGenerator, pose_network
+from talkingeyes.training.translation import MotionTaskSettings
 
 
 @runtime_checkable
-class Generator(Protocol):
+class TrainedGenerator(Protocol):
     """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others.
 
-    `given` is what the model can be told besides (`needs`), of the whole speech.
+    `conditioning` is what the model can be told besides (`required_inputs`), of the whole speech.
     """
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples: ...
 
 
@@ -48,10 +52,14 @@ class NetworkGenerator:
     network: SpeechToMotion
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Sample the network."""
-        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, given)
+        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
         return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
 
 
@@ -60,12 +68,16 @@ class BaselineGenerator:
     """A baseline over the bank of training motions."""
 
     settings: BaselineSettings
-    bank: Bank
+    bank: MotionBank
     mean: Float[ndarray, " C"]
     std: Float[ndarray, " C"]
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Draw from the bank."""
         standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
@@ -80,22 +92,28 @@ class HeadThenGazeSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     prior: None
     # The model that moves the head (any), and the one whose gaze decoder follows (`kind: speech_to_motion`).
-    made_of: tuple[str, str]
+    source_models: tuple[str, str]
 
 
 @dataclass(frozen=True)
 class HeadThenGaze:
     """One model's head, and another's gaze for it."""
 
-    head: Generator
+    head: TrainedGenerator
     gaze: SpeechToMotion
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """The head first, then gaze under the same speech and head, both told the same."""
-        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, given).head
-        gaze = self.gaze.look(torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, given)
+        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, conditioning).head
+        gaze = self.gaze.generate_gaze(
+            torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, conditioning
+        )
         return Samples(fps, head, gaze.numpy().astype(np.float64))
 
 
@@ -103,40 +121,46 @@ class HeadThenGaze:
 class HeadThenCanonical:
     """One model's head, and gaze for it by canonical correlation."""
 
-    head: Generator
+    head: TrainedGenerator
     gaze: CanonicalGaze
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """The head first; what differs between seeds is the head."""
-        head = self.head.generate(embedding, seeds, fps, given).head
-        return Samples(fps, head, self.gaze.look(embedding, head))
+        head = self.head.generate(embedding, seeds, fps, conditioning).head
+        return Samples(fps, head, self.gaze.generate_gaze(embedding, head))
 
 
 def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
     """Write both models as one checkpoint. Raises InputError if the second has no gaze decoder."""
     kind = gaze.config["model"]["kind"]
     if kind != "speech_to_motion":
-        raise InputError(f"made_of: the second should be a model of kind speech_to_motion, got one of kind {kind}")
+        raise InputError(
+            f"source_models: the second should be a model of kind speech_to_motion, got one of kind {kind}"
+        )
     both = {"head": head, "gaze": gaze}
     tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
     config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
     save(folder, tensors, config)
 
 
-def needs(generator: Generator) -> frozenset[Need]:
+def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
     """What a trained model should be given besides the embedding."""
     if isinstance(generator, NetworkGenerator):
-        return generator.network.needs
+        return generator.network.required_inputs
     if isinstance(generator, HeadThenGaze):
-        return generator.gaze.needs | needs(generator.head)
+        return generator.gaze.required_inputs | required_inputs(generator.head)
     if isinstance(generator, HeadThenCanonical):
-        return needs(generator.head)
+        return required_inputs(generator.head)
     return frozenset()
 
 
-def speakers_of(generator: Generator) -> tuple[str, ...]:
+def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
     """The speakers whom a trained model knows by number."""
     if isinstance(generator, HeadThenGaze):
         return generator.gaze.speakers
@@ -144,7 +168,7 @@ def speakers_of(generator: Generator) -> tuple[str, ...]:
 
 
 def network_config(
-    settings: TranslationSettings,
+    settings: MotionTaskSettings,
     channels: Sequence[str],
     codebook: GazeVQVAE | None,
     network: SpeechToMotion | None = None,
@@ -155,11 +179,11 @@ def network_config(
         "channels": list(channels),
         "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
         "speakers": list(network.speakers) if network else [],
-        "architecture": network.wave.architecture() if network and network.wave else None,
+        "architecture": network.waveform_encoder.architecture() if network and network.waveform_encoder else None,
     }
 
 
-def save_baseline(folder: Path, settings: BaselineSettings, bank: Bank, mean: ndarray, std: ndarray) -> None:
+def save_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, mean: ndarray, std: ndarray) -> None:
     """Write a baseline as a checkpoint."""
     arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, "mean": mean, "std": std}
     save(
@@ -169,7 +193,7 @@ def save_baseline(folder: Path, settings: BaselineSettings, bank: Bank, mean: nd
     )
 
 
-def load_generator(folder: Path) -> Generator:
+def load_generator(folder: Path) -> TrainedGenerator:
     """The model in a folder of the train stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
     try:
@@ -178,16 +202,16 @@ def load_generator(folder: Path) -> Generator:
         raise InputError(f"{folder}: not a model of this version ({error}); `make repro` trains one") from None
 
 
-def _generator(checkpoint: Checkpoint) -> Generator:
+def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
     kind = checkpoint.config["model"]["kind"]
     if kind == "speech_to_motion":
         return NetworkGenerator(_network(checkpoint))
     if kind == "speech_to_pose":
-        return HeadGenerator(pose_network(checkpoint))
+        return PoseModelGenerator(pose_network(checkpoint))
     if kind == "head_then_gaze":
         return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
     if kind == "canonical":
-        return HeadThenCanonical(_generator(_part(checkpoint, HEAD)), load_canonical(checkpoint))
+        return HeadThenCanonical(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
     return _baseline(checkpoint)
 
 
@@ -200,7 +224,7 @@ def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
 def _network(checkpoint: Checkpoint) -> SpeechToMotion:
     config = checkpoint.config
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(config["codebook"])).freeze() if config["codebook"] else None
-    settings = TranslationSettings.model_validate(config["model"])
+    settings = MotionTaskSettings.model_validate(config["model"])
     network = SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()
@@ -208,6 +232,6 @@ def _network(checkpoint: Checkpoint) -> SpeechToMotion:
 
 def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    bank = Bank(arrays["starts"], arrays["motion"], arrays["features"])
+    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
     settings = BaselineSettings.model_validate(checkpoint.config["model"])
     return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])

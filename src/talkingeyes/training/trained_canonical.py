@@ -18,10 +18,17 @@ from numpy import ndarray
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.windows import Normaliser, Recording
-from talkingeyes.models.gaze.canonical import Canonical, CanonicalSettings, Example, Lift, look, relate
+from talkingeyes.models.gaze.canonical import (
+    CanonicalCorrelation,
+    CanonicalCorrelationSettings,
+    Example,
+    FeatureMap,
+    fit_canonical_correlation,
+    generate_gaze,
+)
 from talkingeyes.training.checkpoint import Checkpoint, save
 
-HEAD = "head"
+HEAD_PREFIX = "head"
 
 
 class CanonicalModelSettings(Settings):
@@ -31,54 +38,61 @@ class CanonicalModelSettings(Settings):
     parts: tuple[Literal["head", "gaze"], ...]
     prior: None
     # The model that moves the head (any that gives one).
-    made_of: tuple[str]
-    gaze: CanonicalSettings
+    source_models: tuple[str]
+    gaze: CanonicalCorrelationSettings
 
 
 @dataclass(frozen=True)
 class CanonicalGaze:
     """Gaze for a speech embedding and a head."""
 
-    settings: CanonicalSettings
-    found: Canonical
+    settings: CanonicalCorrelationSettings
+    correlation: CanonicalCorrelation
     mean: Float[ndarray, " C"]
     std: Float[ndarray, " C"]
 
-    def look(self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]) -> Float[ndarray, "S T 2 3"]:
+    def generate_gaze(
+        self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]
+    ) -> Float[ndarray, "S T 2 3"]:
         """One gaze a head."""
         standard = _standard(embedding, self.mean, self.std)
-        return np.stack([look(self.settings, self.found, standard, each) for each in head])
+        return np.stack([generate_gaze(self.settings, self.correlation, standard, each) for each in head])
 
 
-def find(
+def fit_canonical_gaze(
     settings: CanonicalModelSettings, recordings: Sequence[Recording], normaliser: Normaliser, seed: int
 ) -> CanonicalGaze:
     """The relation in the train split."""
     mean, std = normaliser.mean, normaliser.std
     examples = [Example(_standard(np.asarray(each.speech), mean, std), each.head, each.gaze) for each in recordings]
-    return CanonicalGaze(settings.gaze, relate(settings.gaze, examples, seed), mean, std)
+    return CanonicalGaze(settings.gaze, fit_canonical_correlation(settings.gaze, examples, seed), mean, std)
 
 
-def save_canonical(folder: Path, settings: CanonicalModelSettings, found: CanonicalGaze, head: Checkpoint) -> None:
+def save_canonical(
+    folder: Path, settings: CanonicalModelSettings, correlation: CanonicalGaze, head: Checkpoint
+) -> None:
     """Write the relation and the head's model as one checkpoint."""
-    arrays = {f"lift.{name}": value for name, value in asdict(found.found.lift).items()}
-    arrays |= {name: getattr(found.found, name) for name in _own_arrays()} | {"mean": found.mean, "std": found.std}
+    arrays = {f"lift.{name}": value for name, value in asdict(correlation.correlation.feature_map).items()}
+    arrays |= {name: getattr(correlation.correlation, name) for name in _own_arrays()} | {
+        "mean": correlation.mean,
+        "std": correlation.std,
+    }
     tensors = {name: torch.from_numpy(np.asarray(value)) for name, value in arrays.items()}
-    tensors |= {f"{HEAD}.{name}": tensor for name, tensor in head.tensors.items()}
-    save(folder, tensors, {"model": settings.model_dump(mode="json"), HEAD: head.config})
+    tensors |= {f"{HEAD_PREFIX}.{name}": tensor for name, tensor in head.tensors.items()}
+    save(folder, tensors, {"model": settings.model_dump(mode="json"), HEAD_PREFIX: head.config})
 
 
 def load_canonical(checkpoint: Checkpoint) -> CanonicalGaze:
     """The relation in a checkpoint; the model of the head is its part `head`."""
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
-    lift = Lift(**{each.name: arrays[f"lift.{each.name}"] for each in fields(Lift)})
-    found = Canonical(lift=lift, **{name: arrays[name] for name in _own_arrays()})
+    feature_map = FeatureMap(**{each.name: arrays[f"lift.{each.name}"] for each in fields(FeatureMap)})
+    correlation = CanonicalCorrelation(feature_map=feature_map, **{name: arrays[name] for name in _own_arrays()})
     settings = CanonicalModelSettings.model_validate(checkpoint.config["model"])
-    return CanonicalGaze(settings.gaze, found, arrays["mean"], arrays["std"])
+    return CanonicalGaze(settings.gaze, correlation, arrays["mean"], arrays["std"])
 
 
 def _own_arrays() -> list[str]:
-    return [each.name for each in fields(Canonical) if each.name != "lift"]
+    return [each.name for each in fields(CanonicalCorrelation) if each.name != "feature_map"]
 
 
 def _standard(

@@ -9,40 +9,44 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.corpus.poses import head_of, linearly_resampled, resampled
+from talkingeyes.corpus.poses import head_rotations, resample_cubic, resample_linear
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.models.condition.conditioner import NOTHING, Given
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
 from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.training.checkpoint import Checkpoint
-from talkingeyes.training.poses import PoseModelSettings
+from talkingeyes.training.poses import PoseTaskSettings
 
 
 @dataclass(frozen=True)
-class HeadGenerator:
+class PoseModelGenerator:
     """Speech embedding in, S motions of the head out, about the mean pose of the train split."""
 
     network: SpeechToPose
 
     def generate(
-        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, given: Given = NOTHING
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
         """Each seed draws a training speaker's style; the eyes look straight ahead of the head."""
-        head = self.heads(embedding, seeds, fps, None)
+        head = self.generate_heads(embedding, seeds, fps, None)
         return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))
 
-    def heads(
+    def generate_heads(
         self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, style: Float[ndarray, " K"] | None
     ) -> Float[ndarray, "S T 3"]:
         """Rotation vectors at the frame rate of the embedding, in a style (shares of the training speakers')."""
         own = self.network.settings.poses.fps
-        speech = linearly_resampled(embedding, fps, own).astype(np.float32)
-        pose = self.network.sample(speech, seeds, style) + self.network.rest.numpy()
-        rows = [_of_length(resampled(each.astype(np.float64), own, fps), len(embedding)) for each in pose]
-        return head_of(np.stack(rows))
+        speech = resample_linear(embedding, fps, own).astype(np.float32)
+        pose = self.network.sample(speech, seeds, style) + self.network.mean_pose.numpy()
+        rows = [_pad_or_trim(resample_cubic(each.astype(np.float64), own, fps), len(embedding)) for each in pose]
+        return head_rotations(np.stack(rows))
 
 
-def pose_config(settings: PoseModelSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:
+def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:
     """What a model of the head alone is rebuilt from."""
     return {
         "model": settings.model_dump(mode="json"),
@@ -54,12 +58,12 @@ def pose_config(settings: PoseModelSettings, normaliser: Normaliser, network: Sp
 def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
     """The network of a checkpoint."""
     config = checkpoint.config
-    settings = PoseModelSettings.model_validate(config["model"])
+    settings = PoseTaskSettings.model_validate(config["model"])
     network = SpeechToPose(settings, config["channels"], config["speakers"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()
 
 
-def _of_length(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
+def _pad_or_trim(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
     """The first frames; the last row stands for those that resampling has lost."""
     return np.pad(rows[:frames], ((0, max(frames - len(rows), 0)), (0, 0)), mode="edge")

@@ -15,11 +15,11 @@ from pydantic import Field
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.models.condition.conditioner import NOTHING
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.gaze.signal import mirrored
 from talkingeyes.models.layers import share
-from talkingeyes.models.speech_to_motion import Batch
-from talkingeyes.training.telling import Rows, Teller, given
+from talkingeyes.models.speech_to_motion import MotionBatch
+from talkingeyes.training.telling import ConditioningProvider, WindowInputs, collate_inputs
 
 
 class WindowSettings(Settings):
@@ -56,7 +56,7 @@ class Window:
     mirrored: bool
 
 
-class Places:
+class WindowSampler:
     """Draws windows of clips of so many frames. Clips shorter than a window are left out; a long clip gives more."""
 
     def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
@@ -67,41 +67,49 @@ class Places:
             raise InputError(
                 f"no training clip has {settings.frames} frames, the longest has {lengths.max()}: shorten the window"
             )
-        self.chances = lengths[self.long_enough] / lengths[self.long_enough].sum()
+        self.probabilities = lengths[self.long_enough] / lengths[self.long_enough].sum()
 
-    def draw(self, batch: int) -> list[Window]:
+    def sample_batch(self, batch: int) -> list[Window]:
         """A batch of windows; of several processes, each draws the same batch and takes its own share of it."""
-        chosen = self.random.choice(self.long_enough, batch, p=self.chances)
-        return share.own([self._drawn(int(index)) for index in chosen])
+        chosen = self.random.choice(self.long_enough, batch, p=self.probabilities)
+        return share.local_rows([self._sample_window(int(index)) for index in chosen])
 
-    def _drawn(self, index: int) -> Window:
+    def _sample_window(self, index: int) -> Window:
         start = int(self.random.integers(self.frames[index] - self.settings.frames + 1))
         mirrored = self.settings.mirror and self.random.random() < 0.5
         return Window(index, slice(start, start + self.settings.frames), mirrored)
 
 
-class Windows:
+class MotionWindowDataset:
     """Draws batches from recordings of head and gaze, with what a teller says of them."""
 
     def __init__(
-        self, recordings: Sequence[Recording], settings: WindowSettings, seed: int, teller: Teller | None = None
+        self,
+        recordings: Sequence[Recording],
+        settings: WindowSettings,
+        seed: int,
+        conditioning_provider: ConditioningProvider | None = None,
     ) -> None:
-        self.recordings, self.teller = recordings, teller
-        self.places = Places(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.random = self.places.random
+        self.recordings, self.conditioning_provider = recordings, conditioning_provider
+        self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
+        self.random = self.window_sampler.random
 
-    def draw(self, batch: int) -> Batch:
+    def sample_batch(self, batch: int) -> MotionBatch:
         """A batch of windows."""
-        places = self.places.draw(batch)
-        speech, head, gaze = zip(*map(self._cut, places), strict=True)
-        told = given([self._told(self.teller, each) for each in places]) if self.teller else NOTHING
+        window_sampler = self.window_sampler.sample_batch(batch)
+        speech, head, gaze = zip(*map(self._slice_window, window_sampler), strict=True)
+        conditioning = (
+            collate_inputs([self._conditioning(self.conditioning_provider, each) for each in window_sampler])
+            if self.conditioning_provider
+            else NO_CONDITIONING
+        )
         parts = [torch.from_numpy(np.stack(part)) for part in (speech, head, gaze)]
-        return Batch(parts[0], parts[1], parts[2], told)
+        return MotionBatch(parts[0], parts[1], parts[2], conditioning)
 
-    def _told(self, teller: Teller, window: Window) -> Rows:
-        return teller.window(self.recordings[window.index].clip, window.frames, window.mirrored)
+    def _conditioning(self, conditioning_provider: ConditioningProvider, window: Window) -> WindowInputs:
+        return conditioning_provider.window(self.recordings[window.index].clip, window.frames, window.mirrored)
 
-    def _cut(self, window: Window) -> tuple[ndarray, ...]:
+    def _slice_window(self, window: Window) -> tuple[ndarray, ...]:
         recording, part = self.recordings[window.index], window.frames
         head, gaze = recording.head[part], recording.gaze[part]
         if window.mirrored:

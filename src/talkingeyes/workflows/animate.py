@@ -21,37 +21,46 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Direction
+from talkingeyes.animation.direction import Controls
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.run import code_digest, progress
+from talkingeyes.orchestration.run import code_digest, progress_bar
 from talkingeyes.workflows import convert
 
 if TYPE_CHECKING:
     from talkingeyes.animation.dialogue import Dialogue
-    from talkingeyes.animation.perform import Performance, Performer
-    from talkingeyes.workflows.speak import SpokenText
+    from talkingeyes.animation.perform import Animation, Animator
+    from talkingeyes.workflows.speak import SynthesizedSpeech
 
 Speech = Path | str | Float[ndarray, " N"]  # a sound file, or 16 kHz mono
 
 MODEL = Path("data", "train", "talkingeyes")
-MODELS_OWN = Direction()
-PICTURE_PX = 256
+DEFAULT_CONTROLS = Controls()
+VIDEO_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
-MOST_SAMPLES = 1000
-MADE_OF = "made_of.json"
+MAX_SAMPLES = 1000
+MANIFEST_FILE = "made_of.json"
+# Options that the file (talkingeyes.made_of/1) calls otherwise.
+JSON_NAMES = {
+    "controls": "direction",
+    "eye_contact": "contact",
+    "no_postprocessing": "as_drawn",
+    "disabled": "without",
+    "replacements": "replaced",
+    "previews": "pictures",
+}
 OWN_FILES = re.compile(
     r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png|made_of\.json|speech\.(wav|json)"
 )
-DIALOGUE = re.compile("first|second")
+DIALOGUE_FOLDERS = re.compile("first|second")
 SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
-ROOMS = ("animation", "audio", "core", "head", "models", "physiology", "rendering", "training")
+HASHED_MODULES = ("animation", "audio", "core", "head", "models", "physiology", "rendering", "training")
 
 
 @dataclass(frozen=True)
-class Order:
-    """What is asked for; `formats` and `pictures` (films, plot, sheet) are of what is written.
+class AnimationOptions:
+    """What is asked for; `formats` and `previews` (films, plot, sheet) are of what is written.
 
     `flame` is the user's own FLAME file, which maps a face for the formats that show it on FLAME.
     """
@@ -59,15 +68,15 @@ class Order:
     samples: int = 3
     seed: int = 0
     fps: float = 25.0
-    direction: Direction = MODELS_OWN
+    controls: Controls = DEFAULT_CONTROLS
     formats: tuple[str, ...] = ()
-    pictures: bool = True
+    previews: bool = True
     flame: Path | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError (one line) for a number or a format that will not do."""
-        if not 1 <= self.samples <= MOST_SAMPLES:
-            raise InputError(f"samples: should be 1 to {MOST_SAMPLES}, got {self.samples}")
+        if not 1 <= self.samples <= MAX_SAMPLES:
+            raise InputError(f"samples: should be 1 to {MAX_SAMPLES}, got {self.samples}")
         if self.seed < 0:
             raise InputError(f"seed: should be 0 or more, got {self.seed}")
         if not (math.isfinite(self.fps) and FPS_BOUNDS[0] <= self.fps <= FPS_BOUNDS[1]):
@@ -83,14 +92,14 @@ def animate(
     seed: int = 0,
     fps: float = 25.0,
     model: Path | str = MODEL,
-    direction: Direction = MODELS_OWN,
-) -> Performance:
+    controls: Controls = DEFAULT_CONTROLS,
+) -> Animation:
     """One performance of speech, which knows how to `save` itself; the same seed gives the same.
 
-    `direction` is what is asked of it besides: targets, eye contact, liveliness, ... (docs/control.md).
+    `controls` is what is asked of it besides: targets, eye contact, liveliness, ... (docs/control.md).
     Raises InputError (one line) for a sound, a model or a number that will not do.
     """
-    return animate_samples(speech, 1, seed=seed, fps=fps, model=model, direction=direction)[0]
+    return animate_samples(speech, 1, seed=seed, fps=fps, model=model, controls=controls)[0]
 
 
 def animate_samples(
@@ -100,52 +109,63 @@ def animate_samples(
     seed: int = 0,
     fps: float = 25.0,
     model: Path | str = MODEL,
-    direction: Direction = MODELS_OWN,
-) -> list[Performance]:
+    controls: Controls = DEFAULT_CONTROLS,
+) -> list[Animation]:
     """Several performances of speech; the first is what `animate` gives with the same seed."""
-    order = Order(samples, seed, float(fps), direction)
-    return perform(performer(Path(model)), heard(speech), order)
+    options = AnimationOptions(samples, seed, float(fps), controls)
+    return perform(load_performer(Path(model)), load_speech(speech), options)
 
 
-def animate_into(
-    speech: Speech | SpokenText,
+def animate_to_folder(
+    speech: Speech | SynthesizedSpeech,
     out: Path | str,
     *,
     samples: int = 3,
     seed: int = 0,
     fps: float = 25.0,
     model: Path | str = MODEL,
-    direction: Direction = MODELS_OWN,
+    controls: Controls = DEFAULT_CONTROLS,
     formats: Sequence[str] = (),
-    pictures: bool = True,
+    previews: bool = True,
     flame: Path | str | None = None,
     force: bool = False,
-) -> list[Performance]:
+) -> list[Animation]:
     """The same as a folder: motions, events, films, a plot, and the formats of `conversion.FORMATS` asked for.
 
     `force` replaces what an earlier call wrote.
     """
-    order = Order(
-        samples, seed, float(fps), direction, tuple(formats), pictures, None if flame is None else Path(flame)
+    options = AnimationOptions(
+        samples, seed, float(fps), controls, tuple(formats), previews, None if flame is None else Path(flame)
     )
-    return carry_out(speech, out, order, model, force)
+    return run_animation(speech, out, options, model, force)
 
 
-def carry_out(
-    speech: Speech | SpokenText, out: Path | str, order: Order, model: Path | str = MODEL, force: bool = False
-) -> list[Performance]:
+def run_animation(
+    speech: Speech | SynthesizedSpeech,
+    out: Path | str,
+    options: AnimationOptions,
+    model: Path | str = MODEL,
+    force: bool = False,
+) -> list[Animation]:
     """An order as a folder."""
-    target = output.target(Path(out), OWN_FILES, force)
-    sound = heard(speech)
-    performances = perform(performer(Path(model)), sound, order)
-    write(target, performances, sound, order, made_of(sound, origin_of(Path(model)), order), spoken_of(speech))
-    return performances
+    output_path = output.output_path(Path(out), OWN_FILES, force)
+    sound = load_speech(speech)
+    animations = perform(load_performer(Path(model)), sound, options)
+    write(
+        output_path,
+        animations,
+        sound,
+        options,
+        build_manifest(sound, provenance_of(Path(model)), options),
+        spoken_text(speech),
+    )
+    return animations
 
 
-def carry_out_dialogue(
+def run_dialogue(
     sounds: Sequence[Float[ndarray, " _"]],
     out: Path | str,
-    order: Order,
+    options: AnimationOptions,
     model: Path | str = MODEL,
     force: bool = False,
 ) -> list[Dialogue]:
@@ -153,50 +173,52 @@ def carry_out_dialogue(
 
     Whom it asks for by name are two: `A,B`.
     """
-    from talkingeyes.animation.dialogue import converse
+    from talkingeyes.animation.dialogue import animate_dialogue
 
-    target = output.target(Path(out), DIALOGUE, force)
-    asked = order.direction.person
+    output_path = output.output_path(Path(out), DIALOGUE_FOLDERS, force)
+    asked = options.controls.person
     persons = (None, None) if asked is None else asked.split(",")
     if len(persons) != 2:
         raise InputError(f"person: should be two in a dialogue (A,B), got {asked}")
-    first, second = (replace(order.direction, person=each) for each in persons)
-    dialogues = converse(performer(Path(model)), sounds, order.samples, order.seed, order.fps, (first, second))
-    origin = origin_of(Path(model))
-    with output.appearing(target) as folder:
+    first, second = (replace(options.controls, person=each) for each in persons)
+    dialogues = animate_dialogue(
+        load_performer(Path(model)), sounds, options.samples, options.seed, options.fps, (first, second)
+    )
+    provenance = provenance_of(Path(model))
+    with output.atomic_folder(output_path) as folder:
         pairs = (("first", first, sounds), ("second", second, sounds[::-1]))
-        for name, direction, (own, other) in pairs:
-            made = made_of(own, origin, replace(order, direction=replace(direction, partner=other)))
-            write(folder / name, [getattr(each, name) for each in dialogues], own, order, made)
+        for name, controls, (own, other) in pairs:
+            manifest = build_manifest(own, provenance, replace(options, controls=replace(controls, partner=other)))
+            write(folder / name, [getattr(each, name) for each in dialogues], own, options, manifest)
     return dialogues
 
 
-def performer(model: Path) -> Performer:
+def load_performer(model: Path) -> Animator:
     """The model in a folder of the train stage, or in a packed file."""
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
-    return Performer.load(model)
+    return Animator.load(model)
 
 
-def heard(speech: Speech | SpokenText) -> Float[ndarray, " N"]:
+def load_speech(speech: Speech | SynthesizedSpeech) -> Float[ndarray, " N"]:
     """The sound of a file or of spoken text, or the sound itself."""
     if isinstance(speech, Path | str):
         return read_speech(speech)
     return speech if isinstance(speech, ndarray) else speech.sound
 
 
-def spoken_of(speech: Speech | SpokenText) -> SpokenText | None:
+def spoken_text(speech: Speech | SynthesizedSpeech) -> SynthesizedSpeech | None:
     """Text that was spoken, if it was one."""
     return None if isinstance(speech, Path | str | ndarray) else speech
 
 
-def perform(model: Performer, sound: Float[ndarray, " N"], order: Order) -> list[Performance]:
+def perform(model: Animator, sound: Float[ndarray, " N"], options: AnimationOptions) -> list[Animation]:
     """The performances of an order."""
-    return model.perform(sound, order.samples, order.seed, order.fps, order.direction)
+    return model.perform(sound, options.samples, options.seed, options.fps, options.controls)
 
 
 @dataclass(frozen=True)
-class Origin:
+class Provenance:
     """What makes results: the code and the model."""
 
     version: str
@@ -204,19 +226,23 @@ class Origin:
     model_sha256: str
 
 
-def origin_of(model: Path) -> Origin:
+def provenance_of(model: Path) -> Provenance:
     """This code with a model."""
-    return Origin(version("talkingeyes"), code_digest(ROOMS), _model_digest(model))
+    return Provenance(version("talkingeyes"), code_digest(HASHED_MODULES), _model_digest(model))
 
 
-def made_of(sound: Float[ndarray, " N"], origin: Origin, order: Order) -> dict[str, Any]:
+def build_manifest(sound: Float[ndarray, " N"], provenance: Provenance, options: AnimationOptions) -> dict[str, Any]:
     """All that a result follows from: code, model, sound, what is asked for."""
     return {
         "schema": "talkingeyes.made_of/1",
-        **asdict(origin),
+        **asdict(provenance),
         "sound_sha256": hashlib.sha256(np.ascontiguousarray(sound).tobytes()).hexdigest(),
-        **json.loads(json.dumps(asdict(order), default=_digest_of)),
+        **json.loads(json.dumps(asdict(options, dict_factory=_with_json_names), default=_digest_of)),
     }
+
+
+def _with_json_names(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {JSON_NAMES.get(name, name): value for name, value in items}
 
 
 def _digest_of(value: object) -> object:
@@ -229,65 +255,69 @@ def _digest_of(value: object) -> object:
 
 def _model_digest(model: Path) -> str:
     """Of a packed file, or of the files in a folder and in that of the face beside it."""
-    from talkingeyes.animation.face import beside
+    from talkingeyes.animation.face import find_face_model
 
     if model.is_file():
         return hashlib.sha256(model.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for folder in filter(None, (model, beside(model))):
+    for folder in filter(None, (model, find_face_model(model))):
         for path in sorted(each for each in folder.iterdir() if each.is_file()):
             digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 
 def write(
-    target: Path,
-    performances: Sequence[Performance],
+    output_path: Path,
+    animations: Sequence[Animation],
     sound: Float[ndarray, " N"],
-    order: Order,
-    made: dict[str, Any],
-    spoken: SpokenText | None = None,
-    bars: bool = True,
+    options: AnimationOptions,
+    manifest: dict[str, Any],
+    spoken: SynthesizedSpeech | None = None,
+    show_progress: bool = True,
 ) -> None:
-    """The folder of a result, whole or not at all; `bars` show how far its films are."""
+    """The folder of a result, whole or not at all; `show_progress` shows how far its films are."""
     try:
-        with output.appearing(target) as folder:
+        with output.atomic_folder(output_path) as folder:
             if spoken is not None:
                 spoken.save(folder / "speech.wav")
-            for index, performance in enumerate(performances):
-                _write_sample(folder / f"sample_{index:02d}", performance, sound, order, bars)
-            if order.pictures:
-                _draw(folder, performances, sound)
-            (folder / MADE_OF).write_text(json.dumps(made, indent=1) + "\n")
+            for index, performance in enumerate(animations):
+                _write_sample(folder / f"sample_{index:02d}", performance, sound, options, show_progress)
+            if options.previews:
+                _draw(folder, animations, sound)
+            (folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1) + "\n")
     except OSError as error:
-        raise InputError(f"{target}: should be a folder that can be written, got: {error.strerror or error}") from None
+        raise InputError(
+            f"{output_path}: should be a folder that can be written, got: {error.strerror or error}"
+        ) from None
 
 
-def _write_sample(stem: Path, performance: Performance, sound: Float[ndarray, " N"], order: Order, bars: bool) -> None:
-    from talkingeyes.head.anny import open_head
-    from talkingeyes.rendering.render import Painter
+def _write_sample(
+    stem: Path, performance: Animation, sound: Float[ndarray, " N"], options: AnimationOptions, show_progress: bool
+) -> None:
+    from talkingeyes.head.anny import anny_head
+    from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
     from talkingeyes.rendering.view import FRAMINGS
 
     motion = performance.motion
     performance.save(stem.with_name(f"{stem.name}.npz"))
-    for format in order.formats:
-        convert.write(motion, performance.events, format, convert.beside(stem, format), model=order.flame)
-    if order.pictures:
-        painter = Painter(open_head(), FRAMINGS["head"].view(PICTURE_PX, PICTURE_PX))
-        drawn = painter.draw(motion)
-        pictures = progress(drawn, f"{stem.name}.mp4", len(motion)) if bars else drawn
-        write_video(stem.with_name(f"{stem.name}.mp4"), iter(pictures), motion.fps, sound)
+    for format in options.formats:
+        convert.write(motion, performance.events, format, convert.beside(stem, format), model=options.flame)
+    if options.previews:
+        renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(VIDEO_PX, VIDEO_PX))
+        drawn = renderer.draw(motion)
+        previews = progress_bar(drawn, f"{stem.name}.mp4", len(motion)) if show_progress else drawn
+        write_video(stem.with_name(f"{stem.name}.mp4"), iter(previews), motion.fps, sound)
 
 
-def _draw(folder: Path, performances: Sequence[Performance], sound: Float[ndarray, " N"]) -> None:
+def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, " N"]) -> None:
     from PIL import Image
 
-    from talkingeyes.head.anny import open_head
+    from talkingeyes.head.anny import anny_head
     from talkingeyes.rendering.sheet import contact_sheet
     from talkingeyes.rendering.traces import plot_traces
 
-    motions = [performance.motion for performance in performances]
+    motions = [performance.motion for performance in animations]
     plot_traces(motions, sound, folder / "traces.png")
     times_s = [(column + 0.5) * motions[0].seconds / SHEET_COLUMNS for column in range(SHEET_COLUMNS)]
-    Image.fromarray(contact_sheet(open_head(), motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")
+    Image.fromarray(contact_sheet(anny_head(), motions[:SHEET_ROWS], times_s, SHEET_PX)).save(folder / "sheet.png")

@@ -28,21 +28,32 @@ from numpy import ndarray
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core import output
 from talkingeyes.core.errors import InputError
-from talkingeyes.orchestration.run import each
+from talkingeyes.orchestration.run import parallel_map
 from talkingeyes.workflows import animate
-from talkingeyes.workflows.animate import MADE_OF, OWN_FILES, Order, Origin
+from talkingeyes.workflows.animate import MANIFEST_FILE, OWN_FILES, AnimationOptions, Provenance
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
 
-SOUNDS = (".wav", ".flac", ".ogg", ".oga", ".opus", ".mp3", ".m4a", ".aac", ".aiff", ".mp4")  # looked for in a folder
+SOUND_SUFFIXES = (
+    ".wav",
+    ".flac",
+    ".ogg",
+    ".oga",
+    ".opus",
+    ".mp3",
+    ".m4a",
+    ".aac",
+    ".aiff",
+    ".mp4",
+)  # looked for in a folder
 SUMMARIES = ("summary.csv", "summary.json")
 PARTIAL = re.compile(r"\..+\.\d+\.partial")
-MADE, KEPT, FAILED = "made", "kept", "failed"
+DONE, SKIPPED, FAILED = "made", "kept", "failed"
 
 
 @dataclass(frozen=True)
-class Line:
+class BatchResult:
     """What became of a sound; `reason` is why it failed."""
 
     file: str
@@ -56,46 +67,50 @@ class Line:
 @dataclass(frozen=True)
 class _Task:
     speech: Path
-    target: Path
+    output_path: Path
     model: Path
-    origin: Origin
-    order: Order
+    provenance: Provenance
+    options: AnimationOptions
     force: bool
 
 
 def animate_all(
     speech: Sequence[Path | str],
     out: Path | str,
-    order: Order,
+    options: AnimationOptions,
     *,
     model: Path | str = animate.MODEL,
     jobs: int = 1,
     force: bool = False,
-) -> list[Line]:
+) -> list[BatchResult]:
     """Animate the sounds, or those in folders; gives a line for each, in the order of their names.
 
     `force` replaces results that were made of something else. Raises InputError (one line) before anything is made.
     """
     if jobs < 1:
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
-    sounds = found_sounds([Path(path) for path in speech])
+    sounds = find_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
-    animate.performer(Path(model))  # refused here rather than for every sound
-    origin = animate.origin_of(Path(model))
+    animate.load_performer(Path(model))  # refused here rather than for every sound
+    provenance = animate.provenance_of(Path(model))
     folder.mkdir(parents=True, exist_ok=True)
-    tasks = [_Task(path, folder / name, Path(model), origin, order, force) for name, path in sounds.items()]
-    lines = list(each(_line, tasks, jobs, "animate"))
+    tasks = [_Task(path, folder / name, Path(model), provenance, options, force) for name, path in sounds.items()]
+    lines = list(parallel_map(_animate_sound, tasks, jobs, "animate"))
     _write_summary(folder, lines)
     return lines
 
 
-def found_sounds(paths: Sequence[Path]) -> dict[str, Path]:
+def find_sounds(paths: Sequence[Path]) -> dict[str, Path]:
     """Sounds by the names that their results get; a folder stands for the sounds in it."""
     listed: list[Path] = []
     for path in paths:
-        inside = [each for each in sorted(path.iterdir()) if each.suffix.lower() in SOUNDS] if path.is_dir() else [path]
+        inside = (
+            [each for each in sorted(path.iterdir()) if each.suffix.lower() in SOUND_SUFFIXES]
+            if path.is_dir()
+            else [path]
+        )
         if not inside:
-            raise InputError(f"{path}: should hold sounds ({', '.join(SOUNDS)}), got none")
+            raise InputError(f"{path}: should hold sounds ({', '.join(SOUND_SUFFIXES)}), got none")
         listed += inside
     found: dict[str, Path] = {}
     for path in sorted(listed, key=lambda each: (each.stem, str(each))):
@@ -109,10 +124,10 @@ def found_sounds(paths: Sequence[Path]) -> dict[str, Path]:
 
 def _folder(out: Path, sounds: dict[str, Path]) -> Path:
     """The folder of all results: new, empty, or that of an earlier run, whose half-made leftovers go."""
-    folder = output.target(out, re.compile(".+"), force=True)
+    folder = output.output_path(out, re.compile(".+"), force=True)
     earlier = sorted(folder.iterdir()) if folder.is_dir() else []
     for path in earlier:
-        ours = path.name in SUMMARIES or (path / MADE_OF).is_file() or PARTIAL.fullmatch(path.name)
+        ours = path.name in SUMMARIES or (path / MANIFEST_FILE).is_file() or PARTIAL.fullmatch(path.name)
         if not ours:
             raise InputError(
                 f"{out}: should be a new or empty folder, or that of an earlier run, got {path.name} in it"
@@ -123,53 +138,53 @@ def _folder(out: Path, sounds: dict[str, Path]) -> Path:
     return folder
 
 
-def _line(task: _Task) -> Line:
+def _animate_sound(task: _Task) -> BatchResult:
     """Animate one sound, unless that is done already."""
-    line = Line(task.speech.name, 0.0, task.order.samples, task.order.seed, FAILED)
+    line = BatchResult(task.speech.name, 0.0, task.options.samples, task.options.seed, FAILED)
     try:
         sound = read_speech(task.speech)
-        order = replace(task.order, seed=seed_of(task.order.seed, sound))
-        line = replace(line, seconds=round(len(sound) / SAMPLE_RATE, 3), seed=order.seed)
-        made = animate.made_of(sound, task.origin, order)
-        if _is_made_of(task.target, made):
-            return replace(line, status=KEPT)
-        target = output.target(task.target, OWN_FILES, task.force)
-        performances = animate.perform(_performer(task.model, task.origin), sound, order)
-        animate.write(target, performances, sound, order, made, bars=False)
-        return replace(line, status=MADE)
+        options = replace(task.options, seed=derive_seed(task.options.seed, sound))
+        line = replace(line, seconds=round(len(sound) / SAMPLE_RATE, 3), seed=options.seed)
+        manifest = animate.build_manifest(sound, task.provenance, options)
+        if _is_up_to_date(task.output_path, manifest):
+            return replace(line, status=SKIPPED)
+        output_path = output.output_path(task.output_path, OWN_FILES, task.force)
+        animations = animate.perform(_performer(task.model, task.provenance), sound, options)
+        animate.write(output_path, animations, sound, options, manifest, show_progress=False)
+        return replace(line, status=DONE)
     except Exception as error:  # whatever it is, the other sounds go on; the table says what it was
         said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         return replace(line, reason=" ".join(said.split()))
 
 
-def seed_of(seed: int, sound: Float[ndarray, " N"]) -> int:
+def derive_seed(seed: int, sound: Float[ndarray, " N"]) -> int:
     """The seed of a sound in a run: of both, so that no two sounds of a run blink alike."""
     heard = hashlib.sha256(np.ascontiguousarray(sound).tobytes()).digest()
     return int.from_bytes(hashlib.sha256(f"{seed}:".encode() + heard).digest()[:4], "big") >> 1
 
 
 @lru_cache(maxsize=1)
-def _performer(model: Path, origin: Origin) -> Performer:
+def _performer(model: Path, provenance: Provenance) -> Animator:
     """The model, loaded once a process; a model that changed is another one."""
-    return animate.performer(model)
+    return animate.load_performer(model)
 
 
-def _is_made_of(folder: Path, made: dict[str, Any]) -> bool:
+def _is_up_to_date(folder: Path, manifest: dict[str, Any]) -> bool:
     try:
-        found = json.loads((folder / MADE_OF).read_text())
+        found = json.loads((folder / MANIFEST_FILE).read_text())
     except (OSError, ValueError):
         return False
-    return bool(found == json.loads(json.dumps(made)))
+    return bool(found == json.loads(json.dumps(manifest)))
 
 
-def _write_summary(folder: Path, lines: Sequence[Line]) -> None:
-    from talkingeyes.core.whole_file import written
+def _write_summary(folder: Path, lines: Sequence[BatchResult]) -> None:
+    from talkingeyes.core.whole_file import atomic_write
 
     rows = [asdict(line) for line in lines]
     table = io.StringIO()
-    writer = csv.DictWriter(table, [field.name for field in fields(Line)], lineterminator="\n")
+    writer = csv.DictWriter(table, [field.name for field in fields(BatchResult)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     for name, text in zip(SUMMARIES, (table.getvalue(), json.dumps(rows, indent=1) + "\n"), strict=True):
-        with written(folder / name) as partial:
+        with atomic_write(folder / name) as partial:
             partial.write_text(text)

@@ -17,11 +17,11 @@ import numpy as np
 from talkingeyes.core import output
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.workflows.render import on_head, open_named
+from talkingeyes.workflows.render import load_head, retarget_to_head
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.perform import Performance
-    from talkingeyes.formats.readers.read import Read
+    from talkingeyes.animation.perform import Animation
+    from talkingeyes.formats.readers.read import ImportedMotion
     from talkingeyes.head.model import HeadModel
 
 OWN_FILES = re.compile(r".+\.npz")
@@ -51,19 +51,19 @@ FORMATS = {
 }
 
 
-ANIMATED = tuple(name for name in FORMATS if name != "mp4")  # what `animate -f` writes; it always films
+ANIMATE_FORMATS = tuple(name for name in FORMATS if name != "mp4")  # what `animate -f` writes; it always films
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportedFile:
     """A motion that was read, and where it was written."""
 
     name: str
-    read: Read
+    read: ImportedMotion
 
 
 def export(
-    motion: Path | str | Motion | Performance,
+    motion: Path | str | Motion | Animation,
     out: Path | str,
     *,
     format: str | None = None,
@@ -86,23 +86,23 @@ def export(
         raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
     if sound is not None and named != "mp4":
         raise InputError(f"sound: only mp4 has any, got {named}")
-    target = _target(Path(out), FORMATS[named].suffix, force)
-    shown, events = _shown(motion)
+    output_path = _target(Path(out), FORMATS[named].suffix, force)
+    shown, events = _motion_and_events(motion)
     if keys is not None:
-        from talkingeyes.animation.keys import edited, load_keys
+        from talkingeyes.animation.keys import apply_key_edits, load_keys
 
         changed = load_keys(Path(keys))
-        shown, events = edited(shown, changed), changed.now
+        shown, events = apply_key_edits(shown, changed), changed.current
     if fps is not None:
-        from talkingeyes.animation.retime import retimed
-        from talkingeyes.formats.writers.keys import found_events
+        from talkingeyes.animation.retime import resample_motion
+        from talkingeyes.formats.writers.keys import detect_events
 
-        events = found_events(shown) if events is None else events
-        shown = retimed(shown, events, fps)
+        events = detect_events(shown) if events is None else events
+        shown = resample_motion(shown, events, fps)
     if named == "mp4":
-        return _film(shown, target, head, model, sound)
+        return _film(shown, output_path, head, model, sound)
     try:
-        write(shown, events, named, target, head, model)
+        write(shown, events, named, output_path, head, model)
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None
     return shown
@@ -116,7 +116,7 @@ def format_of(out: Path) -> str:
     return found[0]
 
 
-def _shown(motion: Path | str | Motion | Performance) -> tuple[Motion, Events | None]:
+def _motion_and_events(motion: Path | str | Motion | Animation) -> tuple[Motion, Events | None]:
     """A motion and the events that it was made with, where they are known."""
     if isinstance(motion, Motion):
         return motion, None
@@ -133,19 +133,19 @@ def write(
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
-    drawn = open_named(shown_on, None if shown_on == "anny" else model)
-    shown = motion if expression == "none" else expressed(motion, expression, drawn, model)
+    target_head = load_head(shown_on, None if shown_on == "anny" else model)
+    shown = motion if expression == "none" else retarget_expression(motion, expression, target_head, model)
     writers: dict[str, Callable[[], None]] = {
         "flame": lambda: flame_parameters.write_flame(shown, path),
         "vhap": lambda: flame_parameters.write_vhap(shown, path),
         "diffposetalk": lambda: flame_parameters.write_diffposetalk(shown, path),
         "livelink": lambda: arkit.write_live_link(shown, path),
         "arkit": lambda: arkit.write_json(shown, path),
-        "glb": lambda: glb.write_glb(shown, drawn, path),
+        "glb": lambda: glb.write_glb(shown, target_head, path),
         "vrm": lambda: vrm.write_vrm(shown, path),
-        "usd": lambda: usd.write_usd(shown, drawn, path),
-        "vocaset": lambda: vertices.write_vertices(shown, drawn, path),
-        "bvh": lambda: bvh.write_bvh(shown, drawn, path),
+        "usd": lambda: usd.write_usd(shown, target_head, path),
+        "vocaset": lambda: vertices.write_vertices(shown, target_head, path),
+        "bvh": lambda: bvh.write_bvh(shown, target_head, path),
         "events": lambda: keys.write_keys(shown, path, events),
     }
     writers[format]()
@@ -154,8 +154,8 @@ def write(
 def check_formats(formats: Sequence[str]) -> None:
     """Raises InputError for a format that `animate -f` does not know."""
     for format in formats:
-        if format not in ANIMATED:
-            raise InputError(f"format: should be one of {', '.join(ANIMATED)}, got {format!r}")
+        if format not in ANIMATE_FORMATS:
+            raise InputError(f"format: should be one of {', '.join(ANIMATE_FORMATS)}, got {format!r}")
 
 
 def beside(stem: Path, format: str) -> Path:
@@ -165,12 +165,12 @@ def beside(stem: Path, format: str) -> Path:
     return stem.with_name(stem.name + ("" if alone else f".{'keys' if format == 'events' else format}") + suffix)
 
 
-def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | str | None) -> Motion:
+def retarget_expression(motion: Motion, expression: str, target_head: HeadModel, model: Path | str | None) -> Motion:
     """The motion with its face in the shapes of the head that a format shows."""
     if not motion.expression.any():  # a face at rest is one on every head
         empty = np.zeros((len(motion), 0))
-        return replace(motion, expression=empty, expression_names=(), head_model=drawn.name)
-    wanted = drawn.name if expression == "chosen" else expression
+        return replace(motion, expression=empty, expression_names=(), head_model=target_head.name)
+    wanted = target_head.name if expression == "chosen" else expression
     if motion.head_model == wanted:
         return motion
     if model is None:
@@ -178,10 +178,10 @@ def expressed(motion: Motion, expression: str, drawn: HeadModel, model: Path | s
             f"model: should be your FLAME file, which maps the expression of {motion.head_model} to {wanted} "
             "(--flame of animate), got none"
         )
-    return on_head(motion, drawn if wanted == drawn.name else open_named(wanted, model), model)
+    return retarget_to_head(motion, target_head if wanted == target_head.name else load_head(wanted, model), model)
 
 
-def read_all(
+def import_files(
     files: Sequence[Path | str],
     out: Path | str,
     *,
@@ -189,40 +189,40 @@ def read_all(
     mapping: Path | str | None = None,
     expression: bool = True,
     force: bool = False,
-) -> list[Imported]:
+) -> list[ImportedFile]:
     """Write the motions of files of others as Motion files: one as `out`.npz, or any number into a folder.
 
     `fps` is for files that do not say theirs, `mapping` a map of names; without `expression` the face is left out.
     """
     from talkingeyes.formats.readers.key_map import load_key_map
     from talkingeyes.formats.readers.read import read_motion
-    from talkingeyes.orchestration.run import progress
+    from talkingeyes.orchestration.run import progress_bar
 
     found = _sources([Path(file) for file in files])
     single = Path(out).suffix == ".npz"
     if single and len(found) > 1:
         raise InputError(f"{out}: should be a folder for {len(found)} files")
-    target = _target(Path(out), ".npz", force) if single else output.target(Path(out), OWN_FILES, force)
+    output_path = _target(Path(out), ".npz", force) if single else output.output_path(Path(out), OWN_FILES, force)
     keys = None if mapping is None else load_key_map(Path(mapping))
     done = []
-    for name, path in progress(found.items(), "import", len(found)):
+    for name, path in progress_bar(found.items(), "import", len(found)):
         read = read_motion(path, fps, keys)
-        done.append(Imported(name, read if expression else replace(read, motion=_without_face(read.motion))))
+        done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     try:
-        _save(done, target, single)
+        _save(done, output_path, single)
     except OSError as error:
         raise InputError(f"{out}: should be a place that can be written, got: {error.strerror or error}") from None
     return done
 
 
-def _save(done: Sequence[Imported], target: Path, single: bool) -> None:
-    from talkingeyes.core.whole_file import written
+def _save(done: Sequence[ImportedFile], output_path: Path, single: bool) -> None:
+    from talkingeyes.core.whole_file import atomic_write
 
     if single:
-        with written(target) as partial:
+        with atomic_write(output_path) as partial:
             done[0].read.motion.save(partial)
         return
-    with output.appearing(target) as folder:
+    with output.atomic_folder(output_path) as folder:
         for each in done:
             each.read.motion.save(folder / f"{each.name}.npz")
 
@@ -271,13 +271,13 @@ def _events_beside(motion: Path) -> Events | None:
     return load_original(path)
 
 
-def _film(motion: Motion, target: Path, head: str, model: Path | str | None, sound: Path | str | None) -> Motion:
+def _film(motion: Motion, output_path: Path, head: str, model: Path | str | None, sound: Path | str | None) -> Motion:
     from talkingeyes.workflows.render import film
 
-    return film(motion, target, head=head, model=model, sound=sound)
+    return film(motion, output_path, head=head, model=model, sound=sound)
 
 
 def _target(out: Path, suffix: str, force: bool) -> Path:
-    from talkingeyes.workflows.render import target_file
+    from talkingeyes.workflows.render import check_output_file
 
-    return target_file(out, suffix, force)
+    return check_output_file(out, suffix, force)

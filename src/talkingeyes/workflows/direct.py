@@ -14,89 +14,89 @@ from typing import TYPE_CHECKING
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Direction, Liveliness
+from talkingeyes.animation.direction import Controls, Liveliness
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from talkingeyes.animation.targets import TargetTrack
-    from talkingeyes.fitting.manner import Manner
+    from talkingeyes.fitting.manner import MotionStyle
 
-TRACKS = (".json", ".csv")
-USUAL_INTENSITY = 2
+TRACK_SUFFIXES = (".json", ".csv")
+DEFAULT_INTENSITY = 2
 
 
-def direct(
+def make_controls(
     *,
     blinks: str = "physio",
     target: Path | str | None = None,
-    contact: float | None = None,
+    eye_contact: float | None = None,
     head: float = 1.0,
     gaze: float = 1.0,
     blinking: float = 1.0,
     partner: Path | str | None = None,
     person: str | None = None,
     style: Path | str | None = None,
-    as_drawn: bool = False,
+    no_postprocessing: bool = False,
     emotion: str = "neutral",
     intensity: int | None = None,
     speaker: str | None = None,
     without: Sequence[str] = (),
     replaced: Mapping[str, Path | str] = MappingProxyType({}),
-) -> Direction:
+) -> Controls:
     """A direction: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or a motion.
 
     `person` is who moves, a speaker whom the model knows; by default one of them, drawn by the seed.
-    `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `as_drawn`: nothing is laid over the
-    model's head and gaze but what is asked (docs/whole.md). `emotion`, `intensity` (1 to 3) and
+    `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `no_postprocessing`: nothing is laid over
+    the model's head and gaze but what is asked (docs/whole.md). `emotion`, `intensity` (1 to 3) and
     `speaker` are of the face. Parts (head, gaze, blinks, face) are switched off by `without`, or taken from motions.
     Raises InputError (one line) for a mistake.
     """
-    from talkingeyes.animation.parts import Parts
+    from talkingeyes.animation.parts import PartOverrides
     from talkingeyes.core.motion import Motion
-    from talkingeyes.models.face.style import Style, StyleKey
+    from talkingeyes.models.face.style import FaceStyle, StyleKey
 
-    return Direction(
+    return Controls(
         blinks=blinks,
         targets=None if target is None else _track(target),
-        contact=contact,
+        eye_contact=eye_contact,
         liveliness=Liveliness(head, gaze, blinking),
-        partner=None if partner is None else _heard(partner),
+        partner=None if partner is None else _partner_speech(partner),
         person=person,
-        style=None if style is None else _manner(style),
-        as_drawn=as_drawn,
-        face=(StyleKey(0.0, Style(speaker, emotion, strength(emotion, intensity))),),
-        parts=Parts(tuple(without), {part: Motion.load(Path(path)) for part, path in replaced.items()}),
+        style=None if style is None else _motion_style(style),
+        no_postprocessing=no_postprocessing,
+        face=(StyleKey(0.0, FaceStyle(speaker, emotion, default_intensity(emotion, intensity))),),
+        parts=PartOverrides(tuple(without), {part: Motion.load(Path(path)) for part, path in replaced.items()}),
     )
 
 
-def strength(emotion: str, intensity: int | None) -> int:
+def default_intensity(emotion: str, intensity: int | None) -> int:
     """The intensity of an emotion, which need not be said."""
     if intensity is not None:
         return intensity
-    return 0 if emotion == "neutral" else USUAL_INTENSITY
+    return 0 if emotion == "neutral" else DEFAULT_INTENSITY
 
 
 def _track(target: Path | str) -> TargetTrack:
-    from talkingeyes.animation.targets import load_targets, steady
+    from talkingeyes.animation.targets import constant_target, load_targets
 
-    return load_targets(target) if Path(target).suffix.lower() in TRACKS else steady(str(target))
+    return load_targets(target) if Path(target).suffix.lower() in TRACK_SUFFIXES else constant_target(str(target))
 
 
-def _heard(partner: Path | str) -> Float[ndarray, " N"]:
+def _partner_speech(partner: Path | str) -> Float[ndarray, " N"]:
     from talkingeyes.audio.waveform import read_speech
 
     return read_speech(partner)
 
 
-def _manner(style: Path | str) -> Manner | str:
+def _motion_style(style: Path | str) -> MotionStyle | str:
     """The habits in a motion, or the name of somebody whose habits the model knows."""
     if Path(style).suffix != ".npz":
         return str(style)
-    from talkingeyes.animation.manner import manner_of
+    from talkingeyes.animation.manner import measure_clip_style
     from talkingeyes.core.motion import Motion
 
     motion = Motion.load(Path(style))
     try:
-        return manner_of(motion)
+        return measure_clip_style(motion)
     except InputError as error:
         raise InputError(f"{style}: {error}") from None

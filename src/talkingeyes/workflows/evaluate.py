@@ -26,30 +26,30 @@ from talkingeyes.core import output
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour, with_references
-from talkingeyes.evaluation.benchmark.features import featured, gathered
+from talkingeyes.evaluation.benchmark.features import add_features, gather_features
 from talkingeyes.evaluation.benchmark.sound import with_corr
-from talkingeyes.evaluation.benchmark.table import as_json, as_text, comma_separated
-from talkingeyes.evaluation.benchmark.tally import Comparison, Row, Tally, observe
+from talkingeyes.evaluation.benchmark.table import as_json, as_text, to_csv
+from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.orchestration.run import each
+from talkingeyes.orchestration.run import parallel_map
 
 if TYPE_CHECKING:
-    from talkingeyes.evaluation.judges import Judges
+    from talkingeyes.evaluation.judges import Evaluators
 
-OWN_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
+OUTPUT_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
 SOUNDS = (".wav", ".flac", ".ogg", ".mp3", ".m4a")
-CLIPS_A_TASK = 32
-LEVEL = 0.95
-MOST_NOTES = 5
-SHUFFLED = 2  # other sounds of the speaker under which Corr. is taken
-FEW_SOUNDS = 10  # below, resamples of them hardly differ
+CLIPS_PER_TASK = 32
+CONFIDENCE_LEVEL = 0.95
+MAX_NOTES = 5
+SHUFFLED_SOUNDS = 2  # other sounds of the speaker under which Corr. is taken
+MIN_SOUNDS = 10  # below, resamples of them hardly differ
 
 
 @dataclass(frozen=True)
-class Unit:
+class EvaluatedSound:
     """A sound: files of motion for it, its takes and other sounds of the speaker in the corpus, a file of the sound."""
 
     name: str
@@ -60,16 +60,16 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Observed:
+class SoundObservation:
     """The motions of one unit and its reference, None where there are none; what was refused."""
 
-    motions: Counted | None
-    reference: Counted | None
+    motions: MotionStatistics | None
+    reference: MotionStatistics | None
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Counted:
+class MotionStatistics:
     """Sums and the features of windows of all motions of a sound, at one frame rate."""
 
     fps: float
@@ -77,16 +77,16 @@ class Counted:
     features: Float[ndarray, "W D"]
 
     @classmethod
-    def of(cls, motions: Sequence[Behaviour]) -> Counted | None:
+    def of(cls, motions: Sequence[Behaviour]) -> MotionStatistics | None:
         """None if there are no motions."""
-        return cls(motions[0].fps, observe(motions), gathered(motions)) if motions else None
+        return cls(motions[0].fps, extract(motions), gather_features(motions)) if motions else None
 
 
 @dataclass(frozen=True)
-class Benchmark:
+class BenchmarkResult:
     """The table, and what it is of."""
 
-    rows: list[Row]
+    rows: list[MetricResult]
     fps: float
     reference_fps: float
     sounds: int
@@ -101,22 +101,22 @@ def evaluate(
     *,
     sound: Path | str | None = None,
     truth: Path | str | None = None,
-    judges: Path | str | None = None,
-    draws: int = 1000,
+    evaluators: Path | str | None = None,
+    n_resamples: int = 1000,
     seed: int = 0,
     jobs: int = 1,
     force: bool = False,
-) -> Benchmark:
+) -> BenchmarkResult:
     """The benchmark of the motion files in a folder against a corpus.
 
     `sound`: a folder of sounds that have the names of the motion files. `truth`: a folder of motion files of the
-    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus). `judges`: the
+    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus). `evaluators`: the
     data folder of a chain that has run on the corpus; its critics and its encoder add Corr. and what needs features.
     Raises InputError (one line) for folders, files or numbers that will not do.
     """
-    if draws < 20 or jobs < 1 or seed < 0:
-        raise InputError(f"draws should be 20 or more, jobs 1, seed 0, got {draws}, {jobs}, {seed}")
-    target = None if out is None else output.target(Path(out), OWN_FILES, force)
+    if n_resamples < 20 or jobs < 1 or seed < 0:
+        raise InputError(f"draws should be 20 or more, jobs 1, seed 0, got {n_resamples}, {jobs}, {seed}")
+    output_path = None if out is None else output.output_path(Path(out), OUTPUT_FILES, force)
     corpus = Corpus(Path(reference))
     true = corpus.root / "truth" if truth is None else Path(truth)
     if not true.is_dir():
@@ -124,22 +124,22 @@ def evaluate(
     for folder in (Path(motions), *([Path(sound)] if sound else [])):
         if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
-    references = References(corpus.root, true, None if judges is None else _with_networks(Path(judges)))
-    settings = BootstrapSettings(draws=draws, level=LEVEL, seed=seed)
+    references = ReferencePaths(corpus.root, true, None if evaluators is None else _with_networks(Path(evaluators)))
+    settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     found = _measured(Path(motions), references, Path(sound) if sound else None, settings, jobs)
-    if target is not None:
-        with output.appearing(target) as folder:
+    if output_path is not None:
+        with output.atomic_folder(output_path) as folder:
             _write(found, folder)
     return found
 
 
 @dataclass(frozen=True)
-class References:
+class ReferencePaths:
     """What motions are compared with: a corpus, where its true motion lies, the data of a chain that judges."""
 
     corpus: Path
     true: Path
-    judges: Path | None
+    evaluators: Path | None
 
 
 def _with_networks(data: Path) -> Path:
@@ -150,19 +150,19 @@ def _with_networks(data: Path) -> Path:
 
 
 def _measured(
-    motions: Path, references: References, sound: Path | None, settings: BootstrapSettings, jobs: int
-) -> Benchmark:
+    motions: Path, references: ReferencePaths, sound: Path | None, settings: BootstrapSettings, jobs: int
+) -> BenchmarkResult:
     corpus = Corpus(references.corpus)
-    matched, strangers, notes = units(motion_files(motions), corpus, sound)
+    matched, unmatched, notes = match_files(motion_files(motions), corpus, sound)
     paired = bool(matched)
-    if paired and strangers:
+    if paired and unmatched:
         notes.append(
-            f"{len(strangers)} of {len(strangers) + len(matched)} names are no clip of {corpus.root}: left out"
+            f"{len(unmatched)} of {len(unmatched) + len(matched)} names are no clip of {corpus.root}: left out"
         )
-    work = matched or [*strangers, *_held_out(corpus)]
-    chunks = [work[start : start + CLIPS_A_TASK] for start in range(0, len(work), CLIPS_A_TASK)]
-    seen = each(partial(_observe_all, references), chunks, jobs, "evaluate")
-    ours, theirs = Tallies("the motions"), Tallies("the reference")
+    work = matched or [*unmatched, *_held_out(corpus)]
+    chunks = [work[start : start + CLIPS_PER_TASK] for start in range(0, len(work), CLIPS_PER_TASK)]
+    seen = parallel_map(partial(_observe_all, references), chunks, jobs, "evaluate")
+    ours, theirs = MotionAccumulator("the motions"), MotionAccumulator("the reference")
     for one in (one for chunk in seen for one in chunk):
         notes.extend(one.notes)
         if paired and (one.motions is None or one.reference is None):
@@ -170,31 +170,31 @@ def _measured(
         ours.add(one.motions)
         theirs.add(one.reference)
     tally, other = ours.tally(notes), theirs.tally(notes)
-    if tally.clips < FEW_SOUNDS:
+    if tally.clips < MIN_SOUNDS:
         notes.append(
-            f"intervals are over sounds: those of {tally.clips} are too narrow, {FEW_SOUNDS} or more are better"
+            f"intervals are over sounds: those of {tally.clips} are too narrow, {MIN_SOUNDS} or more are better"
         )
     rows = list(Comparison(tally, other, settings, paired).rows())
-    return Benchmark(rows, tally.fps, other.fps, tally.clips, paired, notes)
+    return BenchmarkResult(rows, tally.fps, other.fps, tally.clips, paired, notes)
 
 
-class Tallies:
+class MotionAccumulator:
     """The tally of motions that should all have one frame rate."""
 
     def __init__(self, whose: str) -> None:
         self.whose = whose
-        self._tally: Tally | None = None
+        self._tally: Accumulator | None = None
 
-    def add(self, one: Counted | None) -> None:
+    def add(self, one: MotionStatistics | None) -> None:
         """Count one unit, if it has any motion."""
         if one is None:
             return
-        self._tally = self._tally or Tally(one.fps)
+        self._tally = self._tally or Accumulator(one.fps)
         if self._tally.fps != one.fps:
             raise InputError(f"{self.whose} should have one frame rate, got {self._tally.fps:g} and {one.fps:g}")
         self._tally.add(one.sums, one.features)
 
-    def tally(self, notes: Sequence[str]) -> Tally:
+    def tally(self, notes: Sequence[str]) -> Accumulator:
         """What was counted. Raises InputError if nothing was."""
         if self._tally is None:
             raise InputError(
@@ -203,7 +203,9 @@ class Tallies:
         return self._tally
 
 
-def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> tuple[list[Unit], list[Unit], list[str]]:
+def match_files(
+    files: dict[str, list[Path]], corpus: Corpus, sound: Path | None
+) -> tuple[list[EvaluatedSound], list[EvaluatedSound], list[str]]:
     """Files that are for sounds of the corpus, with their takes; files that are not; what there is to say of them."""
     takes: dict[str, list[Clip]] = {}
     sound_of: dict[str, str] = {}
@@ -213,7 +215,7 @@ def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> t
         said_by.setdefault(clip.speaker, {})[clip.sound] = None
         sound_of |= {clip.id: clip.sound, clip.sound: clip.sound}
     of_sound: dict[str, list[Path]] = {}
-    strangers, silent = [], 0
+    unmatched, silent = [], 0
     for name, paths in files.items():
         if name in sound_of:
             of_sound.setdefault(sound_of[name], []).extend(paths)
@@ -224,35 +226,35 @@ def units(files: dict[str, list[Path]], corpus: Corpus, sound: Path | None) -> t
             else next((sound / (name + end) for end in SOUNDS if (sound / (name + end)).is_file()), None)
         )
         silent += sound is not None and heard is None
-        strangers.append(Unit(name, tuple(paths), sound=heard))
+        unmatched.append(EvaluatedSound(name, tuple(paths), sound=heard))
     matched = [
-        Unit(name, tuple(paths), tuple(takes[name]), _others(name, list(said_by[takes[name][0].speaker])))
+        EvaluatedSound(name, tuple(paths), tuple(takes[name]), _others(name, list(said_by[takes[name][0].speaker])))
         for name, paths in sorted(of_sound.items())
     ]
-    return matched, strangers, [f"{silent} names have no sound in {sound}"] if silent else []
+    return matched, unmatched, [f"{silent} names have no sound in {sound}"] if silent else []
 
 
 def _others(name: str, same_speaker: Sequence[str]) -> tuple[str, ...]:
     """A few other sounds of the speaker, always the same ones."""
-    rivals = [each for each in same_speaker if each != name]
+    other_sounds = [each for each in same_speaker if each != name]
     random = np.random.default_rng([*name.encode()])
-    return tuple(rivals[index] for index in random.permutation(len(rivals))[:SHUFFLED])
+    return tuple(other_sounds[index] for index in random.permutation(len(other_sounds))[:SHUFFLED_SOUNDS])
 
 
-def _held_out(corpus: Corpus) -> list[Unit]:
+def _held_out(corpus: Corpus) -> list[EvaluatedSound]:
     """The reference of motions for other sounds."""
     clips = corpus.select(*HELD_OUT) or corpus.clips
     takes: dict[str, list[Clip]] = {}
     for clip in clips:
         takes.setdefault(clip.sound, []).append(clip)
-    return [Unit(name, takes=tuple(each)) for name, each in takes.items()]
+    return [EvaluatedSound(name, takes=tuple(each)) for name, each in takes.items()]
 
 
-def _observe_all(references: References, chunk: Sequence[Unit]) -> list[Observed]:
+def _observe_all(references: ReferencePaths, chunk: Sequence[EvaluatedSound]) -> list[SoundObservation]:
     return [_observe(references, unit) for unit in chunk]
 
 
-def _observe(references: References, unit: Unit) -> Observed:
+def _observe(references: ReferencePaths, unit: EvaluatedSound) -> SoundObservation:
     corpus = Corpus(references.corpus)
     annotation = corpus.annotation(unit.takes[0]) if unit.takes else _heard(unit.sound)
     notes: list[str] = []
@@ -261,35 +263,35 @@ def _observe(references: References, unit: Unit) -> Observed:
     rates = sorted({motion.fps for motion in motions})
     if len(rates) > 1:
         raise InputError(f"the motions should have one frame rate, got {rates[0]:g} and {rates[1]:g} for {unit.name}")
-    motions, reference = (_judged(references.judges, unit, each) for each in (motions, reference))
-    return Observed(Counted.of(motions), Counted.of(reference), tuple(notes))
+    motions, reference = (_judged(references.evaluators, unit, each) for each in (motions, reference))
+    return SoundObservation(MotionStatistics.of(motions), MotionStatistics.of(reference), tuple(notes))
 
 
-def _judged(data: Path | None, unit: Unit, motions: list[Behaviour]) -> list[Behaviour]:
+def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -> list[Behaviour]:
     """Motions with what the networks say of them; Corr. needs a sound that was embedded, at the motion's frame rate."""
     if data is None or not motions:
         return motions
-    judges = _judges(data)
-    motions = featured(motions, judges.encoder)
-    paths = [sharded(data / "embed" / "speech", sound, ".npy") for sound in (unit.name, *unit.others)]
+    evaluators = _load_evaluators(data)
+    motions = add_features(motions, evaluators.encoder)
+    paths = [shard_path(data / "embed" / "speech", sound, ".npy") for sound in (unit.name, *unit.others)]
     fps = json.loads((data / "embed" / "embedding.json").read_text())["fps"]
     if not paths[0].is_file() or fps != motions[0].fps:
         return motions
     speech, *others = (np.load(path) for path in paths if path.is_file())
-    return with_corr(motions, judges.critics, speech, others)
+    return with_corr(motions, evaluators.critics, speech, others)
 
 
 @lru_cache(maxsize=1)
-def _judges(data: Path) -> Judges:
+def _load_evaluators(data: Path) -> Evaluators:
     """Loaded once a process."""
-    from talkingeyes.evaluation.judges import Judges
+    from talkingeyes.evaluation.judges import Evaluators
 
-    return Judges.load(data / "critic")
+    return Evaluators.load(data / "critic")
 
 
 def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None, notes: list[str]) -> list[Behaviour]:
     """The true takes of a sound, each with another of them as its reference."""
-    found = [sharded(true, clip.id, ".npz") for clip in takes]
+    found = [shard_path(true, clip.id, ".npz") for clip in takes]
     plain = list(_behaviours([path for path in found if path.is_file()], annotation, None, notes))
     if takes and not plain:
         notes.append(f"{takes[0].sound}: no reference motion in {true}")
@@ -322,25 +324,25 @@ def _heard(sound: Path | None) -> Annotation | None:
     return speaking(read_speech(sound))
 
 
-def describe(found: Benchmark) -> str:
+def describe(found: BenchmarkResult) -> str:
     """The table for a terminal, with what was left out and why."""
     whose = "the truth under the same sounds" if found.paired else "the truth under other sounds"
     head = f"{found.sounds} sounds at {found.fps:g} frames a second, beside {whose}; ! is apart from it by the interval"
-    more = len(found.notes) - MOST_NOTES
-    notes = [*found.notes[:MOST_NOTES], *([f"and {more} more notes"] if more > 0 else [])]
+    more = len(found.notes) - MAX_NOTES
+    notes = [*found.notes[:MAX_NOTES], *([f"and {more} more notes"] if more > 0 else [])]
     return "\n".join([as_text(found.rows), "", head, *(f"note: {note}" for note in notes)])
 
 
-def _write(found: Benchmark, folder: Path) -> None:
+def _write(found: BenchmarkResult, folder: Path) -> None:
     from talkingeyes.evaluation.benchmark.strip import plot_strips
 
-    facts = {
+    metadata = {
         "fps": found.fps,
         "reference_fps": found.reference_fps,
         "sounds": found.sounds,
         "same_sounds": found.paired,
         "notes": found.notes,
     }
-    (folder / "benchmark.json").write_text(as_json(found.rows, facts))
-    (folder / "benchmark.csv").write_text(comma_separated(found.rows))
+    (folder / "benchmark.json").write_text(as_json(found.rows, metadata))
+    (folder / "benchmark.csv").write_text(to_csv(found.rows))
     plot_strips({"motions": found.rows}, {}, folder / "strip.png")

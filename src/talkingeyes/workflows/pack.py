@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from talkingeyes.animation.face import beside
-from talkingeyes.animation.model_file import KEY, SCHEMA, SUFFIX, encoder_identity
+from talkingeyes.animation.face import find_face_model
+from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, SUFFIX, encoder_identity
 from talkingeyes.core.errors import InputError
-from talkingeyes.workflows.render import target_file
+from talkingeyes.workflows.render import check_output_file
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -41,11 +41,11 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
     """
     from safetensors.torch import save
 
-    from talkingeyes.core.whole_file import written
+    from talkingeyes.core.whole_file import atomic_write
 
-    target = target_file(Path(out), SUFFIX, force)
+    target = check_output_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
-    if len(folders) == 1 and (face := beside(folders[0])):
+    if len(folders) == 1 and (face := find_face_model(folders[0])):
         folders.append(face)  # `animate` takes it from there too
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
@@ -61,9 +61,9 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
                 files[f"{name}/{path.name}"] = _text(path)
     encoder = _identity(folders[0], files[f"{names[0]}/embedding.json"])
     said = {"schema": SCHEMA, "models": names, "files": files, "encoder": encoder}
-    metadata = {KEY: json.dumps(said, sort_keys=True)}
+    metadata = {METADATA_KEY: json.dumps(said, sort_keys=True)}
     try:
-        with written(target) as partial:
+        with atomic_write(target) as partial:
             partial.write_bytes(save(tensors, metadata))
     except OSError as error:
         raise InputError(f"{out}: should be a file that can be written, got: {error.strerror or error}") from None

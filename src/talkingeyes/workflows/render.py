@@ -19,10 +19,10 @@ from talkingeyes.rendering.view import FRAMINGS, Framing
 if TYPE_CHECKING:
     from talkingeyes.head.model import HeadModel
 
-HEADS = ("anny", "flame")
-PICTURE_PX = (16, 4096)
-SHEET_PX = (170, 8192)
-NUMBERS: Mapping[str, str] = {  # what may be set in --camera, and the field of a Framing that it sets
+HEAD_MODELS = ("anny", "flame")
+VIDEO_BOUNDS_PX = (16, 4096)
+SHEET_BOUNDS_PX = (170, 8192)
+CAMERA_FIELDS: Mapping[str, str] = {  # what may be set in --camera, and the field of a Framing that it sets
     "yaw": "yaw_deg",
     "pitch": "pitch_deg",
     "distance": "distance_m",
@@ -49,14 +49,14 @@ def render(
     `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers;
     angles are degrees, the camera moves to the subject's left and up. Raises InputError (one line) for a mistake.
     """
-    target = target_file(Path(out), ".mp4", force)
-    _within("size", size, PICTURE_PX)
-    framing_of(camera).view(size, size)  # refused before anything is read
+    target = check_output_file(Path(out), ".mp4", force)
+    _within("size", size, VIDEO_BOUNDS_PX)
+    parse_camera(camera).view(size, size)  # refused before anything is read
     shown = Motion.load(Path(motion))
     if keys is not None:
-        from talkingeyes.animation.keys import edited, load_keys
+        from talkingeyes.animation.keys import apply_key_edits, load_keys
 
-        shown = edited(shown, load_keys(Path(keys)))
+        shown = apply_key_edits(shown, load_keys(Path(keys)))
     return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size)
 
 
@@ -72,16 +72,16 @@ def film(
 ) -> Motion:
     """Film a motion on a head, as `render` does that of a file; returns the motion as the head shows it."""
     from talkingeyes.audio.waveform import read_speech
-    from talkingeyes.orchestration.run import progress
-    from talkingeyes.rendering.render import Painter
+    from talkingeyes.orchestration.run import progress_bar
+    from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
 
     heard = None if sound is None else read_speech(sound)
-    drawn = open_named(head, model)
-    played = on_head(motion, drawn, model)
-    framing = framing_of(camera)
-    view = framing.on(drawn.eye_centres).view(size, size)
-    pictures = iter(progress(Painter(drawn, view).draw(played), target.name, len(played)))
+    target_head = load_head(head, model)
+    played = retarget_to_head(motion, target_head, model)
+    framing = parse_camera(camera)
+    view = framing.centred_on(target_head.eye_centres).view(size, size)
+    pictures = iter(progress_bar(HeadRenderer(target_head, view).draw(played), target.name, len(played)))
     try:
         write_video(target, pictures, played.fps, heard)
     except OSError as error:
@@ -89,7 +89,7 @@ def film(
     return played
 
 
-def picture(
+def render_head_sheet(
     out: Path | str, *, head: str = "anny", model: Path | str | None = None, size: int = 1400, force: bool = False
 ) -> None:
     """A picture of a head: its eyes in nine directions, its lids at five openings; `size` is its width."""
@@ -97,9 +97,9 @@ def picture(
 
     from talkingeyes.rendering.sheet import eyes_sheet
 
-    target = target_file(Path(out), ".png", force)
-    _within("size", size, SHEET_PX)
-    image = Image.fromarray(eyes_sheet(open_named(head, model), size))
+    target = check_output_file(Path(out), ".png", force)
+    _within("size", size, SHEET_BOUNDS_PX)
+    image = Image.fromarray(eyes_sheet(load_head(head, model), size))
     partial = target.with_name(f".{target.name}.partial")
     try:
         image.save(partial, format="png")
@@ -110,18 +110,18 @@ def picture(
         partial.unlink(missing_ok=True)
 
 
-def framing_of(camera: str) -> Framing:
+def parse_camera(camera: str) -> Framing:
     """What `--camera` asks for."""
     framing = FRAMINGS["head"]
     for place, word in enumerate(camera.split(",")):
         name, equals, value = word.strip().partition("=")
         if place == 0 and not equals and name in FRAMINGS:
             framing = FRAMINGS[name]
-        elif equals and name in NUMBERS:
-            changed: dict[str, Any] = {NUMBERS[name]: _number(name, value)}
+        elif equals and name in CAMERA_FIELDS:
+            changed: dict[str, Any] = {CAMERA_FIELDS[name]: _number(name, value)}
             framing = replace(framing, **changed)
         else:
-            known = f"{', '.join(FRAMINGS)}, or {'=, '.join(NUMBERS)}="
+            known = f"{', '.join(FRAMINGS)}, or {'=, '.join(CAMERA_FIELDS)}="
             raise InputError(f"camera: should be {known}, got {word.strip()!r}")
     if not 0.01 <= framing.height_m <= 2:
         raise InputError(f"camera: height should be 0.01 to 2 m, got {framing.height_m:g}")
@@ -130,32 +130,32 @@ def framing_of(camera: str) -> Framing:
     return framing
 
 
-def open_named(head: str, model: Path | str | None) -> HeadModel:
+def load_head(head: str, model: Path | str | None) -> HeadModel:
     """The open head, or FLAME from the user's own file."""
-    if head not in HEADS:
-        raise InputError(f"head: should be one of {', '.join(HEADS)}, got {head!r}")
+    if head not in HEAD_MODELS:
+        raise InputError(f"head: should be one of {', '.join(HEAD_MODELS)}, got {head!r}")
     if (head == "flame") != (model is not None):
         raise InputError("model: should be the FLAME file where head is flame, and only there")
     if model is None:
-        from talkingeyes.head.anny import open_head
+        from talkingeyes.head.anny import anny_head
 
-        return open_head()
+        return anny_head()
     from talkingeyes.head.flame import load_flame
 
     return load_flame(Path(model))
 
 
-def on_head(motion: Motion, head: HeadModel, model: Path | str | None) -> Motion:
+def retarget_to_head(motion: Motion, head: HeadModel, model: Path | str | None) -> Motion:
     """The motion with its expression in the shapes of this head: mapped, where it was made for the other one."""
     if all(name in head.expression_names for name in motion.expression_names):
         return motion
     made_for = motion.head_model
-    if made_for not in HEADS or made_for == head.name or (made_for == "flame" and model is None):
+    if made_for not in HEAD_MODELS or made_for == head.name or (made_for == "flame" and model is None):
         strange = next(name for name in motion.expression_names if name not in head.expression_names)
         raise InputError(f"motion: expression should be of the head {head.name}, got {strange} (of {made_for})")
     from talkingeyes.head.retarget import expression_map
 
-    return expression_map(open_named(made_for, model if made_for == "flame" else None), head).motion(motion)
+    return expression_map(load_head(made_for, model if made_for == "flame" else None), head).motion(motion)
 
 
 def _number(name: str, value: str) -> float:
@@ -173,7 +173,7 @@ def _within(name: str, value: int, bounds: tuple[int, int]) -> None:
         raise InputError(f"{name}: should be {bounds[0]} to {bounds[1]} pixels, got {value}")
 
 
-def target_file(out: Path, suffix: str, force: bool) -> Path:
+def check_output_file(out: Path, suffix: str, force: bool) -> Path:
     """The file to write, checked before any work is done."""
     if out.suffix != suffix:
         raise InputError(f"{out}: should be a name that ends in {suffix}")

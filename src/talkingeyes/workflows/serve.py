@@ -1,7 +1,8 @@
 """The service with its models: what `talkingeyes serve` does.
 
 Reads one trained model for files and one for streams. Serves until interrupted; what clients send and get lies in a
-temporary folder, which goes with it. The processes that work on files are `studio`s, those of streams are `speaker`s.
+temporary folder, which goes with it. The processes that work on files are made by `file_workers`, those of streams by
+`stream_worker`.
 """
 
 from __future__ import annotations
@@ -14,54 +15,67 @@ from typing import Any
 
 import soundfile
 
-from talkingeyes.apps.service.wish import Limits, Wish
-from talkingeyes.apps.viewer.serving import LOCAL, serve
+from talkingeyes.apps.service.wish import AnimationRequest, Limits
+from talkingeyes.apps.viewer.serving import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import convert
 
 MODEL = Path("data", "train", "talkingeyes")
-LIVE = "talkingeyes_live"
+LIVE_MODEL_NAME = "talkingeyes_live"
 PORT = 8030
-LIMITS = Limits(streams=10, stream_s=900, files=1, speech_s=60, upload_bytes=32 << 20, work_s=120, idle_s=10, kept=40)
+LIMITS = Limits(
+    streams=10,
+    max_stream_s=900,
+    files=1,
+    max_speech_s=60,
+    max_upload_bytes=32 << 20,
+    work_timeout_s=120,
+    idle_timeout_s=10,
+    max_results=40,
+)
 FILM_PX = 384
 
 
-def host_service(
+def run_service(
     *,
     model: Path | str = MODEL,
     live: Path | str | None = None,
-    host: str = LOCAL,
+    host: str = LOCALHOST,
     port: int = PORT,
     limits: Limits = LIMITS,
     jobs: int = 2,
-    started: Callable[[str], None],
+    on_start: Callable[[str], None],
 ) -> None:
-    """Serve until interrupted; `started` is told the address.
+    """Serve until interrupted; `on_start` is told the address.
 
     `live` is the model for streams: else that beside `model`, if there is one. `jobs` processes work on streams.
     Raises InputError (one line) for a model or a port that will not do.
     """
-    from talkingeyes.animation.perform import Performer
+    from talkingeyes.animation.perform import Animator
     from talkingeyes.animation.streaming import LiveModel
-    from talkingeyes.apps.service.app import Equipment, service_app
-    from talkingeyes.apps.service.workers import Workers
+    from talkingeyes.apps.service.app import ServiceResources, service_app
+    from talkingeyes.apps.service.workers import WorkerPool
     from talkingeyes.apps.viewer.head_file import head_glb
-    from talkingeyes.head.anny import open_head
+    from talkingeyes.head.anny import anny_head
 
-    beside = Path(model).parent / LIVE
+    beside = Path(model).parent / LIVE_MODEL_NAME
     streamed = Path(live) if live is not None else beside if beside.is_dir() else None
-    persons = Performer.load(Path(model)).persons
-    speakers = None
+    persons = Animator.load(Path(model)).persons
+    stream_workers = None
     if streamed is not None:
         LiveModel.load(streamed)
-        speakers = Workers("talkingeyes.apps.service.speaking:speaker", [str(streamed.resolve())], jobs, 0)
-    studio = Workers("talkingeyes.workflows.serve:studio", [str(Path(model).resolve())], limits.files, 2 * limits.files)
+        stream_workers = WorkerPool(
+            "talkingeyes.apps.service.speaking:stream_worker", [str(streamed.resolve())], jobs, 0
+        )
+    file_workers = WorkerPool(
+        "talkingeyes.workflows.serve:file_workers", [str(Path(model).resolve())], limits.files, 2 * limits.files
+    )
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
-        equipment = Equipment(studio, speakers, head_glb(open_head()), persons, formats)
-        serve(service_app(equipment, limits, Path(folder), host), host, port, started)
+        resources = ServiceResources(file_workers, stream_workers, head_glb(anny_head()), persons, formats)
+        serve(service_app(resources, limits, Path(folder), host), host, port, on_start)
 
 
 def _interrupted(*_: Any) -> None:
@@ -69,21 +83,23 @@ def _interrupted(*_: Any) -> None:
     raise KeyboardInterrupt
 
 
-def studio(model: str) -> Callable[[Any], Any]:
+def file_workers(model: str) -> Callable[[Any], Any]:
     """The function that answers messages about files: ("perform", folder, wish, seconds), ("export", folder, ...)."""
     import torch
 
-    from talkingeyes.animation.perform import Performer
-    from talkingeyes.head.anny import open_head
+    from talkingeyes.animation.perform import Animator
+    from talkingeyes.head.anny import anny_head
 
     torch.set_num_threads(1)
-    performer, head = Performer.load(Path(model)), open_head()
+    animator, head = Animator.load(Path(model)), anny_head()
 
-    def perform(folder: Path, wish: Wish, longest_s: float) -> dict[str, Any]:
+    def perform(folder: Path, animation_request: AnimationRequest, max_duration_s: float) -> dict[str, Any]:
         from talkingeyes.apps.viewer.head_file import pose_rows
 
-        sound = _heard(folder / "upload", longest_s)
-        (performance,) = performer.perform(sound, 1, wish.seed, wish.fps, wish.direction)
+        sound = _read_upload(folder / "upload", max_duration_s)
+        (performance,) = animator.perform(
+            sound, 1, animation_request.seed, animation_request.fps, animation_request.controls
+        )
         performance.save(folder / "motion.npz")
         soundfile.write(folder / "sound", sound, SAMPLE_RATE, format="WAV", subtype="PCM_16")
         motion = performance.motion
@@ -95,11 +111,11 @@ def studio(model: str) -> Callable[[Any], Any]:
         sound = folder / "sound" if format == "mp4" else None
         convert.export(folder / "motion.npz", file, format=format, sound=sound, force=True)
 
-    answers: dict[str, Callable[..., Any]] = {"perform": perform, "export": export}
-    return lambda message: answers[message[0]](*message[1:])
+    handlers: dict[str, Callable[..., Any]] = {"perform": perform, "export": export}
+    return lambda message: handlers[message[0]](*message[1:])
 
 
-def _heard(upload: Path, longest_s: float) -> Any:
+def _read_upload(upload: Path, max_duration_s: float) -> Any:
     """The sound of an upload, which goes; what is wrong is said without the name that it has here."""
     try:
         sound = read_speech(upload)
@@ -107,6 +123,6 @@ def _heard(upload: Path, longest_s: float) -> Any:
         raise InputError(str(error).replace(str(upload), "the sound")) from None
     finally:
         upload.unlink()
-    if len(sound) > longest_s * SAMPLE_RATE:
-        raise InputError(f"the sound should last at most {longest_s:g} s, got {len(sound) / SAMPLE_RATE:.1f} s")
+    if len(sound) > max_duration_s * SAMPLE_RATE:
+        raise InputError(f"the sound should last at most {max_duration_s:g} s, got {len(sound) / SAMPLE_RATE:.1f} s")
     return sound

@@ -21,19 +21,19 @@ from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from talkingeyes.synthesis.accents import Voice
-    from talkingeyes.synthesis.text import Part, Script, Sentence
+    from talkingeyes.synthesis.text import Script, Sentence, SpeechUnit
 
-LANGUAGE = "en"
-VARIANT = "f3"
+DEFAULT_LANGUAGE = "en"
+DEFAULT_VARIANT = "f3"
 RATE_WPM, PITCH, PITCH_RANGE = 170, 50, 55  # espeak's own rate in this project, the middle of its pitches
-MOST_LETTERS = 50_000  # under an hour at the slowest rate
+MAX_CHARACTERS = 50_000  # under an hour at the slowest rate
 SENTENCE = re.compile(r"(?<=[.?!…])[\"'”’»)]*\s+|\n+")
 CLAUSE_ENDS = ",;:–—"
 PCM_16 = 32768
 
 
 @dataclass(frozen=True)
-class SpokenText:
+class SynthesizedSpeech:
     """16 kHz sound, exactly as a 16-bit file holds it, the times of its words and phonemes, and what was said."""
 
     sound: Float[ndarray, " N"]
@@ -52,7 +52,7 @@ class SpokenText:
 
 def speak(
     text: str, *, voice: str | None = None, language: str | None = None, emotion: str = "neutral", intensity: int = 0
-) -> SpokenText:
+) -> SynthesizedSpeech:
     """Say a text; the same text and voice give the same bytes.
 
     `voice` is an accent and a variant of espeak-ng (en-us+f3); the language follows from it, or chooses it. An emotion
@@ -61,12 +61,12 @@ def speak(
     """
     if find_spec("espeakng_loader") is None:
         raise InputError("text: needs the package espeakng-loader (the extra `synthesis`), got none installed")
-    from talkingeyes.synthesis.accents import in_mood
+    from talkingeyes.synthesis.accents import apply_emotion
     from talkingeyes.synthesis.voices import speak as said
 
-    chosen = chosen_voice(voice, language)
-    script = script_of(text, chosen.language)
-    bent = in_mood(chosen, emotion, intensity)
+    chosen = select_voice(voice, language)
+    script = parse_script(text, chosen.language)
+    bent = apply_emotion(chosen, emotion, intensity)
     try:
         spoken = said(script, bent)
     except (ValueError, IndexError, ZeroDivisionError):  # symbols that espeak has no sound for
@@ -75,18 +75,18 @@ def speak(
         raise InputError(f"text: should be words that {chosen.espeak_voice} can speak, got {_short(text)}")
     annotation = replace(spoken.annotation, emotion=emotion, intensity=intensity)
     steps = np.clip(np.round(spoken.sound.astype(np.float64) * PCM_16), -PCM_16, PCM_16 - 1)
-    return SpokenText((steps / PCM_16).astype(np.float32), annotation, text, chosen.espeak_voice)
+    return SynthesizedSpeech((steps / PCM_16).astype(np.float32), annotation, text, chosen.espeak_voice)
 
 
-def chosen_voice(voice: str | None, language: str | None) -> Voice:
+def select_voice(voice: str | None, language: str | None) -> Voice:
     """The voice of a name, or the usual one of a language."""
     from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, Voice, is_voice
 
     if language is not None and language not in ACCENTS:
         raise InputError(f"language: should be one of {', '.join(ACCENTS)}, got {language!r}")
     if voice is None:
-        language = language or LANGUAGE
-        voice = f"{ACCENTS[language][0]}+{VARIANT}"
+        language = language or DEFAULT_LANGUAGE
+        voice = f"{ACCENTS[language][0]}+{DEFAULT_VARIANT}"
     elif not is_voice(voice):
         raise InputError(f"voice: should be {VOICE_NAMES}, got {voice!r}")
     spoken = next(each for each, accents in ACCENTS.items() if voice.partition("+")[0] in accents)
@@ -97,12 +97,12 @@ def chosen_voice(voice: str | None, language: str | None) -> Voice:
     return Voice(voice, spoken, voice, RATE_WPM, PITCH, PITCH_RANGE)
 
 
-def script_of(text: str, language: str) -> Script:
+def parse_script(text: str, language: str) -> Script:
     """A text as it will be spoken: sentences of words and fillers, with a pause at every comma and full stop."""
     from talkingeyes.synthesis.text import Script, without_last_pause
 
-    if len(text) > MOST_LETTERS:
-        raise InputError(f"text: should be at most {MOST_LETTERS} letters, got {len(text)}; cut it into parts")
+    if len(text) > MAX_CHARACTERS:
+        raise InputError(f"text: should be at most {MAX_CHARACTERS} letters, got {len(text)}; cut it into parts")
     sentences = [_sentence(each, language) for each in SENTENCE.split(text) if re.search(r"\w", each)]
     if not sentences or "\0" in text:
         raise InputError(f"text: should hold words, got {_short(text)}")
@@ -115,7 +115,7 @@ def _sentence(text: str, language: str) -> Sentence:
     from talkingeyes.synthesis.text import PAUSES, Filler, Pause, Sentence, Word
 
     fillers = {each.lower() for each in GRAMMARS[language]["filler"]}
-    parts: list[Part] = []
+    parts: list[SpeechUnit] = []
     for token in text.split():
         if not re.search(r"\w", token):  # a dash alone: a pause after what came before
             if parts and isinstance(parts[-1], Word):

@@ -15,19 +15,19 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.apps.study.design import Design, Stratum, load_design
-from talkingeyes.apps.study.films import Shot, beginning, shown, write_again, write_film
-from talkingeyes.apps.study.folder import Film, Study, film_id, films_of
-from talkingeyes.apps.study.plan import ATTENTION
-from talkingeyes.apps.study.results import preferences
+from talkingeyes.apps.study.films import FilmContent, film_motion, reencode_film, trimmed, write_film
+from talkingeyes.apps.study.folder import Film, Study, film_id, required_films
+from talkingeyes.apps.study.plan import ATTENTION_CHECK
+from talkingeyes.apps.study.results import preference_rates
 from talkingeyes.apps.study.tables import table
-from talkingeyes.apps.viewer.serving import LOCAL, serve
+from talkingeyes.apps.viewer.serving import LOCALHOST, serve
 from talkingeyes.core import output
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.takes import motions_in
-from talkingeyes.orchestration.run import each
-from talkingeyes.workflows.render import framing_of, on_head, open_named
+from talkingeyes.corpus.takes import load_motions
+from talkingeyes.orchestration.run import parallel_map
+from talkingeyes.workflows.render import load_head, parse_camera, retarget_to_head
 
 TRUTH = "truth"
 SIZE_PX = (16, 1080)
@@ -36,7 +36,7 @@ PORT = 8020
 
 
 @dataclass(frozen=True)
-class Material:
+class FilmSources:
     """Where films come from: a file a clip for each condition (none for the truth), and the corpus."""
 
     corpus: Corpus
@@ -45,11 +45,11 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Summary:
+class StudySummary:
     """What became of a study: its table, and how many took part."""
 
     table: str
-    began: int
+    participant_count: int
     finished: int
     failed: int
 
@@ -64,51 +64,53 @@ def make(
     without: Sequence[str] = (),
     seed: int = 0,
     size: int = 384,
-    fewer: bool = False,
+    allow_fewer: bool = False,
     jobs: int = 1,
     force: bool = False,
 ) -> Study:
     """Choose clips, draw the films of every condition, and write the study; returns it.
 
     `conditions` name folders of motions (.npz) or films (.mp4), named as clips, in the place of those below `data`;
-    `without` leaves conditions and their comparisons out; `fewer` takes as many clips as there are.
+    `without` leaves conditions and their comparisons out; `allow_fewer` takes as many clips as there are.
     Raises InputError (one line) for whatever will not do.
     """
     asked = _without(load_design(design), without)
-    target = output.target(Path(out), OWN_FILES, force)
+    output_path = output.output_path(Path(out), OWN_FILES, force)
     if not SIZE_PX[0] <= size <= SIZE_PX[1]:
         raise InputError(f"size: should be {SIZE_PX[0]} to {SIZE_PX[1]} pixels, got {size}")
-    framing_of(asked.camera).view(size, size)
+    parse_camera(asked.camera).view(size, size)
     root = Path(data, "synthesize") if corpus is None else Path(corpus)
-    material = _material(asked, Corpus(root), Path(data), conditions or {})
-    clips = _chosen(asked, material, seed, fewer)
-    with output.appearing(target) as folder:
+    film_sources = _material(asked, Corpus(root), Path(data), conditions or {})
+    clips = _chosen(asked, film_sources, seed, allow_fewer)
+    with output.atomic_folder(output_path) as folder:
         study = Study(folder, asked, seed, clips)
         (folder / "films").mkdir()
-        tasks = [(asked, material, film, study.film(film_id(seed, film)), size) for film in films_of(asked, clips)]
-        for _ in each(_draw, tasks, jobs, "films"):
+        tasks = [
+            (asked, film_sources, film, study.film(film_id(seed, film)), size) for film in required_films(asked, clips)
+        ]
+        for _ in parallel_map(_draw, tasks, jobs, "films"):
             pass
         study.save()
-    return Study.load(target)
+    return Study.load(output_path)
 
 
-def run(folder: Path | str, *, host: str = LOCAL, port: int = PORT, started: Callable[[str], None]) -> None:
+def run(folder: Path | str, *, host: str = LOCALHOST, port: int = PORT, on_start: Callable[[str], None]) -> None:
     """Serve a study until interrupted; answers are kept, and participants go on where they were."""
     from talkingeyes.apps.study.server import study_app
 
     study = Study.load(Path(folder))
     study.answers.participants()  # refused now, not at the first answer
-    serve(study_app(study, host), host, port, started)
+    serve(study_app(study, host), host, port, on_start)
 
 
-def results(folder: Path | str) -> Summary:
+def results(folder: Path | str) -> StudySummary:
     """The table of a study, and results.json and results.md beside its answers."""
     study = Study.load(Path(folder))
     everybody = study.answers.participants()
-    found = preferences(study.design, study.answers.valid())
-    summary = Summary(
+    found = preference_rates(study.design, study.answers.valid_answers())
+    summary = StudySummary(
         table=table(study.design, found),
-        began=len(everybody),
+        participant_count=len(everybody),
         finished=sum(who.done and who.attention is not False for who in everybody),
         failed=sum(who.attention is False for who in everybody),
     )
@@ -130,7 +132,7 @@ def _without(design: Design, names: Sequence[str]) -> Design:
     return design.model_copy(update={"comparisons": left})
 
 
-def _material(design: Design, corpus: Corpus, data: Path, folders: Mapping[str, Path | str]) -> Material:
+def _material(design: Design, corpus: Corpus, data: Path, folders: Mapping[str, Path | str]) -> FilmSources:
     for name in folders:
         if name not in design.conditions:
             raise InputError(f"condition: should be one of {', '.join(design.conditions)}, got {name!r}")
@@ -140,10 +142,10 @@ def _material(design: Design, corpus: Corpus, data: Path, folders: Mapping[str, 
         source = design.conditions[name].source
         if name in folders or source != TRUTH:
             files[name] = _files_of(name, Path(folders[name]) if name in folders else data / source)
-    if not corpus.has_truth and (design.shared or wanted - set(files)):
+    if not corpus.has_truth and (design.shared_parts or wanted - set(files)):
         raise InputError(f"{corpus.root}: should be a corpus with truth, which the films of this design need")
     clips = {clip.id: clip for clip in corpus.select("test", "unseen", take=0)}
-    return Material(corpus, clips, files)
+    return FilmSources(corpus, clips, files)
 
 
 def _files_of(name: str, folder: Path) -> dict[str, Path]:
@@ -154,15 +156,15 @@ def _files_of(name: str, folder: Path) -> dict[str, Path]:
     return found
 
 
-def _chosen(design: Design, material: Material, seed: int, fewer: bool) -> dict[str, tuple[str, ...]]:
+def _chosen(design: Design, film_sources: FilmSources, seed: int, allow_fewer: bool) -> dict[str, tuple[str, ...]]:
     """The clips of each stratum, drawn among those that all conditions have; another one for the check of attention."""
-    common = sorted(set(material.clips).intersection(*map(set, material.files.values())))
+    common = sorted(set(film_sources.clips).intersection(*map(set, film_sources.files.values())))
     random = np.random.default_rng([seed, len(common)])
     shuffled = [common[place] for place in random.permutation(len(common))]
     chosen: dict[str, tuple[str, ...]] = {}
     for stratum in design.strata:
-        fitting = [clip for clip in shuffled if _fits(material.clips[clip], stratum)]
-        if len(fitting) < stratum.pool and not fewer:
+        fitting = [clip for clip in shuffled if _fits(film_sources.clips[clip], stratum)]
+        if len(fitting) < stratum.pool and not allow_fewer:
             raise InputError(
                 f"{stratum.name}: should have {stratum.pool} clips that all conditions have, got {len(fitting)}; "
                 "--fewer takes what there is"
@@ -172,30 +174,30 @@ def _chosen(design: Design, material: Material, seed: int, fewer: bool) -> dict[
     taken = {clip for pool in chosen.values() for clip in pool}
     if not taken:
         raise InputError("clips: should have one that all conditions have, got none")
-    return {**chosen, ATTENTION: (next((clip for clip in shuffled if clip not in taken), shuffled[0]),)}
+    return {**chosen, ATTENTION_CHECK: (next((clip for clip in shuffled if clip not in taken), shuffled[0]),)}
 
 
 def _fits(clip: Clip, stratum: Stratum) -> bool:
     return stratum.emotion in (None, clip.emotion) and (stratum.seconds or 0) <= clip.seconds
 
 
-def _draw(task: tuple[Design, Material, Film, Path, int]) -> None:
+def _draw(task: tuple[Design, FilmSources, Film, Path, int]) -> None:
     """One film."""
-    design, material, film, path, size = task
+    design, film_sources, film, path, size = task
     fault = design.attention.fault if film.condition == design.attention.fault else None
     name = design.attention.condition if fault else film.condition
     lasts = {stratum.name: stratum.seconds for stratum in design.strata}
     seconds = lasts.get(film.stratum, design.strata[0].seconds)  # the check is as long as the first kind
-    source = material.files.get(name, {}).get(film.clip)
+    source = film_sources.files.get(name, {}).get(film.clip)
     if source is not None and source.suffix == ".mp4":
-        write_again(source, seconds, fault, path)
+        reencode_film(source, seconds, fault, path)
         return
-    clip, head = material.clips[film.clip], open_named("anny", None)
-    truth = material.corpus.truth(clip) if material.corpus.has_truth else None
-    motion = truth if source is None else motions_in(source)[0]
+    clip, head = film_sources.clips[film.clip], load_head("anny", None)
+    truth = film_sources.corpus.truth(clip) if film_sources.corpus.has_truth else None
+    motion = truth if source is None else load_motions(source)[0]
     if motion is None:
         raise InputError(f"{name}: should have a motion for {film.clip}, got none")
-    pictured = on_head(shown(design, motion, truth), head, None)
+    pictured = retarget_to_head(film_motion(design, motion, truth), head, None)
     static = design.conditions[name].lids == "static"
-    shot = beginning(Shot(pictured, material.corpus.speech(clip), static, fault), seconds)
-    write_film(shot, head, framing_of(design.camera).view(size, size), path)
+    shot = trimmed(FilmContent(pictured, film_sources.corpus.speech(clip), static, fault), seconds)
+    write_film(shot, head, parse_camera(design.camera).view(size, size), path)

@@ -25,131 +25,139 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.speaking import speaking
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.output import target
-from talkingeyes.core.settings import validated
+from talkingeyes.core.output import output_path
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.splits import split_sounds
-from talkingeyes.corpus.store import Corpus, sharded, sharded_for_writing
-from talkingeyes.corpus.table1 import row_of, table
+from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
+from talkingeyes.corpus.table1 import corpus_statistics, table
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.head.observation import Observation
-from talkingeyes.orchestration.run import clip_parallel, each
+from talkingeyes.orchestration.run import parallel_backend, parallel_map
 from talkingeyes.tracking import ledger
-from talkingeyes.tracking.face_mesh import FaceMesh, FaceSettings
-from talkingeyes.tracking.framing import framed
-from talkingeyes.tracking.judgement import differing, fingerprint, measured, rejection
-from talkingeyes.tracking.ledger import Entry, Ledger
-from talkingeyes.tracking.plan import plan
+from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
+from talkingeyes.tracking.framing import crop_shot
+from talkingeyes.tracking.judgement import fingerprint, hamming_distance, measure_shot, rejection_reason
+from talkingeyes.tracking.ledger import ShotRecord, TrackingJournal
+from talkingeyes.tracking.plan import estimate
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import Shot, shots
 from talkingeyes.tracking.soundtrack import Soundtrack, soundtrack
-from talkingeyes.tracking.sources import Source, sources
+from talkingeyes.tracking.sources import VideoSource, sources
 from talkingeyes.tracking.video import Frame, frames
-from talkingeyes.tracking.yields import COPY, Outcome, as_text, write_lists, write_page, write_yield
-from talkingeyes.workflows.track_overlay import Place
+from talkingeyes.tracking.yields import DUPLICATE_OF, VideoResult, as_text, write_page, write_summary, write_tables
+from talkingeyes.workflows.track_overlay import ClipLocation
 from talkingeyes.workflows.track_overlay import overlay as film
 
 OWN_FILES = re.compile(
     r"clips\.parquet|(tracked|rejected|retry)\.csv|yield\.json|table1\.md|thumbnails(\.html)?|SHA256SUMS"
     r"|speech|annotations|observations|tracking|overlay"
 )
-SAME_LENGTH_S = 0.2  # of copies
-BRIEF_S = 0.5  # shots shorter than this are not worth a line
+DUPLICATE_LENGTH_TOLERANCE_S = 0.2  # of copies
+MIN_SHOT_S = 0.5  # shots shorter than this are not worth a line
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackingResult:
     """A finished corpus and what came of each video."""
 
     corpus: Corpus
-    outcomes: list[Outcome]
+    outcomes: list[VideoResult]
 
 
-def command(
+def track_command(
     videos: Sequence[Path],
     out: Path,
-    changes: Sequence[str],
+    overrides: Sequence[str],
     *,
     speakers: Path | None,
     jobs: int,
-    only_plan: bool,
+    dry_run: bool,
     overlay: bool,
     force: bool,
 ) -> Iterator[str]:
-    """`talkingeyes track`: what it says, line by line. `changes` are overrides of conf/."""
+    """`talkingeyes track`: what it says, line by line. `overrides` are overrides of conf/."""
     from talkingeyes.orchestration.config import compose
 
     if jobs < 1:
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
-    params = compose(changes)
-    settings = validated("track", TrackSettings, params["track"])
-    if only_plan:
-        yield plan(sources(videos, speakers), settings).text(jobs)
+    params = compose(overrides)
+    settings = validate_section("track", TrackSettings, params["track"])
+    if dry_run:
+        yield estimate(sources(videos, speakers), settings).text(jobs)
         return
-    root = target(out, OWN_FILES, force=True)
+    root = output_path(out, OWN_FILES, force=True)
     if force:
         shutil.rmtree(root, ignore_errors=True)
-    with clip_parallel({**params["machine"], "jobs": jobs}):
+    with parallel_backend({**params["machine"], "jobs": jobs}):
         tracked = track(videos, out, settings, speakers=speakers, jobs=jobs)
         yield as_text(tracked.outcomes)
         if overlay:
-            fit = validated("fit", FitSettings, params["fit"])
-            yield from map(str, each(partial(film, root, fit), places(tracked), jobs, "overlay"))
+            fit = validate_section("fit", FitSettings, params["fit"])
+            yield from map(str, parallel_map(partial(film, root, fit), places(tracked), jobs, "overlay"))
 
 
 def track(
     videos: Sequence[Path], out: Path, settings: TrackSettings, *, speakers: Path | None = None, jobs: int = 1
-) -> Tracked:
+) -> TrackingResult:
     """Track all videos; goes on where an earlier call was interrupted, and tries failed videos again.
 
     Raises InputError (one line) for a folder that holds something else or was made with other settings, and if not one
     clip was kept.
     """
     found = sources(videos, speakers)
-    root = target(out, OWN_FILES, force=True)
+    root = output_path(out, OWN_FILES, force=True)
     _same_settings(root, settings)
     (root / "clips.parquet").unlink(missing_ok=True)
-    ledgers = list(each(partial(track_one, root, settings), found, jobs, "track"))
-    outcomes = without_copies(
-        [Outcome(s, book.entries, book.seconds, book.failed) for s, book in zip(found, ledgers, strict=True)], settings
+    journals = list(parallel_map(partial(track_video, root, settings), found, jobs, "track"))
+    outcomes = mark_duplicates(
+        [
+            VideoResult(s, video_journal.entries, video_journal.seconds, video_journal.failure)
+            for s, video_journal in zip(found, journals, strict=True)
+        ],
+        settings,
     )
-    write_lists(root, outcomes)
-    write_yield(root / "yield.json", outcomes)
+    write_tables(root, outcomes)
+    write_summary(root / "yield.json", outcomes)
     if settings.thumbnails:
         names = [entry.id for outcome in outcomes for entry in outcome.entries]
-        where = {name: sharded(Path("thumbnails"), name, ".jpg").as_posix() for name in names}
+        where = {name: shard_path(Path("thumbnails"), name, ".jpg").as_posix() for name in names}
         write_page(root / "thumbnails.html", where, outcomes)
     clips = index(outcomes, settings)
     if not clips:
         raise InputError(
             f"{out}: not one clip was kept of {len(found)} videos; {out}/rejected.csv and retry.csv say why"
         )
-    (root / "table1.md").write_text(table(root.name, row_of(clips), "tracked from video"))
+    (root / "table1.md").write_text(table(root.name, corpus_statistics(clips), "tracked from video"))
     corpus = Corpus(root)
     corpus.write_index(clips)
-    return Tracked(corpus, outcomes)
+    return TrackingResult(corpus, outcomes)
 
 
-def track_one(root: Path, settings: TrackSettings, source: Source) -> Ledger:
+def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> TrackingJournal:
     """Track one video from where its ledger ends; a video that cannot be read is noted, not raised."""
-    path = sharded(root / "tracking", source.id, ".jsonl")
-    book = ledger.read(path)
-    if book.done:
-        return book
-    if book.begun >= settings.attempts:
-        ledger.add(path, "failed", f"broke off {book.begun} times without a word; the next call tries it again")
+    path = shard_path(root / "tracking", source.id, ".jsonl")
+    video_journal = ledger.read(path)
+    if video_journal.done:
+        return video_journal
+    if video_journal.attempt_count >= settings.max_attempts:
+        ledger.add(
+            path,
+            "failed",
+            f"broke off {video_journal.attempt_count} times without a word; the next call tries it again",
+        )
         return ledger.read(path)
     ledger.add(path, "begin", True)
-    clock = _Clock()
+    clock = _LastFrameTime()
     try:
         with soundtrack(source.path) as sound:
             seen = shots(
-                clock.watch(frames(source.path, settings.fastest_fps, book.next_s)),
-                fresh_mesh(settings.face),
+                clock.watch(frames(source.path, settings.max_fps, video_journal.resume_s)),
+                get_face_mesh(settings.face),
                 settings.shot,
             )
-            worth = (shot for shot in seen if shot.stop_s - shot.start_s >= BRIEF_S)
-            for number, shot in enumerate(worth, start=len(book.entries)):
+            worth = (shot for shot in seen if shot.stop_s - shot.start_s >= MIN_SHOT_S)
+            for number, shot in enumerate(worth, start=len(video_journal.entries)):
                 ledger.add(path, "shot", write_shot(root, settings, f"{source.id}-{number:04d}", shot, sound))
     except (InputError, OSError, ValueError, RuntimeError, MemoryError) as error:
         ledger.add(path, "failed", " ".join(str(error).split()) or type(error).__name__)
@@ -158,52 +166,52 @@ def track_one(root: Path, settings: TrackSettings, source: Source) -> Ledger:
     return ledger.read(path)
 
 
-def places(tracked: Tracked) -> list[tuple[Clip, Place]]:
+def places(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
     """Where each clip of a corpus lies in the videos."""
     where = {
-        entry.id: Place(outcome.source.path, entry.start_s, entry.crop)
+        entry.id: ClipLocation(outcome.source.path, entry.start_s, entry.crop)
         for outcome in tracked.outcomes
         for entry in outcome.entries
     }
     return [(clip, where[clip.id]) for clip in tracked.corpus.clips]
 
 
-def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound: Soundtrack) -> Entry:
+def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound: Soundtrack) -> ShotRecord:
     """Judge a shot; write its observation, sound and annotation if it is kept, and its thumbnail either way."""
-    frame = framed(shot, settings.fps, settings.crop, settings.eyes)
+    frame = crop_shot(shot, settings.fps, settings.crop, settings.eyes)
     seen = frame.observation
     heard = sound.cut(shot.start_s, round(len(seen.landmarks) * SAMPLE_RATE / settings.fps))
-    measures = measured(shot, seen, heard, settings.eyes)
-    reason = rejection(measures, settings.keep)
+    quality = measure_shot(shot, seen, heard, settings.eyes)
+    reason = rejection_reason(quality, settings.clip_filter)
     if not reason:
         corpus = Corpus(root)
-        corpus.write_sound(name, heard, speaking(heard) if measures.speaking else Annotation())
+        corpus.write_sound(name, heard, speaking(heard) if quality.speaking else Annotation())
         corpus.write_clip(name, seen, None, None)
     if settings.thumbnails:
         import cv2
 
-        path = sharded_for_writing(root / "thumbnails", name, ".jpg")
-        cv2.imwrite(str(path), cv2.cvtColor(shot.picture, cv2.COLOR_RGB2BGR))
-    return Entry(
+        path = make_shard_path(root / "thumbnails", name, ".jpg")
+        cv2.imwrite(str(path), cv2.cvtColor(shot.image, cv2.COLOR_RGB2BGR))
+    return ShotRecord(
         id=name,
         start_s=shot.start_s,
         stop_s=shot.stop_s,
-        next_s=shot.next_s,
-        ended=shot.ended,
+        resume_s=shot.resume_s,
+        end_reason=shot.end_reason,
         reason=reason,
         crop=frame.crop,
         fingerprint=fingerprint(seen.landmarks),
         content_hash=_content_hash(heard, seen),
-        measures=measures,
+        quality=quality,
     )
 
 
-def without_copies(outcomes: list[Outcome], settings: TrackSettings) -> list[Outcome]:
+def mark_duplicates(outcomes: list[VideoResult], settings: TrackSettings) -> list[VideoResult]:
     """The outcomes, with every kept shot that an earlier one already shows marked as its copy.
 
     Candidates share 16 bits of the fingerprint at the same place, so a million clips are not compared with each other.
     """
-    places: dict[tuple[int, str], list[Entry]] = {}
+    places: dict[tuple[int, str], list[ShotRecord]] = {}
     judged = []
     for outcome in outcomes:
         entries = []
@@ -211,18 +219,25 @@ def without_copies(outcomes: list[Outcome], settings: TrackSettings) -> list[Out
             keys = [(at, entry.fingerprint[at : at + 4]) for at in range(0, len(entry.fingerprint), 4)]
             if not entry.reason:
                 near = (other for key in keys for other in places.get(key, ()))
-                twin = next((other for other in near if _is_copy(entry, other, settings.keep.copy_bits)), None)
+                twin = next(
+                    (
+                        other
+                        for other in near
+                        if _is_duplicate(entry, other, settings.clip_filter.max_duplicate_distance)
+                    ),
+                    None,
+                )
                 if twin is None:
                     for key in keys:
                         places.setdefault(key, []).append(entry)
                 else:
-                    entry = replace(entry, reason=f"{COPY} {twin.id}")  # noqa: PLW2901
+                    entry = replace(entry, reason=f"{DUPLICATE_OF} {twin.id}")  # noqa: PLW2901
             entries.append(entry)
         judged.append(replace(outcome, entries=tuple(entries)))
     return judged
 
 
-def index(outcomes: Sequence[Outcome], settings: TrackSettings) -> list[Clip]:
+def index(outcomes: Sequence[VideoResult], settings: TrackSettings) -> list[Clip]:
     """The rows of the index: clips of one video stay in one split."""
     kept = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries if not entry.reason]
     speaker_of = {entry.id: source.speaker for source, entry in kept}
@@ -230,14 +245,14 @@ def index(outcomes: Sequence[Outcome], settings: TrackSettings) -> list[Clip]:
     return [_row(source, entry, split[entry.id], settings) for source, entry in kept]
 
 
-def _row(source: Source, entry: Entry, split: str, settings: TrackSettings) -> Clip:
+def _row(source: VideoSource, entry: ShotRecord, split: str, settings: TrackSettings) -> Clip:
     return Clip(
         id=entry.id,
         sound=entry.id,
         take=0,
         speaker=source.speaker,
         split=split,
-        seconds=entry.measures.seconds,
+        seconds=entry.quality.seconds,
         fps=settings.fps,
         emotion="",
         intensity=0,
@@ -249,7 +264,7 @@ def _row(source: Source, entry: Entry, split: str, settings: TrackSettings) -> C
     )
 
 
-class _Clock:
+class _LastFrameTime:
     """Remembers when the last frame was."""
 
     last_s = 0.0
@@ -261,21 +276,21 @@ class _Clock:
 
 
 @cache
-def _mesh(settings: FaceSettings) -> FaceMesh:
+def _mesh(settings: FaceDetectionSettings) -> FaceMesh:
     """One pair of networks a process: they take a second to start."""
     return FaceMesh(settings)
 
 
-def fresh_mesh(settings: FaceSettings) -> FaceMesh:
+def get_face_mesh(settings: FaceDetectionSettings) -> FaceMesh:
     """The networks of this process, which remember nothing of another video."""
     mesh = _mesh(settings)
-    mesh.forget()
+    mesh.reset()
     return mesh
 
 
-def _is_copy(one: Entry, other: Entry, bits: float) -> bool:
-    same_length = abs(one.measures.seconds - other.measures.seconds) < SAME_LENGTH_S
-    return same_length and differing(one.fingerprint, other.fingerprint) < bits
+def _is_duplicate(one: ShotRecord, other: ShotRecord, bits: float) -> bool:
+    same_length = abs(one.quality.seconds - other.quality.seconds) < DUPLICATE_LENGTH_TOLERANCE_S
+    return same_length and hamming_distance(one.fingerprint, other.fingerprint) < bits
 
 
 def _same_settings(root: Path, settings: TrackSettings) -> None:

@@ -13,28 +13,28 @@ from pathlib import Path
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.apps.viewer.scene import NO_EVENTS, Scene, Take
-from talkingeyes.apps.viewer.serving import LOCAL, serve
+from talkingeyes.apps.viewer.scene import NO_EVENTS, Scene, ViewerMotion
+from talkingeyes.apps.viewer.serving import LOCALHOST, serve
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.corpus.store import Corpus, sharded
-from talkingeyes.corpus.takes import motions_in
-from talkingeyes.workflows.render import on_head, open_named
+from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.corpus.takes import load_motions
+from talkingeyes.workflows.render import load_head, retarget_to_head
 
-MOST_TAKES = 12
-MOST_FRAMES = 120_000  # of all takes together: some 40 MB in the browser
+MAX_MOTIONS = 12
+MAX_FRAMES = 120_000  # of all takes together: some 40 MB in the browser
 PORT = 8010
 
 
 @dataclass(frozen=True)
-class Known:
+class ClipContext:
     """What is known about a sound beside the motions made for it."""
 
     sound: Float[ndarray, " N"] | None = None
     words: tuple[Span, ...] = ()
-    truth: Take | None = None
+    truth: ViewerMotion | None = None
 
 
 def view(
@@ -46,23 +46,26 @@ def view(
     corpus: Path | str | None = None,
     head: str = "anny",
     model: Path | str | None = None,
-    host: str = LOCAL,
+    host: str = LOCALHOST,
     port: int = PORT,
-    started: Callable[[str], None],
+    on_start: Callable[[str], None],
 ) -> None:
-    """Show motions side by side until interrupted; `started` is told the address of the page.
+    """Show motions side by side until interrupted; `on_start` is told the address of the page.
 
     Raises InputError (one line) for a file, a head, a number of motions or a port that will not do.
     """
     from talkingeyes.apps.viewer.server import viewer_app
 
-    drawn = open_named(head, model)
-    scene = scene_of(motions, truth=truth, sound=sound, words=words, corpus=corpus)
-    takes = tuple(replace(take, motion=on_head(take.motion, drawn, model)) for take in scene.takes)
-    serve(viewer_app(replace(scene, takes=takes), drawn, host), host, port, started)
+    target_head = load_head(head, model)
+    scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
+    viewer_motions = tuple(
+        replace(viewer_motion, motion=retarget_to_head(viewer_motion.motion, target_head, model))
+        for viewer_motion in scene.viewer_motions
+    )
+    serve(viewer_app(replace(scene, viewer_motions=viewer_motions), target_head, host), host, port, on_start)
 
 
-def scene_of(
+def build_scene(
     motions: Sequence[Path | str],
     *,
     truth: Path | str | None = None,
@@ -74,43 +77,45 @@ def scene_of(
     files = [Path(motion) for motion in motions]
     if not files:
         raise InputError("motions: should be one file or more, got none")
-    known = Known() if corpus is None else _of_clip(Corpus(Path(corpus)), files[0].stem)
-    true = known.truth if truth is None else replace(_taken(Path(truth), Path(truth).stem), truth=True)
-    takes = tuple([] if true is None else [true]) + tuple(take for file in files for take in _takes(file))
-    if len(takes) > MOST_TAKES:
-        raise InputError(f"motions: should be at most {MOST_TAKES} to look at together, got {len(takes)}")
-    frames = sum(len(take.motion) for take in takes)
-    if frames > MOST_FRAMES:
-        raise InputError(f"motions: should have at most {MOST_FRAMES} frames together, got {frames}")
+    known = ClipContext() if corpus is None else _of_clip(Corpus(Path(corpus)), files[0].stem)
+    true = known.truth if truth is None else replace(_load_motion(Path(truth), Path(truth).stem), truth=True)
+    viewer_motions = tuple([] if true is None else [true]) + tuple(
+        viewer_motion for file in files for viewer_motion in _load_motions(file)
+    )
+    if len(viewer_motions) > MAX_MOTIONS:
+        raise InputError(f"motions: should be at most {MAX_MOTIONS} to look at together, got {len(viewer_motions)}")
+    frames = sum(len(viewer_motion.motion) for viewer_motion in viewer_motions)
+    if frames > MAX_FRAMES:
+        raise InputError(f"motions: should have at most {MAX_FRAMES} frames together, got {frames}")
     heard = known.sound if sound is None else read_speech(sound)
     beside = files[0].with_suffix(".mp4")
     if heard is None and beside.is_file():
         heard = read_speech(beside)
     said = known.words if words is None else Annotation.load(Path(words)).words
-    return Scene(", ".join(file.stem for file in files), takes, heard, said)
+    return Scene(", ".join(file.stem for file in files), viewer_motions, heard, said)
 
 
-def _of_clip(corpus: Corpus, name: str) -> Known:
+def _of_clip(corpus: Corpus, name: str) -> ClipContext:
     clip = next((clip for clip in corpus.clips if clip.id == name), None)
     if clip is None:
         raise InputError(f"corpus: should have a clip named as the first motion, got none called {name}")
-    true = _taken(sharded(corpus.root / "truth", name, ".npz"), name) if corpus.has_truth else None
-    return Known(
+    true = _load_motion(shard_path(corpus.root / "truth", name, ".npz"), name) if corpus.has_truth else None
+    return ClipContext(
         corpus.speech(clip), corpus.annotation(clip).words, None if true is None else replace(true, truth=True)
     )
 
 
-def _takes(file: Path) -> Iterator[Take]:
+def _load_motions(file: Path) -> Iterator[ViewerMotion]:
     """The motion of a file, or each of the samples in it."""
-    motions = motions_in(file)
+    motions = load_motions(file)
     if len(motions) == 1:
-        yield _taken(file, file.stem)
+        yield _load_motion(file, file.stem)
         return
     for index, motion in enumerate(motions):
-        yield Take(f"{file.stem}, sample {index}", motion)
+        yield ViewerMotion(f"{file.stem}, sample {index}", motion)
 
 
-def _taken(file: Path, name: str) -> Take:
+def _load_motion(file: Path, name: str) -> ViewerMotion:
     motion = Motion.load(file)
     beside = file.with_name(f"{file.stem}.events.json")
-    return Take(name, motion, Events.load(beside) if beside.is_file() else NO_EVENTS)
+    return ViewerMotion(name, motion, Events.load(beside) if beside.is_file() else NO_EVENTS)

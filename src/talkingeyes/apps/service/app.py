@@ -22,60 +22,60 @@ from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as HTTPError
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from talkingeyes.apps.service.live import Streams
-from talkingeyes.apps.service.shelf import Shelf
-from talkingeyes.apps.service.wish import Limits, Wish
-from talkingeyes.apps.service.workers import BusyError, FaultError, Workers
+from talkingeyes.apps.service.live import StreamServer
+from talkingeyes.apps.service.shelf import ResultCache
+from talkingeyes.apps.service.wish import AnimationRequest, Limits
+from talkingeyes.apps.service.workers import BusyError, WorkerFailedError, WorkerPool
 from talkingeyes.apps.viewer.assets import Asset, asset
-from talkingeyes.apps.viewer.serving import application
+from talkingeyes.apps.viewer.serving import create_app
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import validated
+from talkingeyes.core.settings import validate_section
 
 ASSETS = Path(__file__).parent / "assets"
-OWN = {
+SERVICE_ASSETS = {
     "": "text/html; charset=utf-8",
     "live.js": "text/javascript",
     "microphone.js": "text/javascript",
     "live.css": "text/css",
 }
-SHARED = ("stage.js", "style.css", "three.js")
+VIEWER_ASSETS = ("stage.js", "style.css", "three.js")
 
 
 @dataclass(frozen=True)
-class Equipment:
+class ServiceResources:
     """What the service works with: processes for files and for streams (None: there are none), the head, formats."""
 
-    studio: Workers
-    speakers: Workers | None
+    file_workers: WorkerPool
+    stream_workers: WorkerPool | None
     head: bytes
     persons: Sequence[str]  # whom the model of files can move as
     formats: Mapping[str, str]  # what can be downloaded, and the suffix of such a file
 
 
-def service_app(equipment: Equipment, limits: Limits, folder: Path, host: str) -> FastAPI:
+def service_app(resources: ServiceResources, limits: Limits, folder: Path, host: str) -> FastAPI:
     """The application; `folder` is its own, and empty."""
-    app = application(host)
-    shelf, streams = Shelf(folder, limits.kept), Streams(equipment.speakers, limits)
+    app = create_app(host)
+    result_cache, streams = ResultCache(folder, limits.max_results), StreamServer(resources.stream_workers, limits)
 
     @asynccontextmanager
-    async def living(_: FastAPI) -> AsyncIterator[None]:
-        processes = [workers for workers in (equipment.studio, equipment.speakers) if workers]
-        warming = [asyncio.create_task(workers.warm()) for workers in processes]
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        processes = [workers for workers in (resources.file_workers, resources.stream_workers) if workers]
+        warming = [asyncio.create_task(workers.warm_up()) for workers in processes]
         yield
         for task, workers in zip(warming, processes, strict=True):
             task.cancel()
             await workers.stop()
 
-    app.router.lifespan_context = living
-    app.add_middleware(OwnPagesOnly)
-    _answer_mistakes(app)
-    _files(app, equipment, limits, shelf)
+    app.router.lifespan_context = lifespan
+    app.add_middleware(SameOriginMiddleware)
+    _register_error_handlers(app)
+    _files(app, resources, limits, result_cache)
     app.add_api_websocket_route("/stream", streams.serve)
-    _pages(app, equipment)
+    _pages(app, resources)
     return app
 
 
-class OwnPagesOnly:
+class SameOriginMiddleware:
     """Refuses what a page from elsewhere sends through a visitor's browser."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -95,9 +95,9 @@ class OwnPagesOnly:
         await self.app(scope, receive, send)
 
 
-def _answer_mistakes(app: FastAPI) -> None:
+def _register_error_handlers(app: FastAPI) -> None:
     @app.exception_handler(InputError)
-    async def mistake(_: Request, error: InputError) -> Response:
+    async def input_error(_: Request, error: InputError) -> Response:
         return JSONResponse({"error": str(error)}, 422)
 
     @app.exception_handler(BusyError)
@@ -105,8 +105,8 @@ def _answer_mistakes(app: FastAPI) -> None:
         text = "as many files wait as the service takes; try again later"
         return JSONResponse({"error": text}, 503, {"Retry-After": "5"})
 
-    @app.exception_handler(FaultError)
-    async def fault(_: Request, error: FaultError) -> Response:
+    @app.exception_handler(WorkerFailedError)
+    async def worker_failed(_: Request, error: WorkerFailedError) -> Response:
         return JSONResponse({"error": f"the sound could not be worked on: {error}"}, 422)
 
     @app.exception_handler(HTTPError)
@@ -114,28 +114,30 @@ def _answer_mistakes(app: FastAPI) -> None:
         return JSONResponse({"error": str(error.detail)}, error.status_code)
 
 
-def _files(app: FastAPI, equipment: Equipment, limits: Limits, shelf: Shelf) -> None:
+def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cache: ResultCache) -> None:
     @app.post("/performances")
     async def perform(request: Request) -> dict[str, Any]:
-        wish = validated("wish", Wish, dict(request.query_params))
+        animation_request = validate_section("wish", AnimationRequest, dict(request.query_params))
         body = await _body(request, limits)
-        async with equipment.studio.one() as worker:
-            with shelf.place() as place:
-                (place.folder / "upload").write_bytes(body)
-                made = await worker.call(("perform", place.folder, wish, limits.speech_s), limits.work_s)
-        return {"id": place.name, **made}
+        async with resources.file_workers.acquire() as worker:
+            with result_cache.entry() as entry:
+                (entry.folder / "upload").write_bytes(body)
+                made = await worker.call(
+                    ("perform", entry.folder, animation_request, limits.max_speech_s), limits.work_timeout_s
+                )
+        return {"id": entry.name, **made}
 
     @app.get("/performances/{name}/{what}")
     async def download(name: str, what: str) -> Response:
-        folder = shelf.find(name)
+        folder = result_cache.find(name)
         if what in ("poses", "sound"):
             return FileResponse(folder / what, media_type="audio/wav" if what == "sound" else None)
-        if what not in equipment.formats:
-            raise HTTPException(404, f"should be poses, sound, {', '.join(equipment.formats)}, got {what[:40]!r}")
-        file = folder / f"{what}{equipment.formats[what]}"
+        if what not in resources.formats:
+            raise HTTPException(404, f"should be poses, sound, {', '.join(resources.formats)}, got {what[:40]!r}")
+        file = folder / f"{what}{resources.formats[what]}"
         if not file.exists():
-            async with equipment.studio.one() as worker:
-                await worker.call(("export", folder, what, file), limits.work_s)
+            async with resources.file_workers.acquire() as worker:
+                await worker.call(("export", folder, what, file), limits.work_timeout_s)
         return FileResponse(
             file, filename=f"talkingeyes{'' if file.stem == file.suffix[1:] else f'.{what}'}{file.suffix}"
         )
@@ -145,34 +147,36 @@ async def _body(request: Request, limits: Limits) -> bytes:
     """The sound file that a request brings."""
     if request.headers.get("content-type", "").startswith(("multipart/", "text/", "application/json")):
         raise HTTPException(415, "the body should be the sound file itself (wav, flac, ogg, mp3, m4a, webm)")
-    too_big = HTTPException(413, f"a file should have at most {limits.upload_bytes} bytes")
+    too_big = HTTPException(413, f"a file should have at most {limits.max_upload_bytes} bytes")
     claimed = request.headers.get("content-length", "0")
-    if claimed.isdigit() and int(claimed) > limits.upload_bytes:
+    if claimed.isdigit() and int(claimed) > limits.max_upload_bytes:
         raise too_big
     body = bytearray()
     parts = request.stream().__aiter__()
     try:
-        async with asyncio.timeout(limits.work_s):
+        async with asyncio.timeout(limits.work_timeout_s):
             while True:
-                async with asyncio.timeout(limits.idle_s):
+                async with asyncio.timeout(limits.idle_timeout_s):
                     body += await anext(parts)
-                if len(body) > limits.upload_bytes:
+                if len(body) > limits.max_upload_bytes:
                     raise too_big
     except StopAsyncIteration:
         return bytes(body)
     except TimeoutError:
-        raise HTTPException(408, f"nothing came for {limits.idle_s:g} s") from None
+        raise HTTPException(408, f"nothing came for {limits.idle_timeout_s:g} s") from None
 
 
-def _pages(app: FastAPI, equipment: Equipment) -> None:
-    files = {name: asset(name) for name in SHARED}
-    files |= {name: Asset((ASSETS / (name or "live.html")).read_bytes(), media) for name, media in OWN.items()}
-    files["head.glb"] = Asset(equipment.head, "model/gltf-binary")
+def _pages(app: FastAPI, resources: ServiceResources) -> None:
+    files = {name: asset(name) for name in VIEWER_ASSETS}
+    files |= {
+        name: Asset((ASSETS / (name or "live.html")).read_bytes(), media) for name, media in SERVICE_ASSETS.items()
+    }
+    files["head.glb"] = Asset(resources.head, "model/gltf-binary")
 
     @app.get("/service.json")
     async def about() -> dict[str, Any]:
-        live = equipment.speakers is not None
-        return {"formats": list(equipment.formats), "live": live, "persons": list(equipment.persons)}
+        live = resources.stream_workers is not None
+        return {"formats": list(resources.formats), "live": live, "persons": list(resources.persons)}
 
     @app.get("/{name:path}")
     async def page(name: str) -> Response:

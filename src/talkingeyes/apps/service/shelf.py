@@ -16,38 +16,38 @@ NAME = re.compile("[0-9a-f]{32}")
 
 
 @dataclass(frozen=True)
-class Place:
+class CachedResult:
     """A performance by name, and its folder."""
 
     name: str
     folder: Path
 
 
-class Shelf:
+class ResultCache:
     """The performances that are kept: the newest ones."""
 
-    def __init__(self, folder: Path, kept: int) -> None:
-        self._folder, self._kept = folder, kept
-        self._whole: list[Place] = []
+    def __init__(self, folder: Path, max_results: int) -> None:
+        self._folder, self._max_results = folder, max_results
+        self._entries: list[CachedResult] = []
 
     @contextmanager
-    def place(self) -> Iterator[Place]:
+    def entry(self) -> Iterator[CachedResult]:
         """A new folder, kept if the block ends well; the oldest one goes then."""
         name = secrets.token_hex(16)
-        place = Place(name, self._folder / name)
-        place.folder.mkdir()
+        entry = CachedResult(name, self._folder / name)
+        entry.folder.mkdir()
         try:
-            yield place
+            yield entry
         except BaseException:
-            shutil.rmtree(place.folder, ignore_errors=True)
+            shutil.rmtree(entry.folder, ignore_errors=True)
             raise
-        self._whole.append(place)
-        while len(self._whole) > self._kept:
-            shutil.rmtree(self._whole.pop(0).folder, ignore_errors=True)
+        self._entries.append(entry)
+        while len(self._entries) > self._max_results:
+            shutil.rmtree(self._entries.pop(0).folder, ignore_errors=True)
 
     def find(self, name: str) -> Path:
         """The folder of a performance. Raises HTTPException (404) for what is not, or no longer, there."""
-        for place in self._whole:
-            if NAME.fullmatch(name) and place.name == name:
-                return place.folder
+        for entry in self._entries:
+            if NAME.fullmatch(name) and entry.name == name:
+                return entry.folder
         raise HTTPException(404, "no such performance, or no longer: the newest are kept")

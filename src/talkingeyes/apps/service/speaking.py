@@ -13,39 +13,41 @@ from typing import Any
 
 import numpy as np
 
-from talkingeyes.animation.streaming import Frames, LiveModel, LiveWish, Stream
-from talkingeyes.apps.service.wish import Played, Wish
+from talkingeyes.animation.streaming import LiveControls, LiveModel, LiveStream, StreamFrames
+from talkingeyes.apps.service.wish import AnimationRequest, PoseChunk
 from talkingeyes.apps.viewer.head_file import pose_rows
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 
-FIRST = struct.Struct("<I")
+FIRST_FRAME = struct.Struct("<I")
 FULL_SCALE = 32768.0
 
 
-def speaker(model: str) -> Callable[[Any], Any]:
+def stream_worker(model: str) -> Callable[[Any], Any]:
     """The function that answers messages about streams of a model."""
     import torch
 
     torch.set_num_threads(1)
-    live, head = LiveModel.load(Path(model)), open_head()
-    streams: dict[str, Stream] = {}
+    live, head = LiveModel.load(Path(model)), anny_head()
+    streams: dict[str, LiveStream] = {}
 
-    def played(frames: Frames) -> Played:
+    def pose_chunk(frames: StreamFrames) -> PoseChunk:
         if not len(frames):
-            return Played(0, b"")
+            return PoseChunk(0, b"")
         motion = Motion.of(live.fps, frames.head, frames.gaze, lid=frames.lid)
-        return Played(len(frames), FIRST.pack(frames.first) + pose_rows(head, motion).tobytes())
+        return PoseChunk(len(frames), FIRST_FRAME.pack(frames.first) + pose_rows(head, motion).tobytes())
 
-    def opened(key: str, wish: Wish) -> dict[str, float]:
-        streams[key] = live.stream(wish.seed, LiveWish(wish.blinks, wish.liveliness))
+    def open_stream(key: str, animation_request: AnimationRequest) -> dict[str, float]:
+        streams[key] = live.stream(
+            animation_request.seed, LiveControls(animation_request.blinks, animation_request.liveliness)
+        )
         still = Motion.of(live.fps, np.zeros((1, 3)), np.zeros((1, 2, 3)))
         return {"fps": live.fps, "latency_s": round(live.latency_s, 4), "columns": pose_rows(head, still).shape[1]}
 
-    answers: dict[str, Callable[..., Any]] = {
-        "open": opened,
-        "push": lambda key, sound: played(streams[key].push(np.frombuffer(sound, "<i2") / np.float32(FULL_SCALE))),
-        "finish": lambda key: played(streams[key].finish()),
+    handlers: dict[str, Callable[..., Any]] = {
+        "open": open_stream,
+        "push": lambda key, sound: pose_chunk(streams[key].push(np.frombuffer(sound, "<i2") / np.float32(FULL_SCALE))),
+        "finish": lambda key: pose_chunk(streams[key].finish()),
         "close": lambda key: streams.pop(key, None) and None,
     }
-    return lambda message: answers[message[0]](*message[1:])
+    return lambda message: handlers[message[0]](*message[1:])

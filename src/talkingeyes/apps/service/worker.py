@@ -17,27 +17,27 @@ from typing import Any, BinaryIO
 
 from talkingeyes.core.errors import InputError
 
-LENGTH = struct.Struct("<I")
-DONE, MISTAKE, FAULT = "done", "mistake", "fault"
+LENGTH_PREFIX = struct.Struct("<I")
+DONE, INPUT_ERROR, INTERNAL_ERROR = "done", "mistake", "fault"
 
 
-def packed(content: Any) -> bytes:
+def pack_message(content: Any) -> bytes:
     """A message on its way."""
     body = pickle.dumps(content)
-    return LENGTH.pack(len(body)) + body
+    return LENGTH_PREFIX.pack(len(body)) + body
 
 
-def work(answer: Callable[[Any], Any], source: BinaryIO, target: BinaryIO) -> None:
+def serve_messages(handler: Callable[[Any], Any], source: BinaryIO, target: BinaryIO) -> None:
     """Answer messages until there are no more; what goes wrong with one does not end the work."""
-    while len(head := source.read(LENGTH.size)) == LENGTH.size:
-        message = pickle.loads(source.read(LENGTH.unpack(head)[0]))
+    while len(head := source.read(LENGTH_PREFIX.size)) == LENGTH_PREFIX.size:
+        message = pickle.loads(source.read(LENGTH_PREFIX.unpack(head)[0]))
         try:
-            reply = (DONE, None if message is None else answer(message))  # None only asks whether all is loaded
+            reply = (DONE, None if message is None else handler(message))  # None only asks whether all is loaded
         except InputError as error:
-            reply = (MISTAKE, " ".join(str(error).split()))
+            reply = (INPUT_ERROR, " ".join(str(error).split()))
         except Exception as error:  # whatever a sound does to a decoder: told, and the next one is answered
-            reply = (FAULT, f"{type(error).__name__}: {error}"[:300])
-        target.write(packed(reply))
+            reply = (INTERNAL_ERROR, f"{type(error).__name__}: {error}"[:300])
+        target.write(pack_message(reply))
         target.flush()
 
 
@@ -46,7 +46,7 @@ def main() -> None:
     target = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     module, _, factory = sys.argv[1].partition(":")
-    work(getattr(import_module(module), factory)(*sys.argv[2:]), sys.stdin.buffer, target)
+    serve_messages(getattr(import_module(module), factory)(*sys.argv[2:]), sys.stdin.buffer, target)
 
 
 if __name__ == "__main__":

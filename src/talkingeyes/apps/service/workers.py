@@ -14,17 +14,17 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
-from talkingeyes.apps.service.worker import DONE, LENGTH, MISTAKE, packed
+from talkingeyes.apps.service.worker import DONE, INPUT_ERROR, LENGTH_PREFIX, pack_message
 from talkingeyes.core.errors import InputError
 
-START_S = 300.0  # within which a process has loaded its model
+START_TIMEOUT_S = 300.0  # within which a process has loaded its model
 
 
 class BusyError(Exception):
     """More is asked for than the service does at once; it may be asked again later."""
 
 
-class FaultError(Exception):
+class WorkerFailedError(Exception):
     """The work failed through no fault of the message that anybody knows of."""
 
 
@@ -34,7 +34,7 @@ class Worker:
     def __init__(self, factory: str, arguments: Sequence[str]) -> None:
         self._command = [sys.executable, "-m", "talkingeyes.apps.service.worker", factory, *arguments]
         self._process: asyncio.subprocess.Process | None = None
-        self._turn = asyncio.Lock()
+        self._lock = asyncio.Lock()
         self.users = 0
 
     async def call(self, message: Any, limit_s: float) -> Any:
@@ -54,20 +54,20 @@ class Worker:
         self._process = None
 
     async def _exchange(self, message: Any, limit_s: float) -> Any:
-        async with self._turn:
+        async with self._lock:
             fresh = self._process is None
             try:
-                async with asyncio.timeout(limit_s + (START_S if fresh else 0.0)):
+                async with asyncio.timeout(limit_s + (START_TIMEOUT_S if fresh else 0.0)):
                     kind, content = await self._answer(message)
             except TimeoutError:
                 await self.stop()
-                raise FaultError(f"took longer than {limit_s:g} s") from None
+                raise WorkerFailedError(f"took longer than {limit_s:g} s") from None
             except (OSError, asyncio.IncompleteReadError, pickle.UnpicklingError):
                 await self.stop()
-                raise FaultError("the process that worked on it ended") from None
+                raise WorkerFailedError("the process that worked on it ended") from None
         if kind == DONE:
             return content
-        raise InputError(content) if kind == MISTAKE else FaultError(content)
+        raise InputError(content) if kind == INPUT_ERROR else WorkerFailedError(content)
 
     async def _answer(self, message: Any) -> tuple[str, Any]:
         process = self._process
@@ -77,35 +77,35 @@ class Worker:
             self._process = process
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(packed(message))
+        process.stdin.write(pack_message(message))
         await process.stdin.drain()
-        (length,) = LENGTH.unpack(await process.stdout.readexactly(LENGTH.size))
+        (length,) = LENGTH_PREFIX.unpack(await process.stdout.readexactly(LENGTH_PREFIX.size))
         kind, content = pickle.loads(await process.stdout.readexactly(length))
         return kind, content
 
 
-class Workers:
+class WorkerPool:
     """Several of them: any may do a single piece of work; whoever comes back again is given one and keeps it."""
 
     def __init__(self, factory: str, arguments: Sequence[str], count: int, waiting: int) -> None:
         self._all = [Worker(factory, arguments) for _ in range(count)]
         self._free = asyncio.Semaphore(count)
-        self._room = count + waiting
+        self._capacity = count + waiting
 
     @asynccontextmanager
-    async def one(self) -> AsyncIterator[Worker]:
+    async def acquire(self) -> AsyncIterator[Worker]:
         """A worker for one piece of work. Raises BusyError if too many wait already."""
-        if self._room == 0:
+        if self._capacity == 0:
             raise BusyError
-        self._room -= 1
+        self._capacity -= 1
         try:
-            async with self._free, self.kept() as worker:
+            async with self._free, self.least_busy() as worker:
                 yield worker
         finally:
-            self._room += 1
+            self._capacity += 1
 
     @asynccontextmanager
-    async def kept(self) -> AsyncIterator[Worker]:
+    async def least_busy(self) -> AsyncIterator[Worker]:
         """The worker with the fewest users."""
         worker = min(self._all, key=lambda each: each.users)
         worker.users += 1
@@ -114,7 +114,7 @@ class Workers:
         finally:
             worker.users -= 1
 
-    async def warm(self) -> None:
+    async def warm_up(self) -> None:
         """Start all processes, so that nobody waits for a model to load."""
         await asyncio.gather(*(worker.call(None, 0.0) for worker in self._all), return_exceptions=True)
 

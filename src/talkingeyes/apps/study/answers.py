@@ -16,7 +16,7 @@ from pathlib import Path
 from talkingeyes.apps.study.plan import Pair
 from talkingeyes.core.errors import InputError
 
-MOST_PARTICIPANTS = 10_000
+MAX_PARTICIPANTS = 10_000
 SCHEMA = """
 create table if not exists participant (
     number integer primary key, token text unique not null, place integer not null,
@@ -56,7 +56,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Answers:
+class AnswerDatabase:
     """The file of answers; it is made when it is not there."""
 
     path: Path
@@ -72,14 +72,14 @@ class Answers:
         except sqlite3.Error as error:
             raise InputError(f"{self.path}: should hold the answers of a study, got: {error}") from None
 
-    def begin(self) -> str:
+    def register(self) -> str:
         """The token of a new participant. Raises InputError when there are too many."""
         token = secrets.token_urlsafe(16)
         with self._open() as connection:
             connection.execute("begin immediate")
             (count,) = connection.execute("select count(*) from participant").fetchone()
-            if count >= MOST_PARTICIPANTS:
-                raise InputError(f"participants: should be at most {MOST_PARTICIPANTS}, got one more")
+            if count >= MAX_PARTICIPANTS:
+                raise InputError(f"participants: should be at most {MAX_PARTICIPANTS}, got one more")
             connection.execute("insert into participant values (?, ?, 0, null, 0)", (count, token))
         return token
 
@@ -93,10 +93,11 @@ class Answers:
         number, place, attention, done = row
         return Participant(number, place, None if attention is None else bool(attention), bool(done))
 
-    def add(self, who: Participant, pair: Pair, choices: Mapping[str, bool], last: bool, ends: bool) -> bool:
+    def add(self, who: Participant, pair: Pair, choices: Mapping[str, bool], last: bool, ends_study: bool) -> bool:
         """Keep what was chosen of the pair that the participant is at: by question, whether it was A.
 
-        False if that pair was answered meanwhile. `last`: there is none after it; `ends`: a failed check is the end.
+        False if that pair was answered meanwhile. `last`: there is none after it; `ends_study`: a failed check is the
+        end.
         """
         passed = all(choices.values())
         with self._open() as connection:
@@ -105,7 +106,7 @@ class Answers:
                 "update participant set place = place + 1, done = ?, attention = ? "
                 "where number = ? and place = ? and not done",
                 (
-                    last or (pair.attention and ends and not passed),
+                    last or (pair.attention and ends_study and not passed),
                     passed if pair.attention else who.attention,
                     who.number,
                     who.place,
@@ -127,7 +128,7 @@ class Answers:
             Participant(n, place, None if seen is None else bool(seen), bool(done)) for n, place, seen, done in rows
         ]
 
-    def valid(self) -> list[Answer]:
+    def valid_answers(self) -> list[Answer]:
         """The answers of those who passed the check and came to the end."""
         columns = "participant, question, a, b, stratum, clip, a_left, chose_a"
         with self._open() as connection:

@@ -12,11 +12,11 @@ import yaml
 from pydantic import Field, model_validator
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import Settings, out_of_bounds, validated
+from talkingeyes.core.settings import Settings, bounds_error, validate_section
 
-DESIGNS = Path(__file__).parent / "designs"
+DESIGNS_FOLDER = Path(__file__).parent / "designs"
 Name = Annotated[str, Field(pattern=r"^[a-z0-9_]{1,40}$")]
-Part = Literal["head", "gaze", "lid", "jaw", "expression"]
+MotionPart = Literal["head", "gaze", "lid", "jaw", "expression"]
 
 
 class Condition(Settings):
@@ -53,24 +53,24 @@ class Stratum(Settings):
     @model_validator(mode="after")
     def _pool_is_enough(self) -> Stratum:
         if self.pairs > self.pool:
-            raise out_of_bounds("pairs should be at most pool", f"{self.pairs} of {self.pool}")
+            raise bounds_error("pairs should be at most pool", f"{self.pairs} of {self.pool}")
         return self
 
 
-class Attention(Settings):
+class AttentionCheck(Settings):
     """The pair that shows who pays attention: one film of a condition as it is, the same with a plain fault.
 
-    `ends`: whoever chooses the faulty one is thanked and asked no more.
+    `ends_study`: whoever chooses the faulty one is thanked and asked no more.
     """
 
     condition: Name
     fault: Literal["late_sound", "upside_down"]
-    ends: bool
+    ends_study: bool
 
 
 class Design(Settings):
-    """A study. `varies` are the parts that a film takes from its condition, `shared` those of the truth in all films;
-    the rest is at rest. `participants` is how many the paper had."""
+    """A study. `varied_parts` are the parts that a film takes from its condition, `shared_parts` those of the truth in
+    all films; the rest is at rest. `participants` is how many the paper had."""
 
     title: str
     paper: str
@@ -79,10 +79,10 @@ class Design(Settings):
     comparisons: tuple[tuple[Name, Name], ...]
     questions: Annotated[tuple[Question, ...], Field(min_length=1)]
     strata: Annotated[tuple[Stratum, ...], Field(min_length=1)]
-    varies: tuple[Part, ...]
-    shared: tuple[Part, ...]
+    varied_parts: tuple[MotionPart, ...]
+    shared_parts: tuple[MotionPart, ...]
     camera: str
-    attention: Attention
+    attention: AttentionCheck
     participants: Annotated[int, Field(ge=1)]
     layout: Literal["preference", "split", "lengths"]
     test: Literal["wilcoxon", "binomial"]
@@ -91,24 +91,24 @@ class Design(Settings):
     def _names_are_known(self) -> Design:
         for name in (*(name for pair in self.comparisons for name in pair), self.attention.condition):
             if name not in self.conditions:
-                raise out_of_bounds(f"conditions should be {', '.join(self.conditions)}", name)
+                raise bounds_error(f"conditions should be {', '.join(self.conditions)}", name)
         if any(first == second for first, second in self.comparisons):
-            raise out_of_bounds("a comparison should be of two conditions", "one with itself")
+            raise bounds_error("a comparison should be of two conditions", "one with itself")
         return self
 
 
 def names() -> list[str]:
     """The designs that come with the package."""
-    return sorted(path.stem for path in DESIGNS.glob("*.yaml"))
+    return sorted(path.stem for path in DESIGNS_FOLDER.glob("*.yaml"))
 
 
 def load_design(name: str) -> Design:
     """A design by its name, or from a file (.yaml). Raises InputError: one line."""
-    path = DESIGNS / f"{name}.yaml" if name in names() else Path(name)
+    path = DESIGNS_FOLDER / f"{name}.yaml" if name in names() else Path(name)
     if path.suffix != ".yaml":
         raise InputError(f"design: should be {', '.join(names())} or a .yaml file, got {name!r}")
     try:
         node = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: not a readable design ({' '.join(str(error).split())})") from None
-    return validated(str(path), Design, node)
+    return validate_section(str(path), Design, node)

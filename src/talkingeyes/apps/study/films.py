@@ -23,15 +23,15 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.eyelid.drive import LID_SHAPES
 from talkingeyes.head.model import HeadModel
-from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
-from talkingeyes.rendering.view import View
+from talkingeyes.rendering.view import OrbitCamera
 
-LATE_S = 1.2
+SOUND_DELAY_S = 1.2
 
 
 @dataclass(frozen=True)
-class Shot:
+class FilmContent:
     """What one film shows."""
 
     motion: Motion
@@ -40,16 +40,16 @@ class Shot:
     fault: str | None = None
 
 
-def shown(design: Design, motion: Motion, truth: Motion | None) -> Motion:
+def film_motion(design: Design, motion: Motion, truth: Motion | None) -> Motion:
     """A condition's motion as its films show it. Raises InputError if it has another rate than the truth."""
     if truth is not None and truth.fps != motion.fps:
         raise InputError(f"motion: should have the {truth.fps:g} frames a second of the truth, got {motion.fps:g}")
     frames = len(motion) if truth is None else min(len(motion), len(truth))
     source = motion.cut(0, frames)
     parts: dict[str, Any] = {"translation": np.zeros((frames, 3))}
-    parts |= _parts(source, design.varies)
+    parts |= _parts(source, design.varied_parts)
     if truth is not None:
-        parts |= _parts(truth.cut(0, frames), design.shared)
+        parts |= _parts(truth.cut(0, frames), design.shared_parts)
     head, gaze = (parts.pop(name, np.zeros(shape)) for name, shape in (("head", (frames, 3)), ("gaze", (frames, 2, 3))))
     return Motion.of(motion.fps, head, gaze, **parts)
 
@@ -61,12 +61,12 @@ def _parts(motion: Motion, names: tuple[str, ...]) -> dict[str, Any]:
     return found
 
 
-def beginning(shot: Shot, seconds: float | None) -> Shot:
+def trimmed(content: FilmContent, seconds: float | None) -> FilmContent:
     """The first seconds of a film; all of it if None."""
     if seconds is None:
-        return shot
-    motion = shot.motion.cut(0, round(seconds * shot.motion.fps))
-    return replace(shot, motion=motion, sound=shot.sound[: round(seconds * SAMPLE_RATE)])
+        return content
+    motion = content.motion.cut(0, round(seconds * content.motion.fps))
+    return replace(content, motion=motion, sound=content.sound[: round(seconds * SAMPLE_RATE)])
 
 
 def static_lids(head: HeadModel) -> HeadModel:
@@ -78,14 +78,14 @@ def static_lids(head: HeadModel) -> HeadModel:
     return replace(head, expression=expression)
 
 
-def write_film(shot: Shot, head: HeadModel, view: View, path: Path) -> None:
+def write_film(content: FilmContent, head: HeadModel, view: OrbitCamera, path: Path) -> None:
     """Draw and write one film."""
-    painter = Painter(static_lids(head) if shot.static_lids else head, view)
-    sound = _late(shot.sound) if shot.fault == "late_sound" else shot.sound
-    write_video(path, _pictures(painter, shot), shot.motion.fps, sound)
+    renderer = HeadRenderer(static_lids(head) if content.static_lids else head, view)
+    sound = _late(content.sound) if content.fault == "late_sound" else content.sound
+    write_video(path, _pictures(renderer, content), content.motion.fps, sound)
 
 
-def write_again(source: Path, seconds: float | None, fault: str | None, path: Path) -> None:
+def reencode_film(source: Path, seconds: float | None, fault: str | None, path: Path) -> None:
     """A film of somebody else's, cut and spoiled as those drawn here."""
     import av
 
@@ -94,7 +94,7 @@ def write_again(source: Path, seconds: float | None, fault: str | None, path: Pa
     sound = read_speech(source)
     most = math.inf if seconds is None else round(seconds * fps)
     frames = itertools.takewhile(lambda each: each[0] < most, enumerate(_decoded(source)))
-    pictures = (picture[::-1] if fault == "upside_down" else picture for _, picture in frames)
+    pictures = (image[::-1] if fault == "upside_down" else image for _, image in frames)
     write_video(path, pictures, fps, _late(sound) if fault == "late_sound" else sound)
 
 
@@ -107,9 +107,9 @@ def _decoded(source: Path) -> Iterator[UInt8[ndarray, "H W 3"]]:
 
 
 def _late(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
-    return np.concatenate([np.zeros(round(LATE_S * SAMPLE_RATE), sound.dtype), sound])
+    return np.concatenate([np.zeros(round(SOUND_DELAY_S * SAMPLE_RATE), sound.dtype), sound])
 
 
-def _pictures(painter: Painter, shot: Shot) -> Iterator[UInt8[ndarray, "H W 3"]]:
-    for picture in painter.draw(shot.motion):
-        yield picture[::-1] if shot.fault == "upside_down" else picture
+def _pictures(renderer: HeadRenderer, content: FilmContent) -> Iterator[UInt8[ndarray, "H W 3"]]:
+    for image in renderer.draw(content.motion):
+        yield image[::-1] if content.fault == "upside_down" else image

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from talkingeyes.apps.study.answers import Answers
+from talkingeyes.apps.study.answers import AnswerDatabase
 from talkingeyes.apps.study.design import Design
-from talkingeyes.apps.study.plan import ATTENTION, Pair, pairs_of
+from talkingeyes.apps.study.plan import ATTENTION_CHECK, Pair, assign_pairs
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import validated
+from talkingeyes.core.settings import validate_section
 
 SCHEMA = "talkingeyes.study/1"
 
@@ -44,11 +44,11 @@ class Study:
     @cached_property
     def films(self) -> dict[str, Film]:
         """Every film by its name."""
-        return {film_id(self.seed, film): film for film in films_of(self.design, self.clips)}
+        return {film_id(self.seed, film): film for film in required_films(self.design, self.clips)}
 
     @property
-    def answers(self) -> Answers:
-        return Answers(self.root / "answers.sqlite")
+    def answers(self) -> AnswerDatabase:
+        return AnswerDatabase(self.root / "answers.sqlite")
 
     def film(self, film_id: str) -> Path:
         """Where a film of the study is."""
@@ -56,7 +56,7 @@ class Study:
 
     def pairs(self, number: int) -> tuple[Pair, ...]:
         """What a participant sees."""
-        return pairs_of(self.design, self.clips, self.seed, number)
+        return assign_pairs(self.design, self.clips, self.seed, number)
 
     def names(self, pair: Pair) -> tuple[str, str]:
         """The films of a pair, left and right."""
@@ -79,7 +79,7 @@ class Study:
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema should be {SCHEMA}")
             clips = {str(name): tuple(map(str, pool)) for name, pool in content["clips"].items()}
-            study = cls(root, validated(str(path), Design, content["design"]), int(content["seed"]), clips)
+            study = cls(root, validate_section(str(path), Design, content["design"]), int(content["seed"]), clips)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable study ({error!r}); `talkingeyes study make` writes one") from None
         missing = [name for name in study.films if not study.film(name).is_file()]
@@ -88,7 +88,7 @@ class Study:
         return study
 
 
-def films_of(design: Design, clips: Mapping[str, tuple[str, ...]]) -> list[Film]:
+def required_films(design: Design, clips: Mapping[str, tuple[str, ...]]) -> list[Film]:
     """The films that a study needs: each condition that is compared, of each clip of each stratum; the check's two."""
     wanted = sorted({name for pair in design.comparisons for name in pair})
     films = [
@@ -97,8 +97,11 @@ def films_of(design: Design, clips: Mapping[str, tuple[str, ...]]) -> list[Film]
         for clip in clips.get(stratum.name, ())
         for name in wanted
     ]
-    check = clips[ATTENTION][0]
-    return [*films, *(Film(name, ATTENTION, check) for name in (design.attention.condition, design.attention.fault))]
+    check = clips[ATTENTION_CHECK][0]
+    return [
+        *films,
+        *(Film(name, ATTENTION_CHECK, check) for name in (design.attention.condition, design.attention.fault)),
+    ]
 
 
 def film_id(seed: int, film: Film) -> str:

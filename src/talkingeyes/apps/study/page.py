@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from talkingeyes.apps.viewer.assets import MEDIA, Asset
+from talkingeyes.apps.viewer.assets import MEDIA_TYPES, Asset
 
 FOLDER = Path(__file__).parent / "assets"
 NAMES = ("study.css", "study.html", "study.js")
 
 
-def files() -> dict[str, Asset]:
+def page_assets() -> dict[str, Asset]:
     """By the name that a browser asks for."""
-    found = {name: Asset((FOLDER / name).read_bytes(), MEDIA[Path(name).suffix]) for name in NAMES}
+    found = {name: Asset((FOLDER / name).read_bytes(), MEDIA_TYPES[Path(name).suffix]) for name in NAMES}
     return {**found, "": found["study.html"]}

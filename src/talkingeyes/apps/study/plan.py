@@ -14,7 +14,7 @@ import numpy as np
 
 from talkingeyes.apps.study.design import Design
 
-ATTENTION = "attention"
+ATTENTION_CHECK = "attention"
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Pair:
 
     @property
     def attention(self) -> bool:
-        return self.stratum == ATTENTION
+        return self.stratum == ATTENTION_CHECK
 
 
-def pairs_of(design: Design, clips: Mapping[str, Sequence[str]], seed: int, number: int) -> tuple[Pair, ...]:
+def assign_pairs(design: Design, clips: Mapping[str, Sequence[str]], seed: int, number: int) -> tuple[Pair, ...]:
     """The pairs of participant `number` (from 0); `clips` are the pool of each stratum, and the clip of attention."""
     random = np.random.default_rng([seed, number])
     pairs = []
@@ -41,7 +41,7 @@ def pairs_of(design: Design, clips: Mapping[str, Sequence[str]], seed: int, numb
             (s.name, clip)
             for s in design.strata
             if s.name in clips
-            for clip in _dealt(s.pairs, clips[s.name], number, index)
+            for clip in _rotated(s.pairs, clips[s.name], number, index)
         ]
         # Of an odd number of pairs, who gets the odd one alternates.
         left = np.arange(len(seen)) % 2 == (number + index) % 2
@@ -50,13 +50,17 @@ def pairs_of(design: Design, clips: Mapping[str, Sequence[str]], seed: int, numb
     order = random.permutation(len(pairs))
     shown = [pairs[place] for place in order]
     check = Pair(
-        design.attention.condition, design.attention.fault, ATTENTION, clips[ATTENTION][0], bool(random.integers(2))
+        design.attention.condition,
+        design.attention.fault,
+        ATTENTION_CHECK,
+        clips[ATTENTION_CHECK][0],
+        bool(random.integers(2)),
     )
     shown.insert(int(random.integers(len(shown) // 2 + 1)), check)  # in the first half: it may end the study
     return tuple(shown)
 
 
-def _dealt(pairs: int, pool: Sequence[str], number: int, comparison: int) -> list[str]:
+def _rotated(pairs: int, pool: Sequence[str], number: int, comparison: int) -> list[str]:
     """The clips of one participant, one comparison: the next ones round the pool; comparisons begin apart."""
     taken = min(pairs, len(pool))
     first = number * taken + comparison * max(len(pool) // 4, 1)

@@ -18,10 +18,10 @@ from numpy import ndarray
 
 from talkingeyes.apps.study.answers import Answer
 from talkingeyes.apps.study.design import Design
-from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, interval, resamples
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, percentile_interval, resample_indices
 
-INTERVALS = BootstrapSettings(draws=2000, level=0.95, seed=0)
-ALL = "all"
+BOOTSTRAP = BootstrapSettings(n_resamples=2000, confidence_level=0.95, seed=0)
+ALL_STRATA = "all"
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Preference:
     left_rate: float
 
 
-def preferences(design: Design, answers: Sequence[Answer]) -> list[Preference]:
+def preference_rates(design: Design, answers: Sequence[Answer]) -> list[Preference]:
     """Of each comparison and question, over all strata and in each, where there are answers."""
-    strata = [ALL, *(stratum.name for stratum in design.strata)] if len(design.strata) > 1 else [ALL]
+    strata = [ALL_STRATA, *(stratum.name for stratum in design.strata)] if len(design.strata) > 1 else [ALL_STRATA]
     found = []
     for a, b in design.comparisons:
         for question in design.questions:
@@ -55,7 +55,8 @@ def preferences(design: Design, answers: Sequence[Answer]) -> list[Preference]:
                 chosen = [
                     each
                     for each in answers
-                    if (each.a, each.b, each.question) == (a, b, question.name) and stratum in (ALL, each.stratum)
+                    if (each.a, each.b, each.question) == (a, b, question.name)
+                    and stratum in (ALL_STRATA, each.stratum)
                 ]
                 if chosen:
                     found.append(_preference(a, b, question.name, stratum, chosen))
@@ -72,8 +73,8 @@ def _preference(a: str, b: str, question: str, stratum: str, chosen: Sequence[An
     wins, total = int(counts[:, 0].sum()), int(counts.sum())
     exact = binomtest(wins, total)
     wilson = exact.proportion_ci(method="wilson")
-    drawn = counts[resamples(len(people), INTERVALS)]
-    rate = Estimate(wins / total, *interval(drawn[:, :, 0].sum(axis=1) / drawn.sum(axis=(1, 2)), INTERVALS))
+    drawn = counts[resample_indices(len(people), BOOTSTRAP)]
+    rate = Estimate(wins / total, *percentile_interval(drawn[:, :, 0].sum(axis=1) / drawn.sum(axis=(1, 2)), BOOTSTRAP))
     return Preference(
         a=a,
         b=b,
@@ -84,7 +85,7 @@ def _preference(a: str, b: str, question: str, stratum: str, chosen: Sequence[An
         rate=rate,
         wilson_low=float(wilson.low),
         wilson_high=float(wilson.high),
-        wilcoxon_p=wilcoxon_p(counts[:, 0] - counts[:, 1]) if stratum == ALL else math.nan,
+        wilcoxon_p=wilcoxon_p(counts[:, 0] - counts[:, 1]) if stratum == ALL_STRATA else math.nan,
         binomial_p=float(exact.pvalue),
         left_rate=sum(each.chose_a == each.a_left for each in chosen) / total,
     )

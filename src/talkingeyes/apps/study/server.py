@@ -15,30 +15,30 @@ from pydantic import ValidationError
 
 from talkingeyes.apps.study.answers import Participant
 from talkingeyes.apps.study.folder import Study
-from talkingeyes.apps.study.page import files
-from talkingeyes.apps.viewer.serving import LOCAL, application
+from talkingeyes.apps.study.page import page_assets
+from talkingeyes.apps.viewer.serving import LOCALHOST, create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 
-MOST_BYTES = 4096  # of what a page may send
+MAX_BODY_BYTES = 4096  # of what a page may send
 
 
-class Choice(Settings):
+class PairResponse(Settings):
     """What a page sends: the place of the pair, and for each question the side that was chosen."""
 
     place: int
     answers: dict[str, Literal["left", "right"]]
 
 
-def study_app(study: Study, host: str = LOCAL) -> FastAPI:
+def study_app(study: Study, host: str = LOCALHOST) -> FastAPI:
     """The application of one study."""
-    app = application(host)
-    pages = files()
+    app = create_app(host)
+    pages = page_assets()
 
     @app.post("/api/begin")
-    def begin() -> dict[str, str]:
+    def register() -> dict[str, str]:
         try:
-            return {"token": study.answers.begin()}
+            return {"token": study.answers.register()}
         except InputError as error:
             raise HTTPException(429, str(error)) from None
 
@@ -73,15 +73,15 @@ def _who(study: Study, token: str) -> Participant:
     return found
 
 
-async def _choice(request: Request) -> Choice:
+async def _choice(request: Request) -> PairResponse:
     """What was sent, if it is small and well formed."""
     sent = b""
     async for chunk in request.stream():
         sent += chunk
-        if len(sent) > MOST_BYTES:
-            raise HTTPException(413, f"an answer should have at most {MOST_BYTES} bytes")
+        if len(sent) > MAX_BODY_BYTES:
+            raise HTTPException(413, f"an answer should have at most {MAX_BODY_BYTES} bytes")
     try:
-        return Choice.model_validate(json.loads(sent))
+        return PairResponse.model_validate(json.loads(sent))
     except (ValueError, RecursionError) as error:
         first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not JSON"
         raise HTTPException(
@@ -89,7 +89,7 @@ async def _choice(request: Request) -> Choice:
         ) from None
 
 
-def _answered(study: Study, token: str, choice: Choice) -> dict[str, Any]:
+def _answered(study: Study, token: str, choice: PairResponse) -> dict[str, Any]:
     who = _who(study, token)
     pairs = study.pairs(who.number)
     asked = {question.name for question in study.design.questions}
@@ -100,7 +100,7 @@ def _answered(study: Study, token: str, choice: Choice) -> dict[str, Any]:
     pair = pairs[who.place]
     choices = {name: (side == "left") == pair.a_left for name, side in choice.answers.items()}
     last = who.place + 1 == len(pairs)
-    if not study.answers.add(who, pair, choices, last, study.design.attention.ends):
+    if not study.answers.add(who, pair, choices, last, study.design.attention.ends_study):
         raise HTTPException(409, "place: this pair was answered meanwhile")
     return _state(study, _who(study, token))
 

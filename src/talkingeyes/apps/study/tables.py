@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from talkingeyes.apps.study.design import Design
-from talkingeyes.apps.study.results import ALL, Preference
+from talkingeyes.apps.study.results import ALL_STRATA, Preference
 
 
 def table(design: Design, found: Sequence[Preference]) -> str:
@@ -21,7 +21,7 @@ def table(design: Design, found: Sequence[Preference]) -> str:
     return "\n".join(_line(row) for row in (header, ["---"] * len(header), *rows)) + "\n"
 
 
-def p_text(value: float) -> str:
+def format_p_value(value: float) -> str:
     """A p-value as the papers write it: 1.68e-4."""
     if math.isnan(value):
         return "-"
@@ -64,7 +64,7 @@ def _rows(
     """A comparison a row: its title, then the cells of every question."""
     rows = []
     for a, b in design.comparisons:
-        found = [by_key.get((a, b, question.name, ALL)) for question in design.questions]
+        found = [by_key.get((a, b, question.name, ALL_STRATA)) for question in design.questions]
         blocks = [unanswered if each is None else cells(each) for each in found]
         rows.append([_title(design, a, b), *(cell for block in blocks for cell in block)])
     return rows
@@ -72,7 +72,7 @@ def _rows(
 
 def _p(design: Design, found: Preference) -> str:
     """The p-value of the design's test."""
-    return p_text(found.wilcoxon_p if design.test == "wilcoxon" else found.binomial_p)
+    return format_p_value(found.wilcoxon_p if design.test == "wilcoxon" else found.binomial_p)
 
 
 def _lengths(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:

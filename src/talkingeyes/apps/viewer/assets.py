@@ -13,9 +13,9 @@ from pathlib import Path
 
 from talkingeyes.core.errors import InputError
 
-FOLDER = Path(__file__).parent / "assets"
-THREE = Path("elements", "scene", "dist", "index.js")  # in the package nicegui
-MEDIA = {".js": "text/javascript", ".css": "text/css", ".html": "text/html; charset=utf-8"}
+ASSETS_FOLDER = Path(__file__).parent / "assets"
+THREE_JS_PATH = Path("elements", "scene", "dist", "index.js")  # in the package nicegui
+MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html; charset=utf-8"}
 NAMES = ("stage.js", "style.css", "three.js", "timeline.js", "view.html", "view.js")
 
 
@@ -32,14 +32,14 @@ def asset(name: str) -> Asset:
     """One of NAMES. Raises KeyError for any other name, InputError if the package with three.js is missing."""
     if name not in NAMES:
         raise KeyError(name)
-    path = three_js() if name == "three.js" else FOLDER / name
-    return Asset(path.read_bytes(), MEDIA[path.suffix])
+    path = three_js() if name == "three.js" else ASSETS_FOLDER / name
+    return Asset(path.read_bytes(), MEDIA_TYPES[path.suffix])
 
 
 def three_js() -> Path:
     """Where three.js is installed."""
     found = find_spec("nicegui")  # looks for the package, does not import it
-    places = [Path(each) / THREE for each in (found.submodule_search_locations or ())] if found else []
+    places = [Path(each) / THREE_JS_PATH for each in (found.submodule_search_locations or ())] if found else []
     for path in places:
         if path.is_file():
             return path

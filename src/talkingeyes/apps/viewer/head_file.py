@@ -16,10 +16,10 @@ from numpy import ndarray
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.glb import joint_offsets, write_glb
-from talkingeyes.head.drive import pose_of
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import HeadModel
 
-FIXED = 3 + 4 * 4  # columns before the weights
+POSE_COLUMNS = 3 + 4 * 4  # columns before the weights
 
 
 def head_glb(head: HeadModel) -> bytes:
@@ -32,7 +32,7 @@ def head_glb(head: HeadModel) -> bytes:
 
 def pose_rows(head: HeadModel, motion: Motion) -> Float[ndarray, "T C"]:
     """A motion as rows; the columns are those of the module's docstring."""
-    pose = pose_of(head, motion)
+    pose = motion_to_pose(head, motion)
     turned = (pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1])
     root = joint_offsets(head)[0] + pose.translation
     return np.concatenate([root, *map(quaternions, turned), pose.expression], axis=1).astype("<f4")

@@ -18,13 +18,13 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Events, Motion
 
-OUTLINE_HZ = 100
-MOST_OUTLINE = 4000
+PEAKS_HZ = 100
+MAX_PEAKS = 4000
 NO_EVENTS = Events()
 
 
 @dataclass(frozen=True)
-class Take:
+class ViewerMotion:
     """A motion to look at, its name on the page, its events if they are known, and whether it is the truth."""
 
     name: str
@@ -38,32 +38,32 @@ class Scene:
     """Takes that play in step, with the sound and the words that are common to them."""
 
     title: str
-    takes: tuple[Take, ...]
+    viewer_motions: tuple[ViewerMotion, ...]
     sound: Float[ndarray, " N"] | None = None
     words: tuple[Span, ...] = ()
 
     @property
     def seconds(self) -> float:
         """The longest take."""
-        return max(take.motion.seconds for take in self.takes)
+        return max(viewer_motion.motion.seconds for viewer_motion in self.viewer_motions)
 
 
-def described(scene: Scene) -> dict[str, Any]:
+def scene_json(scene: Scene) -> dict[str, Any]:
     """The scene as the page reads it."""
     return {
         "title": scene.title,
         "seconds": scene.seconds,
-        "takes": [_take(take) for take in scene.takes],
+        "takes": [_motion_json(viewer_motion) for viewer_motion in scene.viewer_motions],
         "words": [[round(word.start_s, 3), round(word.end_s, 3), word.label] for word in scene.words],
-        "outline": [] if scene.sound is None else outline(scene.sound),
+        "outline": [] if scene.sound is None else waveform_peaks(scene.sound),
         "sound": scene.sound is not None,
     }
 
 
 def traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
     """Gaze in space and head in degrees, and how far the lids are shut."""
-    space = np.degrees(rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)))
-    head = np.degrees(rotation.angles_of_gaze(motion.head))
+    space = np.degrees(rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze)))
+    head = np.degrees(rotation.gaze_to_angles(motion.head))
     return {
         "gaze_yaw_deg": space[:, 0],
         "gaze_pitch_deg": space[:, 1],
@@ -73,22 +73,22 @@ def traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
     }
 
 
-def outline(sound: Float[ndarray, " N"]) -> list[float]:
+def waveform_peaks(sound: Float[ndarray, " N"]) -> list[float]:
     """The loudest sample of each of equal stretches, the loudest of all being 1."""
-    columns = int(np.clip(len(sound) * OUTLINE_HZ / SAMPLE_RATE, 1, MOST_OUTLINE))
+    columns = int(np.clip(len(sound) * PEAKS_HZ / SAMPLE_RATE, 1, MAX_PEAKS))
     edges = np.linspace(0, len(sound), columns, endpoint=False).astype(int)
     peaks = np.maximum.reduceat(np.abs(sound), edges)
     return [round(float(peak), 3) for peak in peaks / max(float(peaks.max()), 1e-9)]
 
 
-def _take(take: Take) -> dict[str, Any]:
-    blinks = [[each.onset_s, each.closing_s + each.hold_s + each.opening_s] for each in take.events.blinks]
+def _motion_json(viewer_motion: ViewerMotion) -> dict[str, Any]:
+    blinks = [[each.onset_s, each.closing_s + each.hold_s + each.opening_s] for each in viewer_motion.events.blinks]
     return {
-        "name": take.name,
-        "truth": take.truth,
-        "fps": take.motion.fps,
-        "frames": len(take.motion),
-        "traces": {name: np.round(trace, 2).tolist() for name, trace in traces(take.motion).items()},
-        "saccades": [round(each.onset_s, 3) for each in take.events.saccades],
+        "name": viewer_motion.name,
+        "truth": viewer_motion.truth,
+        "fps": viewer_motion.motion.fps,
+        "frames": len(viewer_motion.motion),
+        "traces": {name: np.round(trace, 2).tolist() for name, trace in traces(viewer_motion.motion).items()},
+        "saccades": [round(each.onset_s, 3) for each in viewer_motion.events.saccades],
         "blinks": [[round(onset, 3), round(onset + lasts, 3)] for onset, lasts in blinks],
     }

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from talkingeyes.apps.viewer.assets import NAMES, Asset, asset
 from talkingeyes.apps.viewer.head_file import head_glb, pose_rows
-from talkingeyes.apps.viewer.scene import Scene, described
-from talkingeyes.apps.viewer.serving import LOCAL, application
+from talkingeyes.apps.viewer.scene import Scene, scene_json
+from talkingeyes.apps.viewer.serving import LOCALHOST, create_app
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.head.model import HeadModel
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 
-def viewer_app(scene: Scene, head: HeadModel, host: str = LOCAL) -> FastAPI:
+def viewer_app(scene: Scene, head: HeadModel, host: str = LOCALHOST) -> FastAPI:
     """The application that shows a scene on a head."""
     from fastapi import HTTPException, Response
 
     files = _files(scene, head)
-    app = application(host)
+    app = create_app(host)
 
     @app.get("/{name:path}")
     def file(name: str) -> Response:
@@ -42,9 +42,9 @@ def _files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
     files = {name: asset(name) for name in NAMES}
     files[""] = files.pop("view.html")
     files["head.glb"] = Asset(head_glb(head), "model/gltf-binary")
-    files["scene.json"] = Asset(json.dumps(described(scene)).encode(), "application/json")
-    for index, take in enumerate(scene.takes):
-        files[f"poses/{index}"] = Asset(pose_rows(head, take.motion).tobytes(), "application/octet-stream")
+    files["scene.json"] = Asset(json.dumps(scene_json(scene)).encode(), "application/json")
+    for index, viewer_motion in enumerate(scene.viewer_motions):
+        files[f"poses/{index}"] = Asset(pose_rows(head, viewer_motion.motion).tobytes(), "application/octet-stream")
     if scene.sound is not None:
         import soundfile
 

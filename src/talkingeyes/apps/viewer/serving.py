@@ -16,10 +16,10 @@ from talkingeyes.core.errors import InputError
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
-LOCAL = "127.0.0.1"
-MOST_MESSAGE_BYTES = 1 << 17  # of a WebSocket; what is longer ends it
-NAMES = (LOCAL, "localhost", "[::1]", "testserver")  # the last: of FastAPI's test client
-HEADERS = {
+LOCALHOST = "127.0.0.1"
+MAX_MESSAGE_BYTES = 1 << 17  # of a WebSocket; what is longer ends it
+ALLOWED_HOSTS = (LOCALHOST, "localhost", "[::1]", "testserver")  # the last: of FastAPI's test client
+SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; media-src 'self' blob:; img-src 'self' data: blob:; "
     "style-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
     "X-Content-Type-Options": "nosniff",
@@ -28,36 +28,36 @@ HEADERS = {
 }
 
 
-def application(host: str = LOCAL) -> FastAPI:
+def create_app(host: str = LOCALHOST) -> FastAPI:
     """An application without pages of its own, that answers requests to `host` or this machine."""
     from fastapi import FastAPI
     from starlette.datastructures import MutableHeaders
     from starlette.middleware.trustedhost import TrustedHostMiddleware
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    class Guarded:
+    class SecurityHeadersMiddleware:
         """Adds HEADERS to every answer."""
 
         def __init__(self, app: ASGIApp) -> None:
             self.app = app
 
         async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-            async def guarded(message: Message) -> None:
+            async def send_with_headers(message: Message) -> None:
                 if message["type"] == "http.response.start":
-                    MutableHeaders(scope=message).update(HEADERS)
+                    MutableHeaders(scope=message).update(SECURITY_HEADERS)
                 await send(message)
 
-            await self.app(scope, receive, guarded)
+            await self.app(scope, receive, send_with_headers)
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    hosts = ["*"] if host == "0.0.0.0" else [*NAMES, host]
+    hosts = ["*"] if host == "0.0.0.0" else [*ALLOWED_HOSTS, host]
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
-    app.add_middleware(Guarded)
+    app.add_middleware(SecurityHeadersMiddleware)
     return app
 
 
-def serve(app: FastAPI, host: str, port: int, started: Callable[[str], None], path: str = "/") -> None:
-    """Serve until interrupted; `started` is told the address. Port 0 takes a free one. Raises InputError if taken."""
+def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], path: str = "/") -> None:
+    """Serve until interrupted; `on_start` is told the address. Port 0 takes a free one. Raises InputError if taken."""
     import uvicorn
 
     if not 0 <= port <= 65535:
@@ -67,10 +67,10 @@ def serve(app: FastAPI, host: str, port: int, started: Callable[[str], None], pa
     except OSError as error:
         raise InputError(f"port: should be free at {host}, got {port} ({error.strerror or error})") from None
     with listener:
-        started(f"http://{host}:{listener.getsockname()[1]}{path}")
+        on_start(f"http://{host}:{listener.getsockname()[1]}{path}")
         with contextlib.suppress(KeyboardInterrupt):  # how one ends it
             # No pings: who is silent is sent away by the service itself, and a busy machine answers them late.
             config = uvicorn.Config(
-                app, log_level="warning", access_log=False, ws_max_size=MOST_MESSAGE_BYTES, ws_ping_interval=None
+                app, log_level="warning", access_log=False, ws_max_size=MAX_MESSAGE_BYTES, ws_ping_interval=None
             )
             uvicorn.Server(config).run(sockets=[listener])

@@ -16,15 +16,15 @@ from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.kinematics import angle_deg, head_speed_deg_s
-from talkingeyes.core.rotation import angles_of_direction, directions, matrices
+from talkingeyes.core.kinematics import angle_between_deg, head_speed_deg_s
+from talkingeyes.core.rotation import direction_to_angles, rotvec_to_direction, rotvec_to_matrix
 from talkingeyes.evaluation.detectors.blinks import Blinks, detect_blinks
-from talkingeyes.evaluation.detectors.gaze_states import GazeStates, gaze_states
+from talkingeyes.evaluation.detectors.gaze_states import GazeStates, detect_gaze_states
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
 
 # Dimensions of each field behind its frames.
 FIELDS = {"head": (3,), "gaze": (2, 3), "lid": (2,)}
-LEAST_S = 1.0
+MIN_DURATION_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class Behaviour:
         return getattr(self, field) is not None
 
     @property
-    def other(self) -> Behaviour:
+    def required_reference(self) -> Behaviour:
         """The reference, for measures that need it."""
         assert self.reference is not None
         return self.reference
 
     @cached_property
-    def seen(self) -> Bool[ndarray, " F"]:
+    def valid_steps(self) -> Bool[ndarray, " F"]:
         """Steps between two valid frames."""
         return np.asarray(self.valid[1:] & self.valid[:-1])
 
@@ -64,42 +64,42 @@ class Behaviour:
         return np.asarray(np.arange(len(self)) / self.fps)
 
     @cached_property
-    def eye_unit(self) -> Float[ndarray, "T 2 3"]:
+    def eye_directions(self) -> Float[ndarray, "T 2 3"]:
         """Directions of the eyes in the head."""
         assert self.gaze is not None
-        return directions(self.gaze)
+        return rotvec_to_direction(self.gaze)
 
     @cached_property
     def eye_rad(self) -> Float[ndarray, "T 2 2"]:
         """(yaw, pitch) of each eye in the head."""
-        return angles_of_direction(self.eye_unit)
+        return direction_to_angles(self.eye_directions)
 
     @cached_property
     def head_rad(self) -> Float[ndarray, "T 2"]:
         """(yaw, pitch) of where the head points."""
         assert self.head is not None
-        return angles_of_direction(directions(self.head))
+        return direction_to_angles(rotvec_to_direction(self.head))
 
     @cached_property
-    def space_unit(self) -> Float[ndarray, "T 2 3"]:
+    def gaze_in_space_directions(self) -> Float[ndarray, "T 2 3"]:
         """Directions of gaze in space, R(head) R(eye)."""
         assert self.head is not None
-        return np.asarray(np.einsum("tij,tej->tei", matrices(self.head), self.eye_unit))
+        return np.asarray(np.einsum("tij,tej->tei", rotvec_to_matrix(self.head), self.eye_directions))
 
     @cached_property
-    def space_rad(self) -> Float[ndarray, "T 2"]:
+    def gaze_in_space_rad(self) -> Float[ndarray, "T 2"]:
         """(yaw, pitch) of gaze in space, the mean direction of both eyes."""
-        return angles_of_direction(self.space_unit.mean(axis=1))
+        return direction_to_angles(self.gaze_in_space_directions.mean(axis=1))
 
     @cached_property
     def eye_speed_deg_s(self) -> Float[ndarray, " F"]:
         """Of eye-in-head, mean of both eyes."""
-        return _speed_deg_s(self.eye_unit, self.fps)
+        return _speed_deg_s(self.eye_directions, self.fps)
 
     @cached_property
-    def space_speed_deg_s(self) -> Float[ndarray, " F"]:
+    def gaze_in_space_speed_deg_s(self) -> Float[ndarray, " F"]:
         """Of gaze in space, mean of both eyes."""
-        return _speed_deg_s(self.space_unit, self.fps)
+        return _speed_deg_s(self.gaze_in_space_directions, self.fps)
 
     @cached_property
     def head_speed_deg_s(self) -> Float[ndarray, " F"]:
@@ -110,7 +110,7 @@ class Behaviour:
     @cached_property
     def saccades(self) -> Saccades:
         """Rapid shifts of gaze in space."""
-        return detect_saccades(self.space_rad, self.fps, self.valid)
+        return detect_saccades(self.gaze_in_space_rad, self.fps, self.valid)
 
     @cached_property
     def in_saccade(self) -> Bool[ndarray, " F"]:
@@ -126,7 +126,7 @@ class Behaviour:
     @cached_property
     def states(self) -> GazeStates:
         """Looking at the partner, or averted; where the partner is, is estimated from the gaze itself."""
-        return gaze_states(self.space_rad, self.fps, valid=self.valid)
+        return detect_gaze_states(self.gaze_in_space_rad, self.fps, valid=self.valid)
 
     @cached_property
     def blinks(self) -> Blinks:
@@ -150,8 +150,10 @@ def behaviour(
     for name, array in known.items():
         if array.shape != (frames, *FIELDS[name]):
             raise InputError(f"{name} should have shape {(frames, *FIELDS[name])}, got {array.shape}")
-    if not (np.isfinite(fps) and fps > 0 and frames >= LEAST_S * fps):
-        raise InputError(f"a motion should last {LEAST_S:g} s or longer, got {frames} frames at {fps:g} a second")
+    if not (np.isfinite(fps) and fps > 0 and frames >= MIN_DURATION_S * fps):
+        raise InputError(
+            f"a motion should last {MIN_DURATION_S:g} s or longer, got {frames} frames at {fps:g} a second"
+        )
     good = np.ones(frames, bool) if valid is None else np.asarray(valid, bool).copy()
     for array in known.values():
         good &= np.isfinite(array.reshape(frames, -1)).all(axis=1)
@@ -175,4 +177,4 @@ def _nearest(good: Bool[ndarray, " T"]) -> Int[ndarray, " T"]:
 
 
 def _speed_deg_s(unit: Float[ndarray, "T 2 3"], fps: float) -> Float[ndarray, " F"]:
-    return np.asarray(angle_deg(unit[:-1], unit[1:]).mean(axis=-1) * fps)
+    return np.asarray(angle_between_deg(unit[:-1], unit[1:]).mean(axis=-1) * fps)

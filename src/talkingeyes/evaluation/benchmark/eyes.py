@@ -15,23 +15,32 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import STANDS_STILL, Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.evaluation.benchmark.measure import (
+    ZERO_TOLERANCE,
+    Bins,
+    Extractor,
+    Metric,
+    Sums,
+    Totals,
+    ratio,
+    safe_divide,
+)
 
 ANGLE_DEG = Bins(-45.0, 45.0, 180)
 AXES = ("yaw", "pitch")
 # Head velocity is compared with gaze velocity at these lags; a positive lag: the head is late.
 LAGS_S = np.arange(-10, 21) * 0.04
 # The head's share is read over this time from the start of a saccade, of saccades of at least so many degrees.
-FOLLOW_S, SHARE_FROM_DEG = 0.6, 8.0
+HEAD_CONTRIBUTION_S, MIN_GAZE_SHIFT_DEG = 0.6, 8.0
 
 
-def observe_pair(behaviour: Behaviour) -> Sums:
+def extract_binocular(behaviour: Behaviour) -> Sums:
     """Of the two eyes in the head, over valid frames."""
     assert behaviour.gaze is not None
-    good, seen = behaviour.valid, behaviour.seen
+    good, valid_steps = behaviour.valid, behaviour.valid_steps
     angles = np.degrees(behaviour.eye_rad[good])
     mean = angles.mean(axis=1)
-    left, right = (np.diff(behaviour.eye_rad[:, eye, 0])[seen] * behaviour.fps for eye in (0, 1))
+    left, right = (np.diff(behaviour.eye_rad[:, eye, 0])[valid_steps] * behaviour.fps for eye in (0, 1))
     return {
         "pair.frames": good.sum(),
         "pair.vergence_deg": (angles[:, 1, 0] - angles[:, 0, 0]).sum(),
@@ -47,9 +56,9 @@ def observe_pair(behaviour: Behaviour) -> Sums:
     }
 
 
-def observe_counter(behaviour: Behaviour) -> Sums:
+def extract_eye_head(behaviour: Behaviour) -> Sums:
     """Eye against head velocity, between saccades; head against gaze velocity by lag, always."""
-    fps, rest = behaviour.fps, behaviour.seen & ~behaviour.in_saccade
+    fps, rest = behaviour.fps, behaviour.valid_steps & ~behaviour.in_saccade
     eye = np.diff(behaviour.eye_rad.mean(axis=1), axis=0) * fps
     head = np.diff(behaviour.head_rad, axis=0) * fps
     found: dict[str, Any] = {"counter.frames": rest.sum()}
@@ -68,7 +77,7 @@ def observe_counter(behaviour: Behaviour) -> Sums:
 def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
     """How far the head turns along with large saccades, and its velocity at lags from their middle along them."""
     fps, shifts = behaviour.fps, behaviour.saccades
-    large = shifts.amplitude_deg >= SHARE_FROM_DEG
+    large = shifts.amplitude_deg >= MIN_GAZE_SHIFT_DEG
     step = shifts.displacement_rad[large]
     unit = step / np.linalg.norm(step, axis=1, keepdims=True)
     middle_s = (shifts.onset_s + shifts.offset_s)[large] / 2
@@ -76,7 +85,7 @@ def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
     inside = (frame >= 0) & (frame < len(head_rad_s))
     along = np.einsum("nla,na->nl", head_rad_s[np.where(inside, frame, 0)], unit) * inside
     first = np.round(shifts.onset_s[large] * fps).astype(int)
-    last = first + round(FOLLOW_S * fps)
+    last = first + round(HEAD_CONTRIBUTION_S * fps)
     whole = last < len(behaviour)
     turn = behaviour.head_rad[last[whole]] - behaviour.head_rad[np.maximum(first[whole], 0)]
     return {
@@ -88,8 +97,8 @@ def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
     }
 
 
-PAIR = Observer(
-    observe_pair,
+BINOCULAR = Extractor(
+    extract_binocular,
     ("gaze",),
     {
         **dict.fromkeys(
@@ -99,8 +108,8 @@ PAIR = Observer(
         **dict.fromkeys(("pair.yaw", "pair.pitch"), ANGLE_DEG.count),
     },
 )
-COUNTER = Observer(
-    observe_counter,
+EYE_HEAD = Extractor(
+    extract_eye_head,
     ("head", "gaze"),
     {
         "counter.frames": 1,
@@ -117,22 +126,22 @@ def _range(totals: Totals, axis: str) -> Float[ndarray, " D"]:
     )
 
 
-def _root(totals: Totals, over: str) -> Float[ndarray, " D"]:
-    return np.asarray(np.sqrt(divided(totals[over], totals["pair.frames"])))
+def _root(totals: Totals, total: str) -> Float[ndarray, " D"]:
+    return np.asarray(np.sqrt(safe_divide(totals[total], totals["pair.frames"])))
 
 
 def _skewness(totals: Totals) -> Float[ndarray, " D"]:
-    third = divided(totals["pair.pitch_3"], totals["pair.frames"])
-    return divided(third, _root(totals, "pair.pitch_2") ** 3)
+    third = safe_divide(totals["pair.pitch_3"], totals["pair.frames"])
+    return safe_divide(third, _root(totals, "pair.pitch_2") ** 3)
 
 
 def _conjugacy(totals: Totals) -> Float[ndarray, " D"]:
-    return divided(totals["pair.left_right"], np.sqrt(totals["pair.left_2"] * totals["pair.right_2"]))
+    return safe_divide(totals["pair.left_right"], np.sqrt(totals["pair.left_2"] * totals["pair.right_2"]))
 
 
 def _coupling(totals: Totals, axis: str) -> Float[ndarray, " D"]:
     scale = np.sqrt(totals[f"counter.{axis}_eye"] * totals[f"counter.{axis}_head"])
-    return divided(totals[f"counter.{axis}"], scale)
+    return safe_divide(totals[f"counter.{axis}"], scale)
 
 
 def _lag(totals: Totals) -> Float[ndarray, " D"]:
@@ -140,7 +149,7 @@ def _lag(totals: Totals) -> Float[ndarray, " D"]:
 
     NaN where the head stands still.
     """
-    mean = divided(totals["follow.velocity"], totals["follow.counted"])
+    mean = safe_divide(totals["follow.velocity"], totals["follow.counted"])
     known = np.nan_to_num(mean, nan=-np.inf)
     top = np.clip(known.argmax(axis=1), 1, len(LAGS_S) - 2)
     draw = np.arange(len(top))
@@ -148,67 +157,67 @@ def _lag(totals: Totals) -> Float[ndarray, " D"]:
     bend = before - 2 * here + after
     shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
     lag = LAGS_S[top] + np.clip(shift, -1, 1) * (LAGS_S[1] - LAGS_S[0])
-    return np.where(np.abs(here) > STANDS_STILL, lag, np.nan)
+    return np.where(np.abs(here) > ZERO_TOLERANCE, lag, np.nan)
 
 
-_pair = partial(Measure, observer=PAIR, of="pair.frames", least=1500)
-_counter = partial(Measure, observer=COUNTER, of="counter.frames", least=1500)
-_follow = partial(Measure, observer=COUNTER, of="follow.gaze_shifts", least=100)
+_pair = partial(Metric, extractor=BINOCULAR, of="pair.frames", min_count=1500)
+_counter = partial(Metric, extractor=EYE_HEAD, of="counter.frames", min_count=1500)
+_follow = partial(Metric, extractor=EYE_HEAD, of="follow.gaze_shifts", min_count=100)
 
-MEASURES = (
+METRICS = (
     _pair(
         "eye/range_yaw",
         "range of the eyes, yaw",
         "deg",
         "5 to 95 % of eye-in-head yaw, all frames pooled",
-        figure=partial(_range, axis="yaw"),
+        compute=partial(_range, axis="yaw"),
         source="Stahl 1999; Guitton & Volle 1987",
-        trap="a constant offset a person (kappa) widens it",
+        caveat="a constant offset a person (kappa) widens it",
     ),
     _pair(
         "eye/range_pitch",
         "range of the eyes, pitch",
         "deg",
         "5 to 95 % of eye-in-head pitch, all frames pooled",
-        figure=partial(_range, axis="pitch"),
+        compute=partial(_range, axis="pitch"),
         source="Stahl 1999",
-        trap="as above",
+        caveat="as above",
     ),
     _pair(
         "eye/sd_yaw",
         "spread within a clip, yaw",
         "deg",
         "root mean square of eye-in-head yaw about the clip's mean",
-        figure=partial(_root, over="pair.yaw_2"),
+        compute=partial(_root, total="pair.yaw_2"),
         source="FACTS, acceptance table",
-        trap="grows with the length of the clips",
+        caveat="grows with the length of the clips",
     ),
     _pair(
         "eye/sd_pitch",
         "spread within a clip, pitch",
         "deg",
         "root mean square of eye-in-head pitch about the clip's mean",
-        figure=partial(_root, over="pair.pitch_2"),
+        compute=partial(_root, total="pair.pitch_2"),
         source="FACTS, acceptance table",
-        trap="grows with the length of the clips",
+        caveat="grows with the length of the clips",
     ),
     _pair(
         "eye/pitch_skew",
         "skew of pitch",
         "",
         "third moment of eye-in-head pitch about the clip's mean / SD^3",
-        figure=_skewness,
+        compute=_skewness,
         source="FACTS 9 (a sign error is invisible to norms)",
-        trap="a few long aversions decide it",
+        caveat="a few long aversions decide it",
     ),
     _pair(
         "eye/vergence",
         "vergence",
         "deg",
         "mean of yaw of the right eye less yaw of the left; positive: the eyes converge",
-        figure=ratio("pair.vergence_deg", "pair.frames"),
+        compute=ratio("pair.vergence_deg", "pair.frames"),
         source="Malinov et al. 2000; Elisei, Bailly & Casari 2007",
-        trap=(
+        caveat=(
             "pupils follow the optical axis: a constant offset of up to 10 deg between the eyes is anatomy "
             "(kappa); parallel eyes have 0"
         ),
@@ -218,9 +227,9 @@ MEASURES = (
         "torsion",
         "deg",
         "root mean square of the z component of the eyes' rotation vectors",
-        figure=partial(_root, over="pair.torsion2"),
+        compute=partial(_root, total="pair.torsion2"),
         source="Listing's law (Tweed & Vilis 1990)",
-        trap="angles built as yaw, then pitch (Fick) have false torsion: 3.5 deg at 20 by 20",
+        caveat="angles built as yaw, then pitch (Fick) have false torsion: 3.5 deg at 20 by 20",
         direction="less",
     ),
     _pair(
@@ -228,36 +237,36 @@ MEASURES = (
         "left and right eye",
         "correlation",
         "correlation of the yaw velocities of the two eyes",
-        figure=_conjugacy,
+        compute=_conjugacy,
         source="Collewijn, Erkelens & Steinman 1988",
-        trap="1 by construction where one angle moves both",
+        caveat="1 by construction where one angle moves both",
     ),
     _counter(
         "head_eye/slope_yaw",
         "head-eye slope, yaw",
         "deg/deg",
         "slope of eye-in-head on head yaw velocity between saccades; -1: gaze holds still in space",
-        figure=ratio("counter.yaw", "counter.yaw_head"),
+        compute=ratio("counter.yaw", "counter.yaw_head"),
         source="vestibulo-ocular reflex; FACTS 2",
-        trap="noise in the head flattens it; positive: an axis is flipped",
+        caveat="noise in the head flattens it; positive: an axis is flipped",
     ),
     _counter(
         "head_eye/slope_pitch",
         "head-eye slope, pitch",
         "deg/deg",
         "slope of eye-in-head on head pitch velocity between saccades",
-        figure=ratio("counter.pitch", "counter.pitch_head"),
+        compute=ratio("counter.pitch", "counter.pitch_head"),
         source="vestibulo-ocular reflex; FACTS 2",
-        trap="as above",
+        caveat="as above",
     ),
     _counter(
         "head_eye/correlation",
         "head-eye correlation, yaw",
         "correlation",
         "correlation of eye-in-head and head yaw velocity between saccades",
-        figure=partial(_coupling, axis="yaw"),
+        compute=partial(_coupling, axis="yaw"),
         source="FACTS 9",
-        trap="noise in either weakens it",
+        caveat="noise in either weakens it",
     ),
     _follow(
         "head_eye/share",
@@ -267,17 +276,17 @@ MEASURES = (
             "sum of head turn x gaze shift / sum of gaze shift squared, over 0.6 s from the onset of "
             "saccades of 8 deg and more"
         ),
-        figure=ratio("follow.turn", "follow.shift"),
+        compute=ratio("follow.turn", "follow.shift"),
         source="Stahl 1999; Freedman & Sparks 1997",
-        trap="negative: head or gaze is mirrored",
+        caveat="negative: head or gaze is mirrored",
     ),
     _follow(
         "head_eye/lag",
         "head behind gaze",
         "s",
         "lag of the highest mean velocity of the head along saccades of 8 deg and more",
-        figure=_lag,
+        compute=_lag,
         source="Guitton & Volle 1987; Zangemeister & Stark 1982",
-        trap="undefined where the head does not follow: then any lag comes out",
+        caveat="undefined where the head does not follow: then any lag comes out",
     ),
 )

@@ -15,23 +15,23 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import LESS, MORE, Measure, Observer, Sums, Totals
+from talkingeyes.evaluation.benchmark.measure import HIGHER, LOWER, Extractor, Metric, Sums, Totals
 from talkingeyes.evaluation.bootstrap import Statistic
-from talkingeyes.evaluation.distribution.coverage import manifold
+from talkingeyes.evaluation.distribution.coverage import precision_coverage
 from talkingeyes.evaluation.distribution.frechet import Gaussian, frechet
-from talkingeyes.evaluation.distribution.mmd import Drawn, mmd_of, permutation_p
+from talkingeyes.evaluation.distribution.mmd import WindowFeatures, mmd_statistic, permutation_p_value
 
 # Head and gaze of S samples, and their frame rate, to the features of all windows, sample by sample.
 Encoder = Callable[[ndarray, ndarray, float], ndarray]
 
-MOST_FEATURES = 16  # sums are as long as this; an encoder of fewer leaves zeros, which change no distance
+MAX_FEATURES = 16  # sums are as long as this; an encoder of fewer leaves zeros, which change no distance
 NEIGHBOURS = 3
 PERMUTATIONS = 200
-LEAST_WINDOWS = 100
+MIN_WINDOWS = 100
 NEEDS = ("head", "gaze", "features")
 
 
-def featured(motions: Sequence[Behaviour], encoder: Encoder | None) -> list[Behaviour]:
+def add_features(motions: Sequence[Behaviour], encoder: Encoder | None) -> list[Behaviour]:
     """Motions with the features of their windows."""
     if encoder is None:
         return list(motions)
@@ -43,7 +43,7 @@ def featured(motions: Sequence[Behaviour], encoder: Encoder | None) -> list[Beha
     ]
 
 
-def gathered(motions: Sequence[Behaviour]) -> Float[ndarray, "W D"]:
+def gather_features(motions: Sequence[Behaviour]) -> Float[ndarray, "W D"]:
     """The features of all windows of all motions, in mixed order, so that the first few are any few."""
     known = [motion.features for motion in motions if motion.features is not None]
     if not known:
@@ -52,11 +52,11 @@ def gathered(motions: Sequence[Behaviour]) -> Float[ndarray, "W D"]:
     return stacked[np.random.default_rng(len(stacked)).permutation(len(stacked))]
 
 
-def observe(behaviour: Behaviour) -> Sums:
+def extract(behaviour: Behaviour) -> Sums:
     """Moments of the features of a motion's windows."""
     features = behaviour.features
     assert features is not None
-    full = np.pad(features, ((0, 0), (0, MOST_FEATURES - features.shape[1])))
+    full = np.pad(features, ((0, 0), (0, MAX_FEATURES - features.shape[1])))
     return {
         "feature.windows": len(full),
         "feature.sum": full.sum(axis=0),
@@ -64,10 +64,10 @@ def observe(behaviour: Behaviour) -> Sums:
     }
 
 
-OBSERVER = Observer(
-    observe,
+OBSERVER = Extractor(
+    extract,
     NEEDS,
-    {"feature.windows": 1, "feature.sum": MOST_FEATURES, "feature.products": MOST_FEATURES**2},
+    {"feature.windows": 1, "feature.sum": MAX_FEATURES, "feature.products": MAX_FEATURES**2},
 )
 
 
@@ -77,7 +77,7 @@ def _gaussians(totals: Totals) -> list[Gaussian]:
         *(totals[f"feature.{name}"] for name in ("windows", "sum", "products")), strict=True
     ):
         mean = total / max(count, 1)
-        square = products.reshape(MOST_FEATURES, MOST_FEATURES) / max(count, 1)
+        square = products.reshape(MAX_FEATURES, MAX_FEATURES) / max(count, 1)
         found.append(Gaussian(mean, square - np.outer(mean, mean)))
     return found
 
@@ -88,18 +88,18 @@ def _frechet(totals: Totals, other: Totals) -> Float[ndarray, " D"]:
     return np.array([frechet(one, theirs[index % len(theirs)]) for index, one in enumerate(ours)])
 
 
-def _mmd(ours: Drawn, theirs: Drawn, paired: bool) -> Statistic:
-    return mmd_of(ours, theirs, paired)
+def _mmd(ours: WindowFeatures, theirs: WindowFeatures, paired: bool) -> Statistic:
+    return mmd_statistic(ours, theirs, paired)
 
 
-def _permuted(ours: Drawn, theirs: Drawn, paired: bool) -> Statistic:
-    value = permutation_p(ours, theirs, PERMUTATIONS, seed=0)
+def _permuted(ours: WindowFeatures, theirs: WindowFeatures, paired: bool) -> Statistic:
+    value = permutation_p_value(ours, theirs, PERMUTATIONS, seed=0)
     return lambda clips: value
 
 
-def _share(ours: Drawn, theirs: Drawn, paired: bool, side: str) -> Statistic:
+def _share(ours: WindowFeatures, theirs: WindowFeatures, paired: bool, side: str) -> Statistic:
     """Share of windows, ours that are precise or theirs that are covered, over drawn clips."""
-    found = manifold(ours, theirs, NEIGHBOURS)
+    found = precision_coverage(ours, theirs, NEIGHBOURS)
     values, clip = (found.precise, ours.clip) if side == "precision" else (found.covered, theirs.clip)
     count = int(max(ours.clip.max(), theirs.clip.max())) + 1
 
@@ -110,18 +110,18 @@ def _share(ours: Drawn, theirs: Drawn, paired: bool, side: str) -> Statistic:
     return statistic
 
 
-_feature = partial(Measure, observer=OBSERVER, of="feature.windows", least=LEAST_WINDOWS)
+_feature = partial(Metric, extractor=OBSERVER, of="feature.windows", min_count=MIN_WINDOWS)
 
-MEASURES = (
+METRICS = (
     _feature(
         "features/frechet",
         "Frechet distance",
         "",
         "squared Frechet distance of two Gaussians of the features of windows of 2.56 s, by the fixed encoder",
-        against=_frechet,
-        direction=LESS,
+        compare=_frechet,
+        direction=LOWER,
         source="Heusel et al. 2017; FGD: Yoon et al. 2020",
-        trap="biased upwards by the number of features over windows; people disagree with it (GENEA): read the floor",
+        caveat="biased upwards by the number of features over windows; people disagree with it (GENEA): read the floor",
     ),
     _feature(
         "features/mmd",
@@ -129,9 +129,9 @@ MEASURES = (
         "",
         "unbiased MMD^2 of the features with a Gaussian kernel of the median width, pairs within a sound left out",
         pairwise=_mmd,
-        direction=LESS,
+        direction=LOWER,
         source="Gretton et al. 2012",
-        trap="may be negative; a difference that it finds need not be one that anybody sees",
+        caveat="may be negative; a difference that it finds need not be one that anybody sees",
     ),
     _feature(
         "features/mmd_p",
@@ -139,9 +139,9 @@ MEASURES = (
         "p",
         f"share of {PERMUTATIONS} deals of whole sounds to two sets that are as far apart",
         pairwise=_permuted,
-        direction=MORE,
+        direction=HIGHER,
         source="Gretton et al. 2012",
-        trap="small with enough clips for any model: says whether, not how much; no interval",
+        caveat="small with enough clips for any model: says whether, not how much; no interval",
     ),
     _feature(
         "features/precision",
@@ -149,9 +149,9 @@ MEASURES = (
         "share",
         f"share of windows inside the ball to the {NEIGHBOURS}rd neighbour of any true window",
         pairwise=partial(_share, side="precision"),
-        direction=MORE,
+        direction=HIGHER,
         source="Kynkaanniemi et al. 2019",
-        trap="the calmest motion has the best: read it beside coverage",
+        caveat="the calmest motion has the best: read it beside coverage",
     ),
     _feature(
         "features/coverage",
@@ -159,8 +159,8 @@ MEASURES = (
         "share",
         "share of true windows whose ball holds a window of the motions",
         pairwise=partial(_share, side="coverage"),
-        direction=MORE,
+        direction=HIGHER,
         source="Naeem et al. 2020",
-        trap="depends on how many windows are drawn: the same number of both",
+        caveat="depends on how many windows are drawn: the same number of both",
     ),
 )

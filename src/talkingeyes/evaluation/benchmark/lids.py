@@ -13,21 +13,21 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 
-LENGTH_S = Bins(0.0, 0.8, 80)
-SHIFT_FROM_DEG, SHIFT_S = 8.0, (-0.15, 0.25)
+DURATION_BINS_S = Bins(0.0, 0.8, 80)
+MIN_GAZE_SHIFT_DEG, SHIFT_S = 8.0, (-0.15, 0.25)
 PHRASE_END_S = (-0.1, 0.5)
 
 
-def observe(behaviour: Behaviour) -> Sums:
+def extract(behaviour: Behaviour) -> Sums:
     """Blinks, their lengths and the intervals between them."""
     blinks = behaviour.blinks
     interval = np.diff(blinks.onset_s)
     return {
         "blink.blinks": len(blinks),
         "blink.seconds": behaviour.valid.sum() / behaviour.fps,
-        "blink.length": LENGTH_S(blinks.duration_s),
+        "blink.length": DURATION_BINS_S(blinks.duration_s),
         "blink.depth": blinks.depth.sum(),
         "blink.intervals": len(interval),
         "blink.interval_s": interval.sum(),
@@ -35,13 +35,13 @@ def observe(behaviour: Behaviour) -> Sums:
     }
 
 
-def observe_shifts(behaviour: Behaviour) -> Sums:
+def extract_gaze_shift_blinks(behaviour: Behaviour) -> Sums:
     """Blinks that start near the start of a large gaze shift, and the time that is near one."""
     shifts = behaviour.saccades
-    return _coupled(behaviour, "shift", shifts.onset_s[shifts.amplitude_deg >= SHIFT_FROM_DEG], SHIFT_S)
+    return _coupled(behaviour, "shift", shifts.onset_s[shifts.amplitude_deg >= MIN_GAZE_SHIFT_DEG], SHIFT_S)
 
 
-def observe_phrases(behaviour: Behaviour) -> Sums:
+def extract_phrase_end_blinks(behaviour: Behaviour) -> Sums:
     """Blinks that start near the end of a stretch of speech, and the time that is near one."""
     assert behaviour.annotation is not None
     ends = np.array([span.end_s for span in behaviour.annotation.speaking])
@@ -66,111 +66,111 @@ def _coupling_sizes(name: str) -> dict[str, int]:
     return {f"{name}.{each}": 1 for each in ("blinks", "blinks_inside", "frames", "frames_inside")}
 
 
-BLINKS = Observer(
-    observe,
+BLINKS = Extractor(
+    extract,
     ("lid",),
     {
         **dict.fromkeys(("blink.blinks", "blink.seconds", "blink.depth", "blink.intervals"), 1),
         **dict.fromkeys(("blink.interval_s", "blink.interval_s2"), 1),
-        "blink.length": LENGTH_S.count,
+        "blink.length": DURATION_BINS_S.count,
     },
 )
-SHIFTS = Observer(observe_shifts, ("lid", "head", "gaze"), _coupling_sizes("shift"))
-PHRASES = Observer(observe_phrases, ("lid", "annotation"), _coupling_sizes("phrase"))
+SHIFTS = Extractor(extract_gaze_shift_blinks, ("lid", "head", "gaze"), _coupling_sizes("shift"))
+PHRASES = Extractor(extract_phrase_end_blinks, ("lid", "annotation"), _coupling_sizes("phrase"))
 
 
 def _interval_variation(totals: Totals) -> Float[ndarray, " D"]:
-    mean = divided(totals["blink.interval_s"], totals["blink.intervals"])
-    square = divided(totals["blink.interval_s2"], totals["blink.intervals"])
-    return divided(np.sqrt(np.maximum(square - mean**2, 0)), mean)
+    mean = safe_divide(totals["blink.interval_s"], totals["blink.intervals"])
+    square = safe_divide(totals["blink.interval_s2"], totals["blink.intervals"])
+    return safe_divide(np.sqrt(np.maximum(square - mean**2, 0)), mean)
 
 
 def _coupling(totals: Totals, name: str) -> Float[ndarray, " D"]:
     inside, frames_inside = totals[f"{name}.blinks_inside"], totals[f"{name}.frames_inside"]
-    outside = divided(totals[f"{name}.blinks"] - inside, totals[f"{name}.frames"] - frames_inside)
-    return divided(divided(inside, frames_inside), np.nan_to_num(outside))
+    outside = safe_divide(totals[f"{name}.blinks"] - inside, totals[f"{name}.frames"] - frames_inside)
+    return safe_divide(safe_divide(inside, frames_inside), np.nan_to_num(outside))
 
 
-_blink = partial(Measure, observer=BLINKS, of="blink.blinks")
+_blink = partial(Metric, extractor=BLINKS, of="blink.blinks")
 
-MEASURES = (
+METRICS = (
     _blink(
         "blinks/rate",
         "blink rate",
         "1/min",
         "blinks / minutes of valid frames",
-        figure=ratio("blink.blinks", "blink.seconds", 60.0),
-        least=20,
+        compute=ratio("blink.blinks", "blink.seconds", 60.0),
+        min_count=20,
         source="Bentivoglio et al. 1997; Doughty 2001",
-        trap="people differ by a factor of eight: many speakers, not many minutes, make the interval narrow",
+        caveat="people differ by a factor of eight: many speakers, not many minutes, make the interval narrow",
     ),
     _blink(
         "blinks/duration_median",
         "median duration",
         "s",
         "median time that the lids are away from their opening",
-        figure=lambda totals: LENGTH_S.quantile(totals["blink.length"], 0.5),
-        least=30,
-        rate_bound=True,
+        compute=lambda totals: DURATION_BINS_S.quantile(totals["blink.length"], 0.5),
+        min_count=30,
+        rate_dependent=True,
         source="VanderWerf et al. 2003",
-        trap="the fixed window of the paper (0.2 s) has no spread; tracked blinks lose their slow ends",
+        caveat="the fixed window of the paper (0.2 s) has no spread; tracked blinks lose their slow ends",
     ),
     _blink(
         "blinks/duration_distance",
         "durations, Wasserstein",
         "truth's SD",
         "area between the distribution functions of duration / SD of the reference's",
-        against=lambda totals, other: LENGTH_S.distance(totals["blink.length"], other["blink.length"]),
-        least=30,
+        compare=lambda totals, other: DURATION_BINS_S.distance(totals["blink.length"], other["blink.length"]),
+        min_count=30,
         direction="less",
-        rate_bound=True,
+        rate_dependent=True,
         source="FACTS 9",
-        trap="as above",
+        caveat="as above",
     ),
     _blink(
         "blinks/depth",
         "mean depth",
         "closure",
         "mean of the deepest closure; 1 is shut",
-        figure=ratio("blink.depth", "blink.blinks"),
-        least=30,
-        rate_bound=True,
+        compute=ratio("blink.depth", "blink.blinks"),
+        min_count=30,
+        rate_dependent=True,
         source="Sforza et al. 2008",
-        trap="frames miss the deepest moment",
+        caveat="frames miss the deepest moment",
     ),
     _blink(
         "blinks/interval_cv",
         "variation of intervals",
         "CV",
         "SD / mean of the time between onsets in a clip",
-        figure=_interval_variation,
+        compute=_interval_variation,
         of="blink.intervals",
-        least=50,
+        min_count=50,
         source="Doughty 2002",
-        trap="clips shorter than some intervals cut the long ones away",
+        caveat="clips shorter than some intervals cut the long ones away",
     ),
-    Measure(
+    Metric(
         "blinks/at_shifts",
         "blinks at gaze shifts",
         "rate ratio",
         "blink rate from -0.15 to 0.25 s around onsets of saccades of 8 deg and more / blink rate elsewhere",
-        figure=partial(_coupling, name="shift"),
-        observer=SHIFTS,
+        compute=partial(_coupling, name="shift"),
+        extractor=SHIFTS,
         of="shift.blinks",
-        least=50,
+        min_count=50,
         source="Evinger et al. 1994",
-        trap="a tracker that sees blinks as gaze jumps makes it: look at the gaze in the blink",
+        caveat="a tracker that sees blinks as gaze jumps makes it: look at the gaze in the blink",
     ),
-    Measure(
+    Metric(
         "blinks/at_phrase_ends",
         "blinks at phrase ends",
         "rate ratio",
         "blink rate from -0.1 to 0.5 s around ends of speech / blink rate elsewhere",
-        figure=partial(_coupling, name="phrase"),
-        observer=PHRASES,
+        compute=partial(_coupling, name="phrase"),
+        extractor=PHRASES,
         of="phrase.blinks",
-        least=100,
+        min_count=100,
         source="Nakano & Kitazawa 2010",
-        trap="ends at the end of the clip count with the part of the window that is left",
+        caveat="ends at the end of the clip count with the part of the window that is left",
     ),
 )

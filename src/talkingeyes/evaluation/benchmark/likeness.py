@@ -15,30 +15,30 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import MORE, Measure, Observer, Sums, Totals, divided
+from talkingeyes.evaluation.benchmark.measure import HIGHER, Extractor, Metric, Sums, Totals, safe_divide
 
 AVERSION = ("side", "height")
 POSTURE = ("nodding", "turn", "tilt")  # components of the head's rotation vector
 # A clip that is averted for less time than this has no side.
-LEAST_AVERTED_S = 0.4
+MIN_AVERTED_S = 0.4
 MOMENTS = ("pairs", "x", "y", "xx", "yy", "xy")
 
 
-def observe_aversion(behaviour: Behaviour) -> Sums:
+def extract_aversion_direction(behaviour: Behaviour) -> Sums:
     """Mean direction of averted gaze from the partner, in both motions."""
-    return _moments(AVERSION, _aversion(behaviour), _aversion(behaviour.other))
+    return _moments(AVERSION, _aversion(behaviour), _aversion(behaviour.required_reference))
 
 
-def observe_posture(behaviour: Behaviour) -> Sums:
+def extract_head_posture(behaviour: Behaviour) -> Sums:
     """Mean rotation vector of the head, in both motions."""
-    return _moments(POSTURE, _posture(behaviour), _posture(behaviour.other))
+    return _moments(POSTURE, _posture(behaviour), _posture(behaviour.required_reference))
 
 
 def _aversion(behaviour: Behaviour) -> Float[ndarray, " 2"]:
     away = behaviour.states.averted & behaviour.valid
-    if away.sum() < LEAST_AVERTED_S * behaviour.fps:
+    if away.sum() < MIN_AVERTED_S * behaviour.fps:
         return np.full(2, np.nan)
-    return np.asarray(np.degrees(behaviour.space_rad[away].mean(axis=0) - behaviour.states.partner_rad))
+    return np.asarray(np.degrees(behaviour.gaze_in_space_rad[away].mean(axis=0) - behaviour.states.partner_rad))
 
 
 def _posture(behaviour: Behaviour) -> Float[ndarray, " 3"]:
@@ -61,33 +61,33 @@ def _sizes(names: tuple[str, ...]) -> dict[str, int]:
 def _correlation(totals: Totals, name: str) -> Float[ndarray, " D"]:
     count, x, y, xx, yy, xy = (totals[f"{name}.{moment}"] for moment in MOMENTS)
     scale = np.sqrt(np.maximum(count * xx - x**2, 0) * np.maximum(count * yy - y**2, 0))
-    return divided(count * xy - x * y, scale)
+    return safe_divide(count * xy - x * y, scale)
 
 
-ABOUT_AVERSION = Observer(observe_aversion, ("head", "gaze", "reference"), _sizes(AVERSION))
-ABOUT_POSTURE = Observer(observe_posture, ("head", "reference"), _sizes(POSTURE))
+AVERSION_EXTRACTOR = Extractor(extract_aversion_direction, ("head", "gaze", "reference"), _sizes(AVERSION))
+POSTURE_EXTRACTOR = Extractor(extract_head_posture, ("head", "reference"), _sizes(POSTURE))
 
 _TITLES = {
-    "side": ("side of looking away", ABOUT_AVERSION, "mean yaw of averted gaze from the partner"),
-    "height": ("height of looking away", ABOUT_AVERSION, "mean pitch of averted gaze from the partner"),
-    "nodding": ("head held up or down", ABOUT_POSTURE, "mean x component of the head's rotation vector"),
-    "turn": ("head turned", ABOUT_POSTURE, "mean y component of the head's rotation vector"),
-    "tilt": ("head tilted", ABOUT_POSTURE, "mean z component of the head's rotation vector"),
+    "side": ("side of looking away", AVERSION_EXTRACTOR, "mean yaw of averted gaze from the partner"),
+    "height": ("height of looking away", AVERSION_EXTRACTOR, "mean pitch of averted gaze from the partner"),
+    "nodding": ("head held up or down", POSTURE_EXTRACTOR, "mean x component of the head's rotation vector"),
+    "turn": ("head turned", POSTURE_EXTRACTOR, "mean y component of the head's rotation vector"),
+    "tilt": ("head tilted", POSTURE_EXTRACTOR, "mean z component of the head's rotation vector"),
 }
 
-MEASURES = tuple(
-    Measure(
+METRICS = tuple(
+    Metric(
         f"likeness/{name}",
         title,
         "correlation",
         f"correlation over clips of the {what} with that of the reference under the same sound",
-        figure=partial(_correlation, name=name),
-        observer=observer,
+        compute=partial(_correlation, name=name),
+        extractor=extractor,
         of=f"{name}.pairs",
-        least=30,
-        direction=MORE,
+        min_count=30,
+        direction=HIGHER,
         source="personal sides and postures: Rogers et al. 2018",
-        trap="needs the speaker to be known: 0 is no fault; below 0: an axis is flipped",
+        caveat="needs the speaker to be known: 0 is no fault; below 0: an axis is flipped",
     )
-    for name, (title, observer, what) in _TITLES.items()
+    for name, (title, extractor, what) in _TITLES.items()
 )

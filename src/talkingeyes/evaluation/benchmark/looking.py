@@ -15,19 +15,19 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 
 LAGS_S = np.arange(-20, 21) / 10
-LENGTH_S = Bins(0.0, 8.0, 80)
+DURATION_BINS_S = Bins(0.0, 8.0, 80)
 # A gap shorter than this does not end speech.
-LEAST_GAP_S = 0.25
-LEAST_EVENTS = 400
+MIN_PAUSE_S = 0.25
+MIN_EVENTS = 400
 # Windows of lags in seconds: before, around and after onsets; before and after offsets.
 BEFORE_ONSET_S, AT_ONSET_S, AFTER_ONSET_S = (-2.0, -1.4), (-0.3, 0.7), (1.4, 2.0)
-BEFORE_OFFSET_S, AFTER_OFFSET_S, LAST_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0.0)
+BEFORE_OFFSET_S, AFTER_OFFSET_S, AT_OFFSET_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0.0)
 
 
-def observe_states(behaviour: Behaviour) -> Sums:
+def extract_states(behaviour: Behaviour) -> Sums:
     """Time averted, and lengths of the aversions that the clip does not cut."""
     states = behaviour.states
     whole = states.dwell_averted.copy()
@@ -41,20 +41,20 @@ def observe_states(behaviour: Behaviour) -> Sums:
         "state.averted": (states.averted & behaviour.valid).sum(),
         "state.onsets": states.dwell_averted[1:].sum(),
         "state.aversions": whole.sum(),
-        "state.aversion": LENGTH_S(length[whole]),
+        "state.aversion": DURATION_BINS_S(length[whole]),
         "state.looks": looks.sum(),
-        "state.look": LENGTH_S(length[looks]),
+        "state.look": DURATION_BINS_S(length[looks]),
     }
 
 
-def observe_curves(behaviour: Behaviour) -> Sums:
+def extract_aversion_curves(behaviour: Behaviour) -> Sums:
     """Averted frames around speech onsets and offsets, by lag."""
     assert behaviour.annotation is not None
     spans = behaviour.annotation.speaking
     gaps = [after.start_s - before.end_s for before, after in pairwise(spans)]
     apart = [np.inf, *gaps, np.inf]
-    start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= LEAST_GAP_S]
-    end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= LEAST_GAP_S]
+    start = [span.start_s for span, gap in zip(spans, apart[:-1], strict=False) if gap >= MIN_PAUSE_S]
+    end = [span.end_s for span, gap in zip(spans, apart[1:], strict=False) if gap >= MIN_PAUSE_S]
     onset, offset = (_around(behaviour, np.array(times)) for times in (start, end))
     return {
         "onset.speech_onsets": len(start),
@@ -75,19 +75,19 @@ def _around(behaviour: Behaviour, times_s: Float[ndarray, " N"]) -> Float[ndarra
     return np.stack([(counted & behaviour.states.averted[frame]).sum(axis=0), counted.sum(axis=0)]).astype(float)
 
 
-STATES = Observer(
-    observe_states,
+STATES = Extractor(
+    extract_states,
     ("head", "gaze"),
     {
         **dict.fromkeys(
             ("state.frames", "state.seconds", "state.averted", "state.onsets", "state.aversions", "state.looks"), 1
         ),
-        "state.aversion": LENGTH_S.count,
-        "state.look": LENGTH_S.count,
+        "state.aversion": DURATION_BINS_S.count,
+        "state.look": DURATION_BINS_S.count,
     },
 )
-CURVES = Observer(
-    observe_curves,
+CURVES = Extractor(
+    extract_aversion_curves,
     ("head", "gaze", "annotation"),
     {
         "onset.speech_onsets": 1,
@@ -100,16 +100,16 @@ CURVES = Observer(
 )
 
 
-def curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
+def aversion_curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
     """The averted curve."""
-    return divided(totals[f"{event}.averted"], totals[f"{event}.counted"])
+    return safe_divide(totals[f"{event}.averted"], totals[f"{event}.counted"])
 
 
 def _share(totals: Totals, event: str, window_s: tuple[float, float]) -> Float[ndarray, " D"]:
     """Share averted over a window of lags."""
     within = (window_s[0] - 1e-9 <= LAGS_S) & (window_s[1] + 1e-9 >= LAGS_S)
     averted, counted = (totals[f"{event}.{name}"][:, within].sum(axis=1) for name in ("averted", "counted"))
-    return divided(averted, counted)
+    return safe_divide(averted, counted)
 
 
 def _change(totals: Totals, event: str, to: tuple[float, float], base: tuple[float, float]) -> Float[ndarray, " D"]:
@@ -119,26 +119,26 @@ def _change(totals: Totals, event: str, to: tuple[float, float], base: tuple[flo
 
 def _shape(totals: Totals, other: Totals, event: str) -> Float[ndarray, " D"]:
     """Correlation of the curve with the reference's, over lags."""
-    one, two = (curve(each, event) for each in (totals, other))
+    one, two = (aversion_curve(each, event) for each in (totals, other))
     one, two = (each - each.mean(axis=1, keepdims=True) for each in (one, two))
     scale = np.sqrt(np.square(one).sum(axis=1) * np.square(two).sum(axis=1))
     return np.asarray((one * two).sum(axis=1) / np.maximum(scale, 1e-12))
 
 
-_state = partial(Measure, observer=STATES, source="Argyle & Cook 1976; Kendon 1967")
-_onset = partial(Measure, observer=CURVES, of="onset.speech_onsets", least=LEAST_EVENTS)
-_offset = partial(Measure, observer=CURVES, of="offset.speech_offsets", least=LEAST_EVENTS)
+_state = partial(Metric, extractor=STATES, source="Argyle & Cook 1976; Kendon 1967")
+_onset = partial(Metric, extractor=CURVES, of="onset.speech_onsets", min_count=MIN_EVENTS)
+_offset = partial(Metric, extractor=CURVES, of="offset.speech_offsets", min_count=MIN_EVENTS)
 
-MEASURES = (
+METRICS = (
     _state(
         "looking/partner",
         "time at the partner",
         "share",
         "share of valid frames with gaze in space within 4 deg of the partner",
-        figure=lambda totals: 1 - divided(totals["state.averted"], totals["state.frames"]),
+        compute=lambda totals: 1 - safe_divide(totals["state.averted"], totals["state.frames"]),
         of="state.seconds",
-        least=60,
-        trap=(
+        min_count=60,
+        caveat=(
             "where the partner is, is the densest place of gaze: whoever looks away most of the time has it "
             "wrong; a frozen face has 1"
         ),
@@ -148,80 +148,80 @@ MEASURES = (
         "aversions",
         "1/min",
         "changes from the partner to away / minutes",
-        figure=ratio("state.onsets", "state.seconds", 60.0),
+        compute=ratio("state.onsets", "state.seconds", 60.0),
         of="state.seconds",
-        least=60,
-        trap="small saccades across the border of the face count",
+        min_count=60,
+        caveat="small saccades across the border of the face count",
     ),
     _state(
         "looking/aversion_median",
         "length of aversions",
         "s",
         "median of the aversions that begin and end in the clip",
-        figure=lambda totals: LENGTH_S.quantile(totals["state.aversion"], 0.5),
+        compute=lambda totals: DURATION_BINS_S.quantile(totals["state.aversion"], 0.5),
         of="state.aversions",
-        least=50,
+        min_count=50,
         source="Andrist, Mutlu & Gleicher 2013",
-        trap="short clips cut the long ones away: compare clips of one length",
+        caveat="short clips cut the long ones away: compare clips of one length",
     ),
     _state(
         "looking/aversion_distance",
         "lengths of aversions, Wasserstein",
         "truth's SD",
         "area between the distribution functions of aversion length / SD of the reference's",
-        against=lambda totals, other: LENGTH_S.distance(totals["state.aversion"], other["state.aversion"]),
+        compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.aversion"], other["state.aversion"]),
         of="state.aversions",
-        least=100,
+        min_count=100,
         direction="less",
-        trap="as above",
+        caveat="as above",
     ),
     _state(
         "looking/dwell_distance",
         "lengths of looks, Wasserstein",
         "truth's SD",
         "area between the distribution functions of the dwells at the partner / SD of the reference's",
-        against=lambda totals, other: LENGTH_S.distance(totals["state.look"], other["state.look"]),
+        compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.look"], other["state.look"]),
         of="state.looks",
-        least=100,
+        min_count=100,
         direction="less",
-        trap="as above",
+        caveat="as above",
     ),
     _onset(
         "onset/averted",
         "averted at speech onsets",
         "share",
         "share averted from -0.3 to 0.7 s around onsets of speech after 0.25 s of silence",
-        figure=partial(_share, event="onset", window_s=AT_ONSET_S),
+        compute=partial(_share, event="onset", window_s=AT_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        trap="follows the time at the partner: read it beside the rise",
+        caveat="follows the time at the partner: read it beside the rise",
     ),
     _onset(
         "onset/rise",
         "averted at speech onsets, rise",
         "share",
         "averted from -0.3 to 0.7 s less averted from -2 to -1.4 s, around onsets of speech after 0.25 s of silence",
-        figure=partial(_change, event="onset", to=AT_ONSET_S, base=BEFORE_ONSET_S),
+        compute=partial(_change, event="onset", to=AT_ONSET_S, base=BEFORE_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        trap="clips that start with speech have no base: their lags before 0 do not count",
+        caveat="clips that start with speech have no base: their lags before 0 do not count",
     ),
     _onset(
         "onset/drop",
         "averted after speech onsets, drop",
         "share",
         "averted from -0.3 to 0.7 s less averted from 1.4 to 2 s, around the same onsets",
-        figure=partial(_change, event="onset", to=AT_ONSET_S, base=AFTER_ONSET_S),
+        compute=partial(_change, event="onset", to=AT_ONSET_S, base=AFTER_ONSET_S),
         source="Andrist, Mutlu & Gleicher 2013",
-        trap="clips that end early do not count",
+        caveat="clips that end early do not count",
     ),
     _onset(
         "onset/shape",
         "averted curve at onsets, shape",
         "correlation",
         "correlation of the curve with the reference's over lags of -2 to 2 s",
-        against=partial(_shape, event="onset"),
+        compare=partial(_shape, event="onset"),
         direction="more",
         source="Ho, Foulsham & Kingstone 2015",
-        trap=(
+        caveat=(
             "a correlation of noise with noise is 0 on average but not each time: read it beside that of the "
             "reference's halves"
         ),
@@ -231,27 +231,27 @@ MEASURES = (
         "averted as speech ends",
         "share",
         "share averted in the last 0.4 s before ends of speech that 0.25 s of silence follow",
-        figure=partial(_share, event="offset", window_s=LAST_S),
+        compute=partial(_share, event="offset", window_s=AT_OFFSET_S),
         source="Kendon 1967 (people end looking)",
-        trap="follows the time at the partner",
+        caveat="follows the time at the partner",
     ),
     _offset(
         "offset/rise",
         "averted after speech, rise",
         "share",
         "averted from 0.4 to 1.2 s less averted from -1 to 0 s, around the same ends",
-        figure=partial(_change, event="offset", to=AFTER_OFFSET_S, base=BEFORE_OFFSET_S),
+        compute=partial(_change, event="offset", to=AFTER_OFFSET_S, base=BEFORE_OFFSET_S),
         source="Kendon 1967",
-        trap="mixes pauses, in which the next aversion begins, with ends of turns, at which gaze returns",
+        caveat="mixes pauses, in which the next aversion begins, with ends of turns, at which gaze returns",
     ),
     _offset(
         "offset/shape",
         "averted curve at offsets, shape",
         "correlation",
         "correlation of the curve with the reference's over lags of -2 to 2 s",
-        against=partial(_shape, event="offset"),
+        compare=partial(_shape, event="offset"),
         direction="more",
         source="Kendon 1967",
-        trap="as at onsets",
+        caveat="as at onsets",
     ),
 )

@@ -16,43 +16,43 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.bootstrap import Statistic
-from talkingeyes.evaluation.distribution.mmd import Drawn
+from talkingeyes.evaluation.distribution.mmd import WindowFeatures
 
 # Rounding leaves speeds and squares of a motion that stands still; they sum up to 1e-11 or less, real ones to far more.
-STANDS_STILL = 1e-9
+ZERO_TOLERANCE = 1e-9
 # Sums of one clip: a number, or an array, a name.
 Sums = Mapping[str, "int | float | np.integer | ndarray"]
 # Totals of D draws of the clips: (D,) or (D, K) a name.
 Totals = Mapping[str, ndarray]
 
 Direction = Literal["truth", "less", "more"]
-TRUTH: Final = "truth"
-LESS: Final = "less"
-MORE: Final = "more"
+CLOSER: Final = "truth"
+LOWER: Final = "less"
+HIGHER: Final = "more"
 
 
 @dataclass(frozen=True)
-class Observer:
+class Extractor:
     """Sums that belong together. `needs` names fields of Behaviour; `sizes` says how long each sum is.
 
-    `observe` takes one Behaviour; where `together`, the sequence of all motions of a sound.
+    `extract` takes one Behaviour; where `together`, the sequence of all motions of a sound.
     """
 
-    observe: Callable[..., Sums]
+    extract: Callable[..., Sums]
     needs: tuple[str, ...]
     sizes: Mapping[str, int]
     together: bool = False
 
 
 @dataclass(frozen=True)
-class Measure:
+class Metric:
     """One figure of the benchmark, with all that its page says of it.
 
-    `of` names the sum that counts what the figure is made of, and `least` how many of them it takes. `direction`:
-    "truth" is better the nearer to the reference, "less" and "more" as they say. A measure with `against` compares
+    `of` names the sum that counts what the figure is made of, and `min_count` how many of them it takes. `direction`:
+    "truth" is better the nearer to the reference, "less" and "more" as they say. A measure with `compare` compares
     with the totals of the reference, one that is `pairwise` with windows of it (both drawn, and whether clip i of both
-    is the same sound); then the reference's own figure is that between its halves. `rate_bound` figures depend on the
-    frame rate and are not compared across rates.
+    is the same sound); then the reference's own figure is that between its halves. `rate_dependent` figures depend on
+    the frame rate and are not compared across rates.
     """
 
     name: str
@@ -60,35 +60,35 @@ class Measure:
     unit: str
     formula: str
     source: str
-    trap: str
-    observer: Observer
+    caveat: str
+    extractor: Extractor
     of: str
-    least: int
-    figure: Callable[[Totals], Float[ndarray, " D"]] | None = None
-    against: Callable[[Totals, Totals], Float[ndarray, " D"]] | None = None
-    pairwise: Callable[[Drawn, Drawn, bool], Statistic] | None = None
-    direction: Direction = TRUTH
-    rate_bound: bool = False
+    min_count: int
+    compute: Callable[[Totals], Float[ndarray, " D"]] | None = None
+    compare: Callable[[Totals, Totals], Float[ndarray, " D"]] | None = None
+    pairwise: Callable[[WindowFeatures, WindowFeatures, bool], Statistic] | None = None
+    direction: Direction = CLOSER
+    rate_dependent: bool = False
 
     def __post_init__(self) -> None:
-        assert sum(each is not None for each in (self.figure, self.against, self.pairwise)) == 1, self.name
-        assert self.observer.sizes[self.of] == 1, self.name
+        assert sum(each is not None for each in (self.compute, self.compare, self.pairwise)) == 1, self.name
+        assert self.extractor.sizes[self.of] == 1, self.name
 
     @property
-    def counted(self) -> str:
+    def count_unit(self) -> str:
         """What `of` counts, in words: the end of its name."""
         return self.of.split(".")[-1].replace("_", " ")
 
 
-def ratio(over: str, under: str, scale: float = 1.0) -> Callable[[Totals], Float[ndarray, " D"]]:
+def ratio(numerator: str, denominator: str, scale: float = 1.0) -> Callable[[Totals], Float[ndarray, " D"]]:
     """One total over another."""
-    return lambda totals: divided(scale * totals[over], totals[under])
+    return lambda totals: safe_divide(scale * totals[numerator], totals[denominator])
 
 
-def divided(over: Float[ndarray, "*D"], under: Float[ndarray, "*D"]) -> Float[ndarray, "*D"]:
+def safe_divide(numerator: Float[ndarray, "*D"], denominator: Float[ndarray, "*D"]) -> Float[ndarray, "*D"]:
     """NaN where nothing was counted, or where nothing moved but for what rounding leaves (STANDS_STILL)."""
-    known = np.asarray(under) > STANDS_STILL
-    return np.asarray(np.divide(over, under, out=np.full(np.shape(over), np.nan), where=known))
+    known = np.asarray(denominator) > ZERO_TOLERANCE
+    return np.asarray(np.divide(numerator, denominator, out=np.full(np.shape(numerator), np.nan), where=known))
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ class Bins:
         index = ((values - self.low) * (self.count / (self.high - self.low))).astype(int)
         return np.bincount(np.clip(index, 0, self.count - 1), minlength=self.count).astype(float)
 
-    def share_below(self, counts: Float[ndarray, "D K"], limit: float) -> Float[ndarray, " D"]:
+    def fraction_below(self, counts: Float[ndarray, "D K"], limit: float) -> Float[ndarray, " D"]:
         """Share of values below a limit that is an edge."""
         reach = round((limit - self.low) / (self.high - self.low) * self.count)
-        return divided(counts[:, :reach].sum(axis=1), counts.sum(axis=1))
+        return safe_divide(counts[:, :reach].sum(axis=1), counts.sum(axis=1))
 
     def quantile(self, counts: Float[ndarray, "D K"], share: float) -> Float[ndarray, " D"]:
         """The value that `share` of the values do not exceed; within a bin they count as even."""
@@ -119,17 +119,18 @@ class Bins:
         wanted = share * below[:, -1]
         index = np.minimum((below < wanted[:, None]).sum(axis=1), self.count - 1)
         draw = np.arange(len(counts))
-        inside = divided(wanted - below[draw, index] + counts[draw, index], counts[draw, index])
+        inside = safe_divide(wanted - below[draw, index] + counts[draw, index], counts[draw, index])
         return np.asarray(self.low + (index + inside) * (self.high - self.low) / self.count)
 
     def distance(self, one: Float[ndarray, "D K"], other: Float[ndarray, "E K"]) -> Float[ndarray, " D"]:
         """Wasserstein distance in standard deviations of `other`: the area between the distribution functions."""
         shares = [
-            divided(counts, np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)) for counts in (one, other)
+            safe_divide(counts, np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape))
+            for counts in (one, other)
         ]
         width = (self.high - self.low) / self.count
         centres = self.edges[:-1] + width / 2
         mean = shares[1] @ centres
         spread = np.sqrt(np.maximum(shares[1] @ centres**2 - mean**2, 0))
         area = np.abs(np.cumsum(shares[0] - shares[1], axis=1)).sum(axis=1) * width
-        return divided(area, np.broadcast_to(spread, area.shape))
+        return safe_divide(area, np.broadcast_to(spread, area.shape))

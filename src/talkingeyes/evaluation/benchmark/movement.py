@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.kinematics import STILL_DEG_S
+from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
+from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 from talkingeyes.evaluation.distribution.spectrum import HIGH_HZ, SEGMENT_S, SLOPE_BAND_HZ, spectrum
 
 # Speeds in octaves over a degree a second: 1/16 to 1024.
-OCTAVES = Bins(-4.0, 10.0, 140)
+LOG2_SPEED_BINS = Bins(-4.0, 10.0, 140)
 # Spectra are kept up to here, where the frame rate reaches that far.
 FREQUENCY_HZ = np.arange(33) / SEGMENT_S
 HEAD_AXES = ("pitch", "yaw", "roll")  # of the rotation vector
@@ -27,15 +27,15 @@ PARTS = {"eye": "eye-in-head", "space": "gaze in space", "head": "head"}
 
 
 def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[ndarray, "T C"], of: Behaviour) -> Sums:
-    speed = speed_deg_s[of.seen]
+    speed = speed_deg_s[of.valid_steps]
     power = spectrum(angles_rad, of.fps, of.valid)
     summed = np.zeros(len(FREQUENCY_HZ))
     summed[: len(power.power)] = power.power.sum(axis=1)[: len(summed)]
     return {
         f"{part}.frames": len(speed),
         f"{part}.speed_deg_s": speed.sum(),
-        f"{part}.still": (speed < STILL_DEG_S).sum(),
-        f"{part}.speed": OCTAVES(np.log2(np.maximum(speed, 1e-6))),
+        f"{part}.still": (speed < STILL_THRESHOLD_DEG_S).sum(),
+        f"{part}.speed": LOG2_SPEED_BINS(np.log2(np.maximum(speed, 1e-6))),
         f"{part}.segments": power.segments,
         f"{part}.power": summed,
     }
@@ -43,25 +43,25 @@ def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[nd
 
 def _sizes(part: str) -> dict[str, int]:
     ones = dict.fromkeys((f"{part}.{name}" for name in ("frames", "speed_deg_s", "still", "segments")), 1)
-    return {**ones, f"{part}.speed": OCTAVES.count, f"{part}.power": len(FREQUENCY_HZ)}
+    return {**ones, f"{part}.speed": LOG2_SPEED_BINS.count, f"{part}.power": len(FREQUENCY_HZ)}
 
 
-def observe_eye(behaviour: Behaviour) -> Sums:
+def extract_eye(behaviour: Behaviour) -> Sums:
     """Of the eyes in the head."""
     return _movement("eye", behaviour.eye_speed_deg_s, behaviour.eye_rad.mean(axis=1), behaviour)
 
 
-def observe_space(behaviour: Behaviour) -> Sums:
+def extract_gaze_in_space(behaviour: Behaviour) -> Sums:
     """Of gaze in space."""
-    return _movement("space", behaviour.space_speed_deg_s, behaviour.space_rad, behaviour)
+    return _movement("space", behaviour.gaze_in_space_speed_deg_s, behaviour.gaze_in_space_rad, behaviour)
 
 
-def observe_head(behaviour: Behaviour) -> Sums:
+def extract_head(behaviour: Behaviour) -> Sums:
     """Of the head, with its spread about the clip's mean and its steps up and down."""
     assert behaviour.head is not None
     good = np.degrees(behaviour.head[behaviour.valid])
     away = np.square(good - good.mean(axis=0)).sum(axis=0)
-    pitch_deg_s = -np.degrees(np.diff(behaviour.head[:, 0])[behaviour.seen]) * behaviour.fps
+    pitch_deg_s = -np.degrees(np.diff(behaviour.head[:, 0])[behaviour.valid_steps]) * behaviour.fps
     return {
         **_movement("head", behaviour.head_speed_deg_s, behaviour.head, behaviour),
         **{f"head.{axis}_2": each for axis, each in zip(HEAD_AXES, away, strict=True)},
@@ -71,37 +71,37 @@ def observe_head(behaviour: Behaviour) -> Sums:
     }
 
 
-def observe_speaking(behaviour: Behaviour) -> Sums:
+def extract_speaking(behaviour: Behaviour) -> Sums:
     """Speed of the head in speech and in pauses."""
     assert behaviour.annotation is not None
     frames = np.zeros(len(behaviour) - 1, bool)
     for span in behaviour.annotation.speaking:
         frames[max(0, round(span.start_s * behaviour.fps)) : max(0, round(span.end_s * behaviour.fps))] = True
     found: dict[str, Any] = {}
-    for name, where in (("speech", frames & behaviour.seen), ("pause", ~frames & behaviour.seen)):
+    for name, where in (("speech", frames & behaviour.valid_steps), ("pause", ~frames & behaviour.valid_steps)):
         found |= {f"{name}.frames": where.sum(), f"{name}.speed_deg_s": behaviour.head_speed_deg_s[where].sum()}
     return found
 
 
-EYE = Observer(observe_eye, ("gaze",), _sizes("eye"))
-SPACE = Observer(observe_space, ("head", "gaze"), _sizes("space"))
-HEAD = Observer(
-    observe_head,
+EYE = Extractor(extract_eye, ("gaze",), _sizes("eye"))
+SPACE = Extractor(extract_gaze_in_space, ("head", "gaze"), _sizes("space"))
+HEAD = Extractor(
+    extract_head,
     ("head",),
     {
         **_sizes("head"),
         **dict.fromkeys((*(f"head.{axis}_2" for axis in HEAD_AXES), "head.valid", "head.down_3", "head.down_2"), 1),
     },
 )
-SPEAKING = Observer(
-    observe_speaking,
+SPEAKING = Extractor(
+    extract_speaking,
     ("head", "annotation"),
     dict.fromkeys(("speech.frames", "speech.speed_deg_s", "pause.frames", "pause.speed_deg_s"), 1),
 )
 
 
 def _quantile(totals: Totals, part: str) -> Float[ndarray, " D"]:
-    return np.asarray(2 ** OCTAVES.quantile(totals[f"{part}.speed"], 0.99))
+    return np.asarray(2 ** LOG2_SPEED_BINS.quantile(totals[f"{part}.speed"], 0.99))
 
 
 def _slope(totals: Totals, part: str) -> Float[ndarray, " D"]:
@@ -117,13 +117,13 @@ def _slope(totals: Totals, part: str) -> Float[ndarray, " D"]:
 def _high(totals: Totals, part: str) -> Float[ndarray, " D"]:
     """Share of the power of velocity that lies above 5 Hz."""
     velocity = totals[f"{part}.power"] * np.square(FREQUENCY_HZ)
-    return divided(velocity[:, FREQUENCY_HZ >= HIGH_HZ].sum(axis=1), velocity.sum(axis=1))
+    return safe_divide(velocity[:, FREQUENCY_HZ >= HIGH_HZ].sum(axis=1), velocity.sum(axis=1))
 
 
 def _decibels(totals: Totals, other: Totals, part: str) -> Float[ndarray, " D"]:
     """Root mean square over frequencies of the ratio of two mean spectra, with a floor below the reference's top."""
     one, two = (
-        divided(each[f"{part}.power"], each[f"{part}.segments"][:, None] * np.ones(len(FREQUENCY_HZ)))[:, 1:]
+        safe_divide(each[f"{part}.power"], each[f"{part}.segments"][:, None] * np.ones(len(FREQUENCY_HZ)))[:, 1:]
         for each in (totals, other)
     )
     floor = 1e-6 * two.max(axis=1, keepdims=True)
@@ -131,24 +131,31 @@ def _decibels(totals: Totals, other: Totals, part: str) -> Float[ndarray, " D"]:
 
 
 def _spread(totals: Totals, axis: str) -> Float[ndarray, " D"]:
-    return np.asarray(np.sqrt(divided(totals[f"head.{axis}_2"], totals["head.valid"])))
+    return np.asarray(np.sqrt(safe_divide(totals[f"head.{axis}_2"], totals["head.valid"])))
 
 
 def _nod_skew(totals: Totals) -> Float[ndarray, " D"]:
     count = totals["head.frames"]
-    return divided(divided(totals["head.down_3"], count), divided(totals["head.down_2"], count) ** 1.5)
+    return safe_divide(safe_divide(totals["head.down_3"], count), safe_divide(totals["head.down_2"], count) ** 1.5)
 
 
 def _speech_ratio(totals: Totals) -> Float[ndarray, " D"]:
-    speech, pause = (divided(totals[f"{name}.speed_deg_s"], totals[f"{name}.frames"]) for name in ("speech", "pause"))
-    return divided(speech, np.nan_to_num(pause))
+    speech, pause = (
+        safe_divide(totals[f"{name}.speed_deg_s"], totals[f"{name}.frames"]) for name in ("speech", "pause")
+    )
+    return safe_divide(speech, np.nan_to_num(pause))
 
 
-def _of_part(part: str, observer: Observer) -> tuple[Measure, ...]:
+def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
     title = PARTS[part]
-    frames = partial(Measure, observer=observer, of=f"{part}.frames", least=1500, rate_bound=True)
+    frames = partial(Metric, extractor=extractor, of=f"{part}.frames", min_count=1500, rate_dependent=True)
     segments = partial(
-        Measure, observer=observer, of=f"{part}.segments", least=40, rate_bound=True, source="Welch 1967; FACTS 9, 10"
+        Metric,
+        extractor=extractor,
+        of=f"{part}.segments",
+        min_count=40,
+        rate_dependent=True,
+        source="Welch 1967; FACTS 9, 10",
     )
     return (
         frames(
@@ -156,88 +163,88 @@ def _of_part(part: str, observer: Observer) -> tuple[Measure, ...]:
             f"mean speed, {title}",
             "deg/s",
             "mean angle between frames x frames a second",
-            figure=ratio(f"{part}.speed_deg_s", f"{part}.frames"),
+            compute=ratio(f"{part}.speed_deg_s", f"{part}.frames"),
             source="TalkingEyes, Table VIII (there in pixels)",
-            trap="jitter raises it as well as life does: read it beside stillness",
+            caveat="jitter raises it as well as life does: read it beside stillness",
         ),
         frames(
             f"{part}/speed_p99",
             f"99 % of speed, {title}",
             "deg/s",
             "99th percentile of speed (tenths of an octave)",
-            figure=partial(_quantile, part=part),
+            compute=partial(_quantile, part=part),
             source="FACTS 10",
-            trap="set by the frame rate: a saccade shows a part of its peak",
+            caveat="set by the frame rate: a saccade shows a part of its peak",
         ),
         frames(
             f"{part}/speed_distance",
             f"speeds, Wasserstein, {title}",
             "truth's SD",
             "area between the distribution functions of log2 speed / SD of the reference's",
-            against=lambda totals, other: OCTAVES.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
+            compare=lambda totals, other: LOG2_SPEED_BINS.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
             direction="less",
             source="FACTS 9",
-            trap="slow frames weigh as much as fast ones: noise far below sight counts",
+            caveat="slow frames weigh as much as fast ones: noise far below sight counts",
         ),
         segments(
             f"{part}/spectrum_slope",
             f"slope of the spectrum, {title}",
             "log/log",
             "slope of log power on log frequency, 0.5 to 5 Hz; Welch, 2.56 s, line removed",
-            figure=partial(_slope, part=part),
-            trap="steps give -2, smooth noise anything",
+            compute=partial(_slope, part=part),
+            caveat="steps give -2, smooth noise anything",
         ),
         segments(
             f"{part}/above_5_hz",
             f"power above 5 Hz, {title}",
             "share",
             "share of the power of velocity above 5 Hz",
-            figure=partial(_high, part=part),
-            trap="saccades fold into it: compare at one frame rate",
+            compute=partial(_high, part=part),
+            caveat="saccades fold into it: compare at one frame rate",
         ),
         segments(
             f"{part}/spectrum_distance",
             f"spectra apart, {title}",
             "dB",
             "root mean square over 0.39 to 12.5 Hz of the ratio to the reference's mean spectrum",
-            against=partial(_decibels, part=part),
+            compare=partial(_decibels, part=part),
             direction="less",
-            trap="a change of scale alone counts 20 log10 of it at every frequency",
+            caveat="a change of scale alone counts 20 log10 of it at every frequency",
         ),
     )
 
 
 _head = partial(
-    Measure, observer=HEAD, of="head.valid", least=1500, source="Hadar et al. 1983; FACTS, acceptance table"
+    Metric, extractor=HEAD, of="head.valid", min_count=1500, source="Hadar et al. 1983; FACTS, acceptance table"
 )
 
-MEASURES = (
-    Measure(
+METRICS = (
+    Metric(
         "space/still",
         "still frames, gaze in space",
         "share",
-        f"share of steps slower than {STILL_DEG_S:g} deg/s",
-        figure=ratio("space.still", "space.frames"),
-        observer=SPACE,
+        f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
+        compute=ratio("space.still", "space.frames"),
+        extractor=SPACE,
         of="space.frames",
-        least=1500,
-        rate_bound=True,
+        min_count=1500,
+        rate_dependent=True,
         source="vestibulo-ocular reflex; LEARNING",
-        trap="1 for a frozen face, 0 under 0.1 deg of jitter",
+        caveat="1 for a frozen face, 0 under 0.1 deg of jitter",
     ),
     *_of_part("space", SPACE),
-    Measure(
+    Metric(
         "eye/still",
         "still frames, eye-in-head",
         "share",
-        f"share of steps slower than {STILL_DEG_S:g} deg/s",
-        figure=ratio("eye.still", "eye.frames"),
-        observer=EYE,
+        f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
+        compute=ratio("eye.still", "eye.frames"),
+        extractor=EYE,
         of="eye.frames",
-        least=1500,
-        rate_bound=True,
+        min_count=1500,
+        rate_dependent=True,
         source="LEARNING",
-        trap="the eyes move under a moving head: nearer to 1 is not better",
+        caveat="the eyes move under a moving head: nearer to 1 is not better",
     ),
     *_of_part("eye", EYE),
     *_of_part("head", HEAD),
@@ -247,8 +254,8 @@ MEASURES = (
             f"spread within a clip, {axis}",
             "deg",
             f"root mean square of the head's rotation vector about the clip's mean, {axis}",
-            figure=partial(_spread, axis=axis),
-            trap="grows with the length of the clips",
+            compute=partial(_spread, axis=axis),
+            caveat="grows with the length of the clips",
         )
         for axis in HEAD_AXES
     ),
@@ -257,20 +264,20 @@ MEASURES = (
         "skew of pitch velocity",
         "",
         "mean (upward velocity)^3 / (mean square)^(3/2)",
-        figure=_nod_skew,
-        trap="small, and made of the few fastest nods: its sign tells up from down only in an hour of motion",
-        rate_bound=True,
+        compute=_nod_skew,
+        caveat="small, and made of the few fastest nods: its sign tells up from down only in an hour of motion",
+        rate_dependent=True,
     ),
-    Measure(
+    Metric(
         "head/speaking_ratio",
         "speed in speech / in pauses",
         "ratio",
         "mean head speed inside speaking spans / outside",
-        figure=_speech_ratio,
-        observer=SPEAKING,
+        compute=_speech_ratio,
+        extractor=SPEAKING,
         of="pause.frames",
-        least=500,
+        min_count=500,
         source="Hadar et al. 1983",
-        trap="pauses inside a turn are short and keep some movement",
+        caveat="pauses inside a turn are short and keep some movement",
     ),
 )

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from talkingeyes.evaluation.benchmark.measure import LESS, MORE, Measure
-from talkingeyes.evaluation.benchmark.registry import MEASURES
+from talkingeyes.evaluation.benchmark.measure import HIGHER, LOWER, Metric
+from talkingeyes.evaluation.benchmark.registry import METRICS
 
 INTRODUCTION = """# The gaze benchmark
 
-    talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [--judges DATA] [-o DIR]
+    talkingeyes evaluate MOTION_DIR --reference CORPUS [--sound DIR] [--evaluators DATA] [-o DIR]
 
 measures anybody's motion against the true motion of a corpus: prints a table, and writes `benchmark.json`,
 `benchmark.csv` and `strip.png`. This page is written by
@@ -26,8 +26,8 @@ which frames were seen. Frames that hold NaN are not valid: they are never count
 has: `<clip>.npz`, `<clip>-s3.npz`, `<clip>_sample_03.npz`, `<clip>/sample_03.npz`. Motions for sounds that are no clips
 of the corpus are compared with the truth of its test and unseen sounds; what depends on speech then needs `--sound`, a
 folder of sounds of the same names, in which speech is found by its level. Corr. and the features of windows need
-`--judges`, the data folder of a finished chain on that corpus, whose critics, encoder and embedded sounds are used. A
-corpus without truth needs `--truth`, say its fitted motion. Missing fields, too few events, a broken file: the line
+`--evaluators`, the data folder of a finished chain on that corpus, whose critics, encoder and embedded sounds are used.
+A corpus without truth needs `--truth`, say its fitted motion. Missing fields, too few events, a broken file: the line
 says so and the rest still runs. Motions of several frame rates in one folder are refused; of another rate than the
 reference's, only what does not depend on the rate is compared (column "any rate").
 
@@ -78,33 +78,33 @@ from the truth, a model that is not has it from elsewhere. Samples of models hav
 def page() -> str:
     """The page."""
     parts = [INTRODUCTION]
-    for family, measures in groupby(sorted(MEASURES, key=_family_place), key=_family):
+    for family, metrics in groupby(sorted(METRICS, key=_family_place), key=_family):
         lines = [f"## {FAMILIES[family]}", ""]
         lines += ["| measure | unit | formula | better | needs | any rate | source | known trap |"]
-        lines += ["| --- " * 8 + "|", *(_line(measure) for measure in measures), ""]
+        lines += ["| --- " * 8 + "|", *(_line(metric) for metric in metrics), ""]
         parts.append("\n".join(lines))
     return "\n".join([*parts, END])
 
 
-def _family(measure: Measure) -> str:
-    return measure.name.split("/")[0]
+def _family(metric: Metric) -> str:
+    return metric.name.split("/")[0]
 
 
-def _family_place(measure: Measure) -> int:
-    return list(FAMILIES).index(_family(measure))
+def _family_place(metric: Metric) -> int:
+    return list(FAMILIES).index(_family(metric))
 
 
-def _line(measure: Measure) -> str:
-    better = {LESS: "less", MORE: "more"}.get(measure.direction, "nearer to truth")
+def _line(metric: Metric) -> str:
+    better = {LOWER: "less", HIGHER: "more"}.get(metric.direction, "nearer to truth")
     cells = [
-        f"`{measure.name}` {measure.title}",
-        measure.unit or "-",
-        measure.formula,
+        f"`{metric.name}` {metric.title}",
+        metric.unit or "-",
+        metric.formula,
         better,
-        f"{measure.least} {measure.counted}; {', '.join(measure.observer.needs)}",
-        "no" if measure.rate_bound else "yes",
-        measure.source,
-        measure.trap,
+        f"{metric.min_count} {metric.count_unit}; {', '.join(metric.extractor.needs)}",
+        "no" if metric.rate_dependent else "yes",
+        metric.source,
+        metric.caveat,
     ]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 

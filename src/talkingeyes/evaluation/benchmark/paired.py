@@ -1,7 +1,7 @@
 """The benchmark of motions beside the truth of the very same sounds: a sound at a time, then the table of all.
 
-What is kept of a sound (`Counted`) is small, so sounds may be measured in processes of their own; the n-th sound of
-both sides is the same, and a resample draws it for both.
+What is kept of a sound (`SoundStatistics`) is small, so sounds may be measured in processes of their own; the n-th
+sound of both sides is the same, and a resample draws it for both.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
-from talkingeyes.evaluation.benchmark.features import Encoder, featured, gathered
-from talkingeyes.evaluation.benchmark.sound import Critic, Heard, with_corr, with_heard
+from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
+from talkingeyes.evaluation.benchmark.sound import CorrScorer, CorrScores, with_corr, with_corr_scores
 from talkingeyes.evaluation.benchmark.table import as_json
-from talkingeyes.evaluation.benchmark.tally import Comparison, Row, Tally, observe
+from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 
 
 @dataclass(frozen=True)
-class Compared:
+class MotionSets:
     """What is looked at under one sound: motions to judge, the n-th of them the n-th sample, and true ones."""
 
-    judged: list[Behaviour]
+    evaluated: list[Behaviour]
     reference: list[Behaviour]
 
 
 @dataclass(frozen=True)
-class Counted:
+class SoundStatistics:
     """What is kept of a sound: sums and features of windows, of the motions and of the truth."""
 
     fps: float
@@ -42,7 +42,7 @@ class Counted:
     true_features: Float[ndarray, "V D"]
 
 
-def of_motions(motions: Sequence[Motion], annotation: Annotation) -> list[Behaviour]:
+def motion_behaviours(motions: Sequence[Motion], annotation: Annotation) -> list[Behaviour]:
     """Motions with lids and with what was seen of them."""
     return [
         behaviour(motion.fps, {name: getattr(motion, name) for name in FIELDS}, motion.valid, annotation)
@@ -50,7 +50,7 @@ def of_motions(motions: Sequence[Motion], annotation: Annotation) -> list[Behavi
     ]
 
 
-def of_samples(samples: Samples, annotation: Annotation) -> list[Behaviour]:
+def sample_behaviours(samples: Samples, annotation: Annotation) -> list[Behaviour]:
     """Samples of a model: head and gaze, all frames valid."""
     return [
         behaviour(samples.fps, {"head": head, "gaze": gaze}, None, annotation)
@@ -58,68 +58,76 @@ def of_samples(samples: Samples, annotation: Annotation) -> list[Behaviour]:
     ]
 
 
-def compared(judged: Sequence[Behaviour], true: Sequence[Behaviour]) -> Compared:
+def pair_with_truth(evaluated: Sequence[Behaviour], true: Sequence[Behaviour]) -> MotionSets:
     """Each of the judged beside the first true motion, and true ones each beside the next."""
     reference = with_references(true)
-    return Compared([replace(each, reference=reference[0]) for each in judged], reference)
+    return MotionSets([replace(each, reference=reference[0]) for each in evaluated], reference)
 
 
-def counted(
-    beside: Compared,
-    heard: Mapping[str, Heard],
-    critics: Mapping[str, Critic],
+def sound_statistics(
+    motion_sets: MotionSets,
+    scores: Mapping[str, CorrScores],
+    critics: Mapping[str, CorrScorer],
     encoder: Encoder | None,
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
-) -> Counted:
-    """One sound; `heard` is what the critics say of the judged motions, of the true ones they are asked here.
+) -> SoundStatistics:
+    """One sound; `scores` is what the critics say of the judged motions, of the true ones they are asked here.
 
     Without an encoder there are no features of windows, and the measures that need them have no figure.
     """
-    judged = featured(with_heard(beside.judged, heard), encoder)
-    reference = featured(with_corr(beside.reference, critics, speech, others), encoder)
-    return Counted(beside.reference[0].fps, observe(judged), gathered(judged), observe(reference), gathered(reference))
+    evaluated = add_features(with_corr_scores(motion_sets.evaluated, scores), encoder)
+    reference = add_features(with_corr(motion_sets.reference, critics, speech, others), encoder)
+    return SoundStatistics(
+        motion_sets.reference[0].fps,
+        extract(evaluated),
+        gather_features(evaluated),
+        extract(reference),
+        gather_features(reference),
+    )
 
 
 @dataclass(frozen=True)
-class Table:
+class BenchmarkTable:
     """The benchmark over all sounds: a row a measure, and how many sounds and which frame rate they are of."""
 
-    rows: list[Row]
+    rows: list[MetricResult]
     missing: int  # measures of what the truth does often enough and the motions do not: apart, too
-    facts: dict[str, int | float]
+    metadata: dict[str, int | float]
 
     @property
-    def apart(self) -> int:
+    def worse(self) -> int:
         """Measures by which the motions are worse than the truth by more than the interval."""
-        return sum(bool(row.apart) for row in self.rows) + self.missing
+        return sum(bool(row.worse) for row in self.rows) + self.missing
 
     @property
-    def apart_of(self) -> int:
+    def comparable(self) -> int:
         """Measures by which they could have been."""
-        return sum(row.apart is not None for row in self.rows) + self.missing
+        return sum(row.worse is not None for row in self.rows) + self.missing
 
     def json(self) -> str:
         """As benchmark.json holds it."""
-        return as_json(self.rows, self.facts)
+        return as_json(self.rows, self.metadata)
 
 
-class Paired:
+class PairedAccumulator:
     """The tallies of some motions and of the truth under the same sounds."""
 
     def __init__(self) -> None:
-        self._tallies: tuple[Tally, Tally] | None = None
+        self._tallies: tuple[Accumulator, Accumulator] | None = None
 
-    def add(self, one: Counted) -> None:
+    def add(self, one: SoundStatistics) -> None:
         """Count a sound."""
-        ours, theirs = self._tallies = self._tallies or (Tally(one.fps), Tally(one.fps))
+        ours, theirs = self._tallies = self._tallies or (Accumulator(one.fps), Accumulator(one.fps))
         ours.add(one.sums, one.features)
         theirs.add(one.true_sums, one.true_features)
 
-    def table(self, settings: BootstrapSettings) -> Table:
+    def table(self, settings: BootstrapSettings) -> BenchmarkTable:
         """Over all sounds; without sounds there is no row."""
         if self._tallies is None:
-            return Table([], 0, {"sounds": 0})
+            return BenchmarkTable([], 0, {"sounds": 0})
         ours, theirs = self._tallies
         comparison = Comparison(ours, theirs, settings, paired=True)
-        return Table(list(comparison.rows()), len(comparison.missing()), {"sounds": ours.clips, "fps": ours.fps})
+        return BenchmarkTable(
+            list(comparison.rows()), len(comparison.missing()), {"sounds": ours.clips, "fps": ours.fps}
+        )

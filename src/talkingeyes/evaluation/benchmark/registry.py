@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from talkingeyes.evaluation.benchmark import eyes, features, lids, likeness, looking, movement, saccades, samples, sound
-from talkingeyes.evaluation.benchmark.measure import Measure, Observer
+from talkingeyes.evaluation.benchmark.measure import Extractor, Metric
 
-MEASURES: tuple[Measure, ...] = (
-    *saccades.MEASURES,
-    *looking.MEASURES,
-    *eyes.MEASURES,
-    *lids.MEASURES,
-    *movement.MEASURES,
-    *likeness.MEASURES,
-    *samples.MEASURES,
-    *features.MEASURES,
-    *sound.MEASURES,
+METRICS: tuple[Metric, ...] = (
+    *saccades.METRICS,
+    *looking.METRICS,
+    *eyes.METRICS,
+    *lids.METRICS,
+    *movement.METRICS,
+    *likeness.METRICS,
+    *samples.METRICS,
+    *features.METRICS,
+    *sound.METRICS,
 )
 # Each once: several measures read one observer's sums.
-OBSERVERS: tuple[Observer, ...] = tuple({id(each.observer): each.observer for each in MEASURES}.values())
+EXTRACTORS: tuple[Extractor, ...] = tuple({id(each.extractor): each.extractor for each in METRICS}.values())

@@ -16,47 +16,51 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Measure, Observer, Sums, Totals, divided, ratio
-from talkingeyes.evaluation.detectors.saccades import VELOCITY_FROM_FPS
-from talkingeyes.physiology import saccades as law
+from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
+from talkingeyes.evaluation.detectors.saccades import MIN_DURATION_FPS
+from talkingeyes.physiology import saccades as main_sequence_model
 
 AMPLITUDE_DEG = Bins(0.0, 40.0, 80)
 INTERVAL_S = Bins(0.0, 6.0, 120)
 SECTORS = 8
 # Steps smaller than this are near the noise of trackers; the law is compared from here on.
-LAW_FROM_DEG = 2.0
-LAW_GRID_DEG = np.arange(1.0, 46.0)
-LAW_PHASES = 40
+MAIN_SEQUENCE_MIN_DEG = 2.0
+MAIN_SEQUENCE_GRID_DEG = np.arange(1.0, 46.0)
+SAMPLING_PHASES = 40
 LEE = "Lee, Badler & Badler 2002 (Eyes Alive)"
 
 
 @lru_cache(maxsize=8)
-def sampled_log_peak(fps: float) -> Float[ndarray, " A"]:
+def sampled_log_peak_speed(fps: float) -> Float[ndarray, " A"]:
     """Logarithm of the peak speed (degrees a second) that frames show of a saccade, on LAW_GRID_DEG.
 
     The largest step between frames times the frame rate, its logarithm averaged over when the frames fall.
     """
-    amplitude = np.radians(LAW_GRID_DEG)[:, None, None]
-    duration = law.duration_s(amplitude)
+    amplitude = np.radians(MAIN_SEQUENCE_GRID_DEG)[:, None, None]
+    duration = main_sequence_model.duration_s(amplitude)
     frames = int(np.ceil(float(duration.max()) * fps)) + 2
-    times_s = (np.arange(frames)[None, None] - 1 + (np.arange(LAW_PHASES)[None, :, None] + 0.5) / LAW_PHASES) / fps
-    phase, skewness = np.broadcast_arrays(times_s / duration, law.skew(amplitude))
-    done = law.progress(phase, skewness)
+    times_s = (
+        np.arange(frames)[None, None] - 1 + (np.arange(SAMPLING_PHASES)[None, :, None] + 0.5) / SAMPLING_PHASES
+    ) / fps
+    phase, skewness = np.broadcast_arrays(times_s / duration, main_sequence_model.skew(amplitude))
+    done = main_sequence_model.progress(phase, skewness)
     peak = np.degrees(amplitude[..., 0]) * np.diff(done, axis=2).max(axis=2) * fps
     return np.asarray(np.log(peak).mean(axis=1))
 
 
-def observe(behaviour: Behaviour) -> Sums:
+def extract(behaviour: Behaviour) -> Sums:
     """Counts, histograms and sums over the saccades of a clip."""
     found, fps = behaviour.saccades, behaviour.fps
     amplitude, duration, direction = found.amplitude_deg, found.duration_s, found.direction_rad
-    timed = np.full(len(found), fps >= VELOCITY_FROM_FPS)  # below, frames do not hold a duration
+    timed = np.full(len(found), fps >= MIN_DURATION_FPS)  # below, frames do not hold a duration
     interval = np.diff(found.onset_s)
     rest = found.onset_s[1:] - found.offset_s[:-1]
     sector = np.floor(direction / (2 * np.pi / SECTORS) + 0.5).astype(int) % SECTORS
-    large = amplitude >= LAW_FROM_DEG
+    large = amplitude >= MAIN_SEQUENCE_MIN_DEG
     log_amplitude = np.log(amplitude[large])
-    excess = np.log(found.peak_speed_deg_s[large]) - np.interp(amplitude[large], LAW_GRID_DEG, sampled_log_peak(fps))
+    excess = np.log(found.peak_speed_deg_s[large]) - np.interp(
+        amplitude[large], MAIN_SEQUENCE_GRID_DEG, sampled_log_peak_speed(fps)
+    )
     return {
         "saccade.saccades": len(amplitude),
         "saccade.seconds": behaviour.valid.sum() / fps,
@@ -79,8 +83,8 @@ def observe(behaviour: Behaviour) -> Sums:
     }
 
 
-OBSERVER = Observer(
-    observe,
+OBSERVER = Extractor(
+    extract,
     ("head", "gaze"),
     {
         **dict.fromkeys(
@@ -106,7 +110,7 @@ OBSERVER = Observer(
 
 def _cardinal(totals: Totals) -> Float[ndarray, " D"]:
     sector = totals["saccade.sector"]
-    return divided(sector[:, ::2].sum(axis=1), sector[:, 1::2].sum(axis=1))
+    return safe_divide(sector[:, ::2].sum(axis=1), sector[:, 1::2].sum(axis=1))
 
 
 def _towards(first: int) -> Float[ndarray, " S"]:
@@ -116,40 +120,40 @@ def _towards(first: int) -> Float[ndarray, " S"]:
 
 def _asymmetry(first: int) -> Callable[[Totals], Float[ndarray, " D"]]:
     sign = _towards(first)
-    return lambda totals: divided(totals["saccade.sector"] @ sign, totals["saccade.sector"] @ np.abs(sign))
+    return lambda totals: safe_divide(totals["saccade.sector"] @ sign, totals["saccade.sector"] @ np.abs(sign))
 
 
 def _log_spread(totals: Totals) -> Float[ndarray, " D"]:
-    mean = divided(totals["law.excess"], totals["law.saccades"])
-    square = divided(totals["law.excess2"], totals["law.saccades"])
+    mean = safe_divide(totals["law.excess"], totals["law.saccades"])
+    square = safe_divide(totals["law.excess2"], totals["law.saccades"])
     return np.asarray(np.sqrt(np.maximum(square - mean**2, 0)))
 
 
 def _law_slope(totals: Totals) -> Float[ndarray, " D"]:
     count, x, y = (totals[f"law.{name}"] for name in ("saccades", "amplitude", "excess"))
-    return divided(count * totals["law.product"] - x * y, count * totals["law.amplitude2"] - x**2)
+    return safe_divide(count * totals["law.product"] - x * y, count * totals["law.amplitude2"] - x**2)
 
 
 def _interval_variation(totals: Totals) -> Float[ndarray, " D"]:
-    mean = divided(totals["saccade.interval_s"], totals["saccade.intervals"])
-    square = divided(totals["saccade.interval_s2"], totals["saccade.intervals"])
-    return divided(np.sqrt(np.maximum(square - mean**2, 0)), mean)
+    mean = safe_divide(totals["saccade.interval_s"], totals["saccade.intervals"])
+    square = safe_divide(totals["saccade.interval_s2"], totals["saccade.intervals"])
+    return safe_divide(np.sqrt(np.maximum(square - mean**2, 0)), mean)
 
 
-_measure = partial(Measure, observer=OBSERVER, of="saccade.saccades", source=LEE)
-_law = partial(Measure, observer=OBSERVER, of="law.saccades", least=100)
-_interval = partial(Measure, observer=OBSERVER, of="saccade.intervals", least=100, rate_bound=True)
+_measure = partial(Metric, extractor=OBSERVER, of="saccade.saccades", source=LEE)
+_law = partial(Metric, extractor=OBSERVER, of="law.saccades", min_count=100)
+_interval = partial(Metric, extractor=OBSERVER, of="saccade.intervals", min_count=100, rate_dependent=True)
 
-MEASURES = (
+METRICS = (
     _measure(
         "saccades/rate",
         "saccade rate",
         "1/s",
         "saccades / seconds of valid frames",
-        figure=ratio("saccade.saccades", "saccade.seconds"),
-        least=30,
-        rate_bound=True,
-        trap=(
+        compute=ratio("saccade.saccades", "saccade.seconds"),
+        min_count=30,
+        rate_dependent=True,
+        caveat=(
             "jitter above the detector's threshold counts as saccades; at 25 frames a second those under 1 "
             "degree are lost"
         ),
@@ -159,9 +163,9 @@ MEASURES = (
         "mean amplitude",
         "deg",
         "mean angle between gaze before and after",
-        figure=ratio("saccade.amplitude_deg", "saccade.saccades"),
-        least=50,
-        trap=(
+        compute=ratio("saccade.amplitude_deg", "saccade.saccades"),
+        min_count=50,
+        caveat=(
             "two saccades within two frames count as one; a model of few, huge saccades and many tiny ones "
             "can have it right"
         ),
@@ -171,67 +175,67 @@ MEASURES = (
         "median amplitude",
         "deg",
         "median of the amplitudes (half-degree bins)",
-        figure=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.5),
-        least=100,
-        trap="moves with the detector's threshold, which cuts the smallest",
+        compute=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.5),
+        min_count=100,
+        caveat="moves with the detector's threshold, which cuts the smallest",
     ),
     _measure(
         "saccades/amplitude_p90",
         "90 % of amplitudes below",
         "deg",
         "90th percentile of the amplitudes (half-degree bins)",
-        figure=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.9),
-        least=100,
-        trap="few events decide it",
+        compute=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.9),
+        min_count=100,
+        caveat="few events decide it",
     ),
     _measure(
         "saccades/below_5",
         "P(A < 5 deg)",
         "share",
         "share of amplitudes below 5 degrees",
-        figure=lambda totals: AMPLITUDE_DEG.share_below(totals["saccade.amplitude"], 5.0),
-        least=100,
+        compute=lambda totals: AMPLITUDE_DEG.fraction_below(totals["saccade.amplitude"], 5.0),
+        min_count=100,
         source=f"{LEE}; Malinov et al. 2000 (.53)",
-        trap="noise that passes for saccades raises it",
+        caveat="noise that passes for saccades raises it",
     ),
     _measure(
         "saccades/below_15",
         "P(A < 15 deg)",
         "share",
         "share of amplitudes below 15 degrees",
-        figure=lambda totals: AMPLITUDE_DEG.share_below(totals["saccade.amplitude"], 15.0),
-        least=100,
+        compute=lambda totals: AMPLITUDE_DEG.fraction_below(totals["saccade.amplitude"], 15.0),
+        min_count=100,
         source="Bahill, Adler & Stark 1975 (.86)",
-        trap="near 1 for anything timid",
+        caveat="near 1 for anything timid",
     ),
     _measure(
         "saccades/amplitude_distance",
         "amplitudes, Wasserstein",
         "truth's SD",
         "area between the two distribution functions of amplitude / SD of the reference's",
-        against=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
-        least=100,
+        compare=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
+        min_count=100,
         direction="less",
         source="Kantorovich 1942; FACTS 9",
-        trap="never 0 in a finite sample: read it beside the distance between halves of the reference",
+        caveat="never 0 in a finite sample: read it beside the distance between halves of the reference",
     ),
     _measure(
         "saccades/cardinal",
         "cardinal / diagonal",
         "ratio",
         "saccades in the 4 cardinal sectors of 45 deg / in the 4 diagonal ones",
-        figure=_cardinal,
-        least=200,
-        trap="a wrong vertical gain turns diagonals into horizontals",
+        compute=_cardinal,
+        min_count=200,
+        caveat="a wrong vertical gain turns diagonals into horizontals",
     ),
     _measure(
         "saccades/left_right",
         "left - right",
         "share",
         "(leftward - rightward) / both, within 67.5 deg of the subject's left and right",
-        figure=_asymmetry(0),
-        least=200,
-        trap=(
+        compute=_asymmetry(0),
+        min_count=200,
+        caveat=(
             "near 0 in a symmetric population, so that mirroring shows only where people have sides: see likeness/side"
         ),
     ),
@@ -240,75 +244,75 @@ MEASURES = (
         "up - down",
         "share",
         "(upward - downward) / both, within 67.5 deg of up and down",
-        figure=_asymmetry(2),
-        least=200,
-        trap="gaze that leaves must return: small by nature; see eye/pitch_skew",
+        compute=_asymmetry(2),
+        min_count=200,
+        caveat="gaze that leaves must return: small by nature; see eye/pitch_skew",
     ),
     _law(
         "main_sequence/peak",
         "peak speed / sampled law",
         "ratio",
         "exp mean log (peak speed / peak of the Beta law at that amplitude, sampled at this frame rate); A >= 2 deg",
-        figure=lambda totals: np.exp(divided(totals["law.excess"], totals["law.saccades"])),
+        compute=lambda totals: np.exp(safe_divide(totals["law.excess"], totals["law.saccades"])),
         source="Bahill, Clark & Stark 1975; Mack et al. 2017",
-        trap="against the native law even the truth fails: .47 at 5 deg and 25 frames a second",
+        caveat="against the native law even the truth fails: .47 at 5 deg and 25 frames a second",
     ),
     _law(
         "main_sequence/slope",
         "slope against the law",
         "log/log",
         "slope of log (peak / sampled law) on log amplitude; 0 on the law",
-        figure=_law_slope,
+        compute=_law_slope,
         source="Bahill, Clark & Stark 1975",
-        trap="naive upsampling has the right amplitudes and the wrong slope",
+        caveat="naive upsampling has the right amplitudes and the wrong slope",
     ),
     _law(
         "main_sequence/spread",
         "spread about the law",
         "log",
         "SD of log (peak / sampled law)",
-        figure=_log_spread,
+        compute=_log_spread,
         source="FACTS 10",
-        trap="sampling alone spreads it: .2 to .3 at 25 frames a second",
+        caveat="sampling alone spreads it: .2 to .3 at 25 frames a second",
     ),
     _measure(
         "saccades/duration",
         "mean duration",
         "s",
         "mean of offset - onset",
-        figure=ratio("saccade.duration_s", "saccade.timed_saccades"),
+        compute=ratio("saccade.duration_s", "saccade.timed_saccades"),
         of="saccade.timed_saccades",
-        least=100,
-        rate_bound=True,
+        min_count=100,
+        rate_dependent=True,
         source="Collewijn, Erkelens & Steinman 1988",
-        trap="only from 60 frames a second on: below, a frame is as long as a saccade; grows with smoothing",
+        caveat="only from 60 frames a second on: below, a frame is as long as a saccade; grows with smoothing",
     ),
     _interval(
         "saccades/interval_cv",
         "variation of intervals",
         "CV",
         "SD / mean of the time between onsets",
-        figure=_interval_variation,
+        compute=_interval_variation,
         source=LEE,
-        trap="clips cut long intervals short",
+        caveat="clips cut long intervals short",
     ),
     _interval(
         "saccades/interval_distance",
         "intervals, Wasserstein",
         "truth's SD",
         "area between the distribution functions of the time between onsets / SD of the reference's",
-        against=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
+        compare=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
         direction="less",
         source="FACTS 9",
-        trap="clips of unequal length cut intervals unequally",
+        caveat="clips of unequal length cut intervals unequally",
     ),
     _interval(
         "fixations/duration_median",
         "median fixation",
         "s",
         "median time from the end of a saccade to the next",
-        figure=lambda totals: INTERVAL_S.quantile(totals["saccade.fixation"], 0.5),
+        compute=lambda totals: INTERVAL_S.quantile(totals["saccade.fixation"], 0.5),
         source="Salvucci & Goldberg 2000",
-        trap="missed small saccades join fixations",
+        caveat="missed small saccades join fixations",
     ),
 )

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import LESS, Measure, Observer, Sums, ratio
+from talkingeyes.evaluation.benchmark.measure import LOWER, Extractor, Metric, Sums, ratio
 from talkingeyes.evaluation.discrepancy import distance, diversity
 from talkingeyes.evaluation.distribution.energy import windowed_energy_score
 
@@ -24,13 +24,13 @@ WINDOW_S = 2.0
 PARTS = {"gaze": "eye-in-head", "head": "head"}
 
 
-def observe(motions: Sequence[Behaviour], part: str) -> Sums:
+def extract(motions: Sequence[Behaviour], part: str) -> Sums:
     """Diversity of the motions; energy score and nearest distance of those that are not the reference itself."""
     found: dict[str, Any] = {}
     if len(motions) > 1:
         stack = _stack(motions, part)
         found |= {f"{part}.sounds": 1.0, f"{part}.diversity": diversity(stack, _valid(motions, stack.shape[1]))}
-    target = motions[0].other
+    target = motions[0].required_reference
     others = [each for each in motions if not _same(each, target, part)]
     if len(others) > 1:
         stack = _stack([target, *others], part)
@@ -57,49 +57,49 @@ def _valid(motions: Sequence[Behaviour], frames: int) -> Bool[ndarray, " T"]:
     return common if common.any() else np.ones(frames, bool)
 
 
-def _same(one: Behaviour, other: Behaviour, part: str) -> bool:
-    return np.array_equal(getattr(one, part), getattr(other, part))
+def _same(one: Behaviour, required_reference: Behaviour, part: str) -> bool:
+    return np.array_equal(getattr(one, part), getattr(required_reference, part))
 
 
-def _of_part(part: str) -> tuple[Measure, ...]:
+def _of_part(part: str) -> tuple[Metric, ...]:
     title = PARTS[part]
     names = ("sounds", "diversity", "judged_sounds", "windows", "energy", "nearest")
-    observer = Observer(
-        partial(observe, part=part), (part, "reference"), {f"{part}.{name}": 1 for name in names}, together=True
+    extractor = Extractor(
+        partial(extract, part=part), (part, "reference"), {f"{part}.{name}": 1 for name in names}, together=True
     )
-    judged = partial(Measure, observer=observer, of=f"{part}.judged_sounds", least=5, direction=LESS)
+    judged = partial(Metric, extractor=extractor, of=f"{part}.judged_sounds", min_count=5, direction=LOWER)
     return (
-        Measure(
+        Metric(
             f"samples/diversity_{part}",
             f"Diversity, {title}",
             "rad",
             "mean over pairs of motions of a sound, and over sounds, of the mean distance between them",
-            figure=ratio(f"{part}.diversity", f"{part}.sounds"),
-            observer=observer,
+            compute=ratio(f"{part}.diversity", f"{part}.sounds"),
+            extractor=extractor,
             of=f"{part}.sounds",
-            least=5,
+            min_count=5,
             source="TalkingEyes, section V-B; ProbTalk3D",
-            trap="noise wins: read it as a distance to the truth's own, which needs sounds with several takes",
+            caveat="noise wins: read it as a distance to the truth's own, which needs sounds with several takes",
         ),
         judged(
             f"samples/energy_{part}",
             f"energy score, {title}",
             "rad",
             f"E|X - y| - E|X - X'| / 2 over pieces of {WINDOW_S:g} s as whole trajectories (fair: Ferro 2014)",
-            figure=ratio(f"{part}.energy", f"{part}.windows"),
+            compute=ratio(f"{part}.energy", f"{part}.windows"),
             source="Gneiting & Raftery 2007",
-            trap="proper, yet in many dimensions it hardly tells the spread; a good constant costs little more",
+            caveat="proper, yet in many dimensions it hardly tells the spread; a good constant costs little more",
         ),
         judged(
             f"samples/nearest_{part}",
             f"nearest sample, {title}",
             "rad",
             "mean over sounds of the smallest mean distance of a sample to the true motion (minADE)",
-            figure=ratio(f"{part}.nearest", f"{part}.judged_sounds"),
+            compute=ratio(f"{part}.nearest", f"{part}.judged_sounds"),
             source="coverage error: FACTS 9",
-            trap="falls with the number of samples and for calm ones: the mean pose, with S = 10, is hard to beat",
+            caveat="falls with the number of samples and for calm ones: the mean pose, with S = 10, is hard to beat",
         ),
     )
 
 
-MEASURES = (*_of_part("gaze"), *_of_part("head"))
+METRICS = (*_of_part("gaze"), *_of_part("head"))

@@ -17,56 +17,56 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Measure, Observer, Sums, ratio
+from talkingeyes.evaluation.benchmark.measure import Extractor, Metric, Sums, ratio
 
 # Parts of a motion and the critics that judge them.
 CRITICS = {"gaze": "eyes", "space": "space", "head": "head"}
 TITLES = {"gaze": "eye-in-head", "space": "gaze in space", "head": "head"}
-TRAPS = {
+CAVEATS = {
     "gaze": "driven by the head: the eyes counter-rotate under it",
     "space": "weakest of the three in life; a conditional mean beats the truth",
     "head": "a conditional mean beats the truth; the level depends on the critic",
 }
-LEAST_SOUNDS = 20
+MIN_SOUNDS = 20
 # Other sounds of the speaker under which Corr. is taken.
-OTHER_SOUNDS = 2
+SHUFFLED_SOUNDS = 2
 
 
 @runtime_checkable
-class Critic(Protocol):
+class CorrScorer(Protocol):
     """What gives Corr. of motions under sounds (metrics.correlation.Correlation)."""
 
-    def under(
+    def score_sounds(
         self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, "N S"]: ...
 
 
 @dataclass(frozen=True)
-class Heard:
+class CorrScores:
     """Corr. of S motions by one critic: under their own sound, and the mean under others (NaN if there are none)."""
 
     own: Float[ndarray, " S"]
     others: Float[ndarray, " S"]
 
 
-def hear(
-    critics: Mapping[str, Critic],
+def corr_scores(
+    critics: Mapping[str, CorrScorer],
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
     head: Float[ndarray, "S T 3"],
     gaze: Float[ndarray, "S T 2 3"],
-) -> dict[str, Heard]:
+) -> dict[str, CorrScores]:
     """What each critic says of the motions; under another sound as far as both last."""
     found = {}
     for name, critic in critics.items():
-        own, *wrong = critic.under([speech, *others], head, gaze)
-        found[name] = Heard(own, np.mean(wrong, axis=0) if wrong else np.full(len(head), np.nan))
+        own, *wrong = critic.score_sounds([speech, *others], head, gaze)
+        found[name] = CorrScores(own, np.mean(wrong, axis=0) if wrong else np.full(len(head), np.nan))
     return found
 
 
-def with_heard(motions: Sequence[Behaviour], heard: Mapping[str, Heard]) -> list[Behaviour]:
-    """Motions with what the critics say of them: the n-th of `heard` is of the n-th motion."""
-    parts = [heard[critic] for critic in CRITICS.values()]
+def with_corr_scores(motions: Sequence[Behaviour], scores: Mapping[str, CorrScores]) -> list[Behaviour]:
+    """Motions with what the critics say of them: the n-th of `scores` is of the n-th motion."""
+    parts = [scores[critic] for critic in CRITICS.values()]
     return [
         replace(motion, corr=np.array([[part.own[index], part.others[index]] for part in parts]))
         for index, motion in enumerate(motions)
@@ -75,7 +75,7 @@ def with_heard(motions: Sequence[Behaviour], heard: Mapping[str, Heard]) -> list
 
 def with_corr(
     motions: Sequence[Behaviour],
-    critics: Mapping[str, Critic],
+    critics: Mapping[str, CorrScorer],
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
 ) -> list[Behaviour]:
@@ -88,13 +88,13 @@ def with_corr(
     for frames, indices in alike.items():
         of_length = [motions[index] for index in indices]
         head, gaze = (np.stack([getattr(each, part)[:frames] for each in of_length]) for part in ("head", "gaze"))
-        heard = hear(critics, speech[:frames], others, head, gaze)
-        for index, motion in zip(indices, with_heard(of_length, heard), strict=True):
+        scores = corr_scores(critics, speech[:frames], others, head, gaze)
+        for index, motion in zip(indices, with_corr_scores(of_length, scores), strict=True):
             judged[index] = motion
     return judged
 
 
-def observe(behaviour: Behaviour) -> Sums:
+def extract(behaviour: Behaviour) -> Sums:
     """Corr. of each part, and what it is more than under other sounds."""
     corr = behaviour.corr
     assert corr is not None
@@ -107,8 +107,8 @@ def observe(behaviour: Behaviour) -> Sums:
     return found
 
 
-OBSERVER = Observer(
-    observe,
+OBSERVER = Extractor(
+    extract,
     ("head", "gaze", "corr"),
     dict.fromkeys(
         (
@@ -121,33 +121,33 @@ OBSERVER = Observer(
 )
 
 
-def _of_part(part: str) -> tuple[Measure, ...]:
+def _of_part(part: str) -> tuple[Metric, ...]:
     return (
-        Measure(
+        Metric(
             f"corr/{part}",
             f"Corr., {TITLES[part]}",
             "cosine",
             "mean over windows of 8 s of the cosine of the critic's features of sound and motion",
-            figure=ratio(f"corr.{part}", "corr.judged_motions"),
-            observer=OBSERVER,
+            compute=ratio(f"corr.{part}", "corr.judged_motions"),
+            extractor=OBSERVER,
             of="corr.judged_motions",
-            least=LEAST_SOUNDS,
+            min_count=MIN_SOUNDS,
             source="TalkingEyes, section V-B.3; van den Oord et al. 2018",
-            trap=TRAPS[part],
+            caveat=CAVEATS[part],
         ),
-        Measure(
+        Metric(
             f"corr/{part}_advantage",
             f"Corr. less Corr. under other sounds, {TITLES[part]}",
             "cosine",
             "the same less the same of that motion under other sounds of its speaker",
-            figure=ratio(f"corr.{part}_advantage", "corr.shuffled_motions"),
-            observer=OBSERVER,
+            compute=ratio(f"corr.{part}_advantage", "corr.shuffled_motions"),
+            extractor=OBSERVER,
             of="corr.shuffled_motions",
-            least=LEAST_SOUNDS,
+            min_count=MIN_SOUNDS,
             source="FACTS 9 (same-speaker negatives)",
-            trap="a few hundredths even in truth: needs many sounds",
+            caveat="a few hundredths even in truth: needs many sounds",
         ),
     )
 
 
-MEASURES = tuple(measure for part in CRITICS for measure in _of_part(part))
+METRICS = tuple(metric for part in CRITICS for metric in _of_part(part))

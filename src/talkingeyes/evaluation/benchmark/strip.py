@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from talkingeyes.evaluation.benchmark.tally import Row
+from talkingeyes.evaluation.benchmark.tally import MetricResult
 
 COLUMNS = 2
-REACH = 300.0
+AXIS_LIMIT = 300.0
 
 
-def plot_strips(tables: Mapping[str, Sequence[Row]], colours: Mapping[str, str], path: Path) -> None:
+def plot_strips(tables: Mapping[str, Sequence[MetricResult]], colours: Mapping[str, str], path: Path) -> None:
     """Write a PNG. `tables`: a name, and its rows; measures that nothing can be said of are left out."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -36,16 +36,19 @@ def plot_strips(tables: Mapping[str, Sequence[Row]], colours: Mapping[str, str],
     canvas.savefig(path, dpi=110, format="png", metadata={"Software": None})
 
 
-def _by_measure(tables: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, Row]]:
-    found: dict[str, dict[str, Row]] = {}
+def _by_measure(tables: Mapping[str, Sequence[MetricResult]]) -> dict[str, dict[str, MetricResult]]:
+    found: dict[str, dict[str, MetricResult]] = {}
     for name, rows in tables.items():
         for row in rows:
-            found.setdefault(row.measure.name, {})[name] = row
+            found.setdefault(row.metric.name, {})[name] = row
     return found
 
 
 def _strips(
-    axis: Any, shown: Sequence[tuple[str, Mapping[str, Row]]], names: Mapping[str, Any], colours: Mapping[str, str]
+    axis: Any,
+    shown: Sequence[tuple[str, Mapping[str, MetricResult]]],
+    names: Mapping[str, Any],
+    colours: Mapping[str, str],
 ) -> None:
     axis.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     axis.axvspan(-1, 1, color="0.9", zorder=0)
@@ -60,7 +63,7 @@ def _strips(
             y = place + (0.0 if len(names) == 1 else 0.6 * (index / (len(names) - 1) - 0.5))
             half = max((row.reference.high - row.reference.low) / 2, 1e-9 + 1e-3 * abs(row.reference.value))
             low, value, high = (
-                min(max((each - row.reference.value) / half, -REACH), REACH)
+                min(max((each - row.reference.value) / half, -AXIS_LIMIT), AXIS_LIMIT)
                 for each in (row.value.low, row.value.value, row.value.high)
             )
             label = None if name in labelled else name
@@ -69,7 +72,7 @@ def _strips(
             axis.plot(value, y, "o", color=colour, markersize=4, label=label)
     axis.set_yticks(range(len(shown)), [name for name, _ in shown], fontsize=7)
     axis.set_ylim(len(shown) - 0.4, -0.6)
-    axis.set_xlim(-REACH, REACH)
+    axis.set_xlim(-AXIS_LIMIT, AXIS_LIMIT)
     axis.tick_params(axis="x", labelsize=7)
     axis.grid(True, axis="y", color="0.94")
     axis.spines[["top", "right"]].set_visible(False)

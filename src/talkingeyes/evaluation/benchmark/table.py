@@ -9,48 +9,48 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from talkingeyes.evaluation.benchmark.registry import MEASURES
-from talkingeyes.evaluation.benchmark.tally import Row
+from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.benchmark.tally import MetricResult
 from talkingeyes.evaluation.bootstrap import Estimate
 
 SCHEMA = "talkingeyes.benchmark/1"
 ESTIMATES = ("value", "reference", "difference")
 LIMITS = ("value", "low", "high")
-BY_NAME = {measure.name: measure for measure in MEASURES}
+METRICS_BY_NAME = {metric.name: metric for metric in METRICS}
 
 
-def as_json(rows: Sequence[Row], facts: Mapping[str, Any]) -> str:
+def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
     """All rows, with what they are of."""
-    measures = {
-        row.measure.name: {
+    metrics = {
+        row.metric.name: {
             "count": row.count,
-            "counted": row.measure.counted,
+            "counted": row.metric.count_unit,
             **{name: asdict(found) if (found := getattr(row, name)) else None for name in ESTIMATES},
-            "apart": row.apart,
+            "apart": row.worse,
             "reason": row.reason,
-            "unit": row.measure.unit,
-            "direction": row.measure.direction,
+            "unit": row.metric.unit,
+            "direction": row.metric.direction,
         }
         for row in rows
     }
-    return json.dumps({"schema": SCHEMA, **facts, "measures": measures}, indent=1)
+    return json.dumps({"schema": SCHEMA, **metadata, "measures": metrics}, indent=1)
 
 
-def from_json(content: Mapping[str, Any]) -> list[Row]:
+def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
     """The rows of measures that there still are."""
     return [
-        Row(
-            BY_NAME[name],
+        MetricResult(
+            METRICS_BY_NAME[name],
             entry["count"],
             **{key: Estimate(**entry[key]) if entry[key] else None for key in ESTIMATES},
             reason=entry["reason"],
         )
         for name, entry in content["measures"].items()
-        if name in BY_NAME
+        if name in METRICS_BY_NAME
     ]
 
 
-def comma_separated(rows: Sequence[Row]) -> str:
+def to_csv(rows: Sequence[MetricResult]) -> str:
     """A line a measure."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -62,23 +62,23 @@ def comma_separated(rows: Sequence[Row]) -> str:
             for name in ESTIMATES
             for limit in LIMITS
         ]
-        measure = row.measure
-        apart = "" if row.apart is None else str(row.apart).lower()
+        metric = row.metric
+        worse = "" if row.worse is None else str(row.worse).lower()
         writer.writerow(
-            [measure.name, measure.unit, measure.direction, row.count, measure.counted, *cells, apart, row.reason]
+            [metric.name, metric.unit, metric.direction, row.count, metric.count_unit, *cells, worse, row.reason]
         )
     return text.getvalue()
 
 
-def as_text(rows: Sequence[Row]) -> str:
+def as_text(rows: Sequence[MetricResult]) -> str:
     """For a terminal: value and reference with intervals; `!` marks what is apart from the reference."""
     cells = [
         (
-            "!" if row.apart else "",
-            row.measure.name,
-            written(row.value),
-            written(row.reference),
-            row.measure.unit,
+            "!" if row.worse else "",
+            row.metric.name,
+            format_estimate(row.value),
+            format_estimate(row.reference),
+            row.metric.unit,
             row.reason,
         )
         for row in rows
@@ -90,29 +90,29 @@ def as_text(rows: Sequence[Row]) -> str:
     )
 
 
-def markdown(tables: Mapping[str, Sequence[Row]], titles: Mapping[str, str]) -> str:
+def markdown(tables: Mapping[str, Sequence[MetricResult]], titles: Mapping[str, str]) -> str:
     """A line a measure, a column a set of motions; bold: apart from the reference."""
     names = list(tables)
-    by_measure = {name: {row.measure.name: row for row in rows} for name, rows in tables.items()}
+    by_measure = {name: {row.metric.name: row for row in rows} for name, rows in tables.items()}
     lines = ["| measure | unit | " + " | ".join(titles.get(name, name) for name in names) + " |"]
     lines.append("| --- " * (len(names) + 2) + "|")
-    for measure in MEASURES:
-        rows = [by_measure[name].get(measure.name) for name in names]
+    for metric in METRICS:
+        rows = [by_measure[name].get(metric.name) for name in names]
         if any(row and row.value for row in rows):
-            lines.append(f"| {measure.title} | {measure.unit} | " + " | ".join(_cell(row) for row in rows) + " |")
+            lines.append(f"| {metric.title} | {metric.unit} | " + " | ".join(_cell(row) for row in rows) + " |")
     return "\n".join(lines)
 
 
-def written(estimate: Estimate | None) -> str:
+def format_estimate(estimate: Estimate | None) -> str:
     """Three significant digits of a figure, with its interval."""
     if estimate is None:
         return ""
     return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"
 
 
-def _cell(row: Row | None) -> str:
+def _cell(row: MetricResult | None) -> str:
     if row is None or row.value is None:
         return ""
     value = f"{row.value.value:.3g}"
-    value = f"**{value}**" if row.apart else value
+    value = f"**{value}**" if row.worse else value
     return f"{value} <sub>{row.value.low:.3g}–{row.value.high:.3g}</sub>"

@@ -1,9 +1,9 @@
 """Blinks in the closure of the lids.
 
-A blink rises by `CORE` above the clip's own resting closure (its median: people differ in how wide their eyes are) and
-lasts as long as it is above `EDGE` of its own depth. Between two peaks the lids must have come back half way, or they
-are one blink. What is shut for longer than a second is not a blink (Doughty 2001 has 334 +- 67 ms). Times are
-interpolated between frames.
+A blink rises by `MIN_PEAK_CLOSURE` above the clip's own resting closure (its median: people differ in how wide their
+eyes are) and lasts as long as it is above `EDGE_FRACTION` of its own depth. Between two peaks the lids must have come
+back half way, or they are one blink. What is shut for longer than a second is not a blink (Doughty 2001 has 334 +- 67
+ms). Times are interpolated between frames.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import runs, seen
+from talkingeyes.evaluation.detectors.signal import runs, valid_frames
 
-CORE = 0.3
-EDGE = 0.1
-HALF_WAY = 0.5
-LONGEST_S = 1.0
+MIN_PEAK_CLOSURE = 0.3
+EDGE_FRACTION = 0.1
+REOPENING_FRACTION = 0.5
+MAX_DURATION_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def detect_blinks(
 ) -> Blinks:
     """Blinks of one closure a frame, or of the mean of two eyes: 0 at the opening that gaze alone gives, 1 shut."""
     both = lid.reshape(len(lid), -1)
-    known = seen("lids", both, fps, valid)
+    known = valid_frames("lids", both, fps, valid)
     closure = both.mean(axis=1)
     rest = float(np.median(closure[known])) if known.any() else 0.0
     above = np.where(known, closure - rest, 0.0)
@@ -53,14 +53,14 @@ def detect_blinks(
     last_stop = 0
     for first, last in _cores(above):
         peak = first + int(np.argmax(above[first : last + 1]))
-        edge = EDGE * above[peak]
+        edge = EDGE_FRACTION * above[peak]
         start, stop = peak, peak
         while start > last_stop and above[start - 1] < above[start] + edge and above[start] > edge:
             start -= 1
         while stop < len(above) - 1 and above[stop + 1] < above[stop] + edge and above[stop] > edge:
             stop += 1
         last_stop = stop
-        if (stop - start) / fps <= LONGEST_S:
+        if (stop - start) / fps <= MAX_DURATION_S:
             found.append(
                 (
                     _crossing(above, start, 1, edge) / fps,
@@ -74,14 +74,14 @@ def detect_blinks(
 
 
 def _cores(above: Float[ndarray, " T"]) -> list[tuple[int, int]]:
-    """Stretches beyond `CORE`, joined where the lids do not come back half way between two peaks."""
-    found = runs(above >= CORE)
+    """Stretches beyond `MIN_PEAK_CLOSURE`, joined where the lids do not come back half way between two peaks."""
+    found = runs(above >= MIN_PEAK_CLOSURE)
     joined: list[tuple[int, int]] = []
     for first, last in zip(found.first.tolist(), found.last.tolist(), strict=True):
         if joined:
             start, stop = joined[-1]
             lower = min(above[start : stop + 1].max(), above[first : last + 1].max())
-            if above[stop : first + 1].min() > HALF_WAY * lower:
+            if above[stop : first + 1].min() > REOPENING_FRACTION * lower:
                 joined[-1] = (start, last)
                 continue
         joined.append((first, last))

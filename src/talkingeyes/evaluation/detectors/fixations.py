@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
-from talkingeyes.evaluation.detectors.signal import Runs, runs, seen
+from talkingeyes.evaluation.detectors.signal import Runs, runs, valid_frames
 
-LEAST_S = 0.1
-EXTENT_DEG = 1.0
+MIN_DURATION_S = 0.1
+MAX_DISPERSION_DEG = 1.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def detect_fixations(
     saccades: Saccades | None = None,
 ) -> Fixations:
     """Stretches of 100 ms or longer that hold neither a saccade (found here unless given) nor an invalid frame."""
-    known = seen("gaze in space", gaze_in_space_rad, fps, valid)
+    known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     found = detect_saccades(gaze_in_space_rad, fps, known) if saccades is None else saccades
     frames = len(known)
     # A saccade takes the frames from its onset to its offset; one that lies between two frames takes neither.
@@ -63,13 +63,13 @@ def detect_fixations(
     return _described(gaze_in_space_rad, still, onset, offset)
 
 
-def dispersion_threshold(
+def detect_fixations_idt(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> Fixations:
     """I-DT: a window of 100 ms that is within the extent grows until it is not."""
-    known = seen("gaze in space", gaze_in_space_rad, fps, valid)
-    extent = np.radians(EXTENT_DEG)
-    window = max(2, int(np.ceil(LEAST_S * fps - 1e-9)) + 1)
+    known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
+    extent = np.radians(MAX_DISPERSION_DEG)
+    window = max(2, int(np.ceil(MIN_DURATION_S * fps - 1e-9)) + 1)
     points = np.where(known[:, None], gaze_in_space_rad, np.inf).tolist()
     first, last = [], []
     start = 0
@@ -105,7 +105,7 @@ def _described(
     offset_s: Float[ndarray, " N"],
 ) -> Fixations:
     """Fixations of runs of frames, those that are long enough."""
-    long = offset_s - onset_s >= LEAST_S - 1e-9
+    long = offset_s - onset_s >= MIN_DURATION_S - 1e-9
     kept = frames.where(long)
     counts = kept.last - kept.first + 1
     centre = _means(gaze_in_space_rad, kept.first, kept.last)

@@ -3,7 +3,7 @@
 The partner is a direction in space and a radius round it, a face at conversational distance. Where it is not told, it
 is the densest place of gaze: the direction with most frames within the radius, moved to their mean (mean shift with a
 flat kernel). That is right for whoever looks at the partner more than at any other place, and wrong for whoever does
-not; the docs give how often. A glance shorter than `LEAST_S` does not change the state.
+not; the docs give how often. A glance shorter than `MIN_DWELL_S` does not change the state.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import seen
+from talkingeyes.evaluation.detectors.signal import valid_frames
 
 RADIUS_DEG = 4.0
-LEAST_S = 0.1
-CANDIDATES, PLACES = 50, 2000
-SHIFTS = 3
+MIN_DWELL_S = 0.1
+MAX_CANDIDATES, MAX_DIRECTIONS = 50, 2000
+MEAN_SHIFT_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class GazeStates:
         return np.asarray(self.offset_s - self.onset_s)
 
 
-def gaze_states(
+def detect_gaze_states(
     gaze_in_space_rad: Float[ndarray, "T 2"],
     fps: float,
     partner_rad: Float[ndarray, " 2"] | None = None,
@@ -46,25 +46,27 @@ def gaze_states(
     valid: Bool[ndarray, " T"] | None = None,
 ) -> GazeStates:
     """States of every frame; frames that are not valid keep the state before them."""
-    known = seen("gaze in space", gaze_in_space_rad, fps, valid)
+    known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     radius = np.radians(radius_deg)
-    partner = densest(gaze_in_space_rad[known], radius) if partner_rad is None else np.asarray(partner_rad)
+    partner = densest_direction(gaze_in_space_rad[known], radius) if partner_rad is None else np.asarray(partner_rad)
     with np.errstate(invalid="ignore"):
         off = ((gaze_in_space_rad - partner) ** 2).sum(axis=1) > radius**2
     index = np.maximum.accumulate(np.where(known, np.arange(len(off)), 0))
-    averted = _steady(off[index], max(1, round(LEAST_S * fps)))
+    averted = _steady(off[index], max(1, round(MIN_DWELL_S * fps)))
     change = np.concatenate([[0], np.flatnonzero(np.diff(averted)) + 1, [len(averted)]])
     return GazeStates(averted, partner, change[:-1] / fps, change[1:] / fps, averted[change[:-1]])
 
 
-def densest(places_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarray, " 2"]:
+def densest_direction(directions_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarray, " 2"]:
     """The direction with most places within the radius, moved to their mean."""
-    if not len(places_rad):
+    if not len(directions_rad):
         return np.zeros(2)
-    candidates, places = (places_rad[:: max(1, len(places_rad) // most)] for most in (CANDIDATES, PLACES))
+    candidates, places = (
+        directions_rad[:: max(1, len(directions_rad) // most)] for most in (MAX_CANDIDATES, MAX_DIRECTIONS)
+    )
     square = (candidates**2).sum(axis=1)[:, None] + (places**2).sum(axis=1) - 2.0 * candidates @ places.T
     centre = candidates[(square <= radius_rad**2).sum(axis=1).argmax()]
-    for _ in range(SHIFTS):
+    for _ in range(MEAN_SHIFT_STEPS):
         centre = places[((places - centre) ** 2).sum(axis=1) <= radius_rad**2].mean(axis=0)
     return np.asarray(centre)
 

@@ -21,19 +21,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
-from talkingeyes.evaluation.detectors.signal import MEDIAN_OF_RAYLEIGH, Runs, runs, seen
-from talkingeyes.physiology import saccades as law
+from talkingeyes.evaluation.detectors.signal import RAYLEIGH_MEDIAN, Runs, runs, valid_frames
+from talkingeyes.physiology import saccades as main_sequence_model
 
-VELOCITY_FROM_FPS = 60.0  # below, durations are not measured: frames do not hold them
-ENGBERT_KLIEGL_FROM_FPS = 200.0
+MIN_DURATION_FPS = 60.0  # below, durations are not measured: frames do not hold them
+MIN_ENGBERT_KLIEGL_FPS = 200.0
 DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S = 25.0, 5.0
 VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S = 30.0, 10.0
 NOISE_SIGMAS, EDGE_SIGMAS = 5.0, 3.0
-LEAST_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
-LEAST_SHARE_OF_STEP = 0.5  # of the threshold a step, that a saccade must lead to at least
-ECHO_S, ECHO_SHARE = 0.06, 0.5
+MIN_DURATION_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
+MIN_STEP_FRACTION = 0.5  # of the threshold a step, that a saccade must lead to at least
+OSCILLATION_S, OSCILLATION_FRACTION = 0.06, 0.5
 ENGBERT_KLIEGL_LAMBDA = 6.0
-ENGBERT_KLIEGL_LEAST_DEG_S = 15.0
+ENGBERT_KLIEGL_MIN_DEG_S = 15.0
 FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that they span 8 ms
 
 
@@ -41,7 +41,7 @@ FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that
 class Saccades:
     """N saccades in order of time. Angles are (yaw to the subject's left, pitch up) of gaze in space.
 
-    Below `VELOCITY_FROM_FPS` the duration is that of the main sequence for the amplitude: only its middle is seen.
+    Below `MIN_DURATION_FPS` the duration is that of the main sequence for the amplitude: only its middle is seen.
     """
 
     onset_s: Float[ndarray, " N"]
@@ -71,44 +71,44 @@ class Saccades:
 
     @property
     def _flat_rad(self) -> Float[ndarray, "N 2"]:
-        return flat_steps(self.start_rad, self.displacement_rad)
+        return angular_steps(self.start_rad, self.displacement_rad)
 
 
 @dataclass(frozen=True)
-class Rule:
-    """I-VT with two thresholds: a saccade goes beyond `core_deg_s` and lasts as long as it is beyond `edge_deg_s`.
+class VelocityThresholds:
+    """I-VT with two thresholds: a saccade goes beyond `peak_deg_s` and lasts as long as it is beyond `edge_deg_s`.
 
     Velocity is that of single steps, or over `span_s` where the noise of steps hides the threshold.
     """
 
-    core_deg_s: float
+    peak_deg_s: float
     edge_deg_s: float
     span_s: float
 
 
-DISPLACEMENT = Rule(DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S, span_s=0.0)
-VELOCITY = Rule(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S, span_s=0.025)
+DISPLACEMENT = VelocityThresholds(DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S, span_s=0.0)
+VELOCITY = VelocityThresholds(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S, span_s=0.025)
 
 
 def detect_saccades(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> Saccades:
     """Saccades of gaze in space (yaw, pitch). Frames that are not valid take no part. Raises InputError."""
-    known = seen("gaze in space", gaze_in_space_rad, fps, valid)
-    if fps >= ENGBERT_KLIEGL_FROM_FPS:
-        return engbert_kliegl(gaze_in_space_rad, fps, known)
-    return velocity_threshold(gaze_in_space_rad, fps, known, DISPLACEMENT if fps < VELOCITY_FROM_FPS else VELOCITY)
+    known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
+    if fps >= MIN_ENGBERT_KLIEGL_FPS:
+        return detect_saccades_ek(gaze_in_space_rad, fps, known)
+    return detect_saccades_ivt(gaze_in_space_rad, fps, known, DISPLACEMENT if fps < MIN_DURATION_FPS else VELOCITY)
 
 
-def velocity_threshold(
-    gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], rule: Rule
+def detect_saccades_ivt(
+    gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], thresholds: VelocityThresholds
 ) -> Saccades:
     """I-VT on steps over the rule's span; a reversal starts another saccade."""
     steps = _steps(gaze_in_space_rad, fps, known, 1)
-    if NOISE_SIGMAS * steps.noise_deg_s > rule.core_deg_s and round(rule.span_s * fps) > 1:
-        steps = _steps(gaze_in_space_rad, fps, known, round(rule.span_s * fps))
+    if NOISE_SIGMAS * steps.noise_deg_s > thresholds.peak_deg_s and round(thresholds.span_s * fps) > 1:
+        steps = _steps(gaze_in_space_rad, fps, known, round(thresholds.span_s * fps))
     speed, noise = steps.speed_deg_s, steps.noise_deg_s
-    core, edge = max(rule.core_deg_s, NOISE_SIGMAS * noise), max(rule.edge_deg_s, EDGE_SIGMAS * noise)
+    core, edge = max(thresholds.peak_deg_s, NOISE_SIGMAS * noise), max(thresholds.edge_deg_s, EDGE_SIGMAS * noise)
     reversal = np.zeros(len(speed), bool)
     reversal[1:] = (steps.step_rad[1:] * steps.step_rad[:-1]).sum(axis=1) < 0
     found = runs(speed >= edge, reversal)
@@ -117,10 +117,10 @@ def velocity_threshold(
     found = Runs(found.first, found.last + steps.span)
     amplitude = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
     # What goes round and comes back goes nowhere, however fast it is.
-    goes = np.degrees(amplitude) >= LEAST_SHARE_OF_STEP * core * steps.span / fps
-    found = found.where(goes & (found.last - found.first >= LEAST_S * fps))
-    found = _without_echoes(gaze_in_space_rad, fps, found)
-    return _timed(gaze_in_space_rad, fps, found, measured=fps >= VELOCITY_FROM_FPS)
+    goes = np.degrees(amplitude) >= MIN_STEP_FRACTION * core * steps.span / fps
+    found = found.where(goes & (found.last - found.first >= MIN_DURATION_S * fps))
+    found = _without_oscillations(gaze_in_space_rad, fps, found)
+    return _timed(gaze_in_space_rad, fps, found, measured=fps >= MIN_DURATION_FPS)
 
 
 @dataclass(frozen=True)
@@ -134,15 +134,15 @@ class Steps:
 
 
 def _steps(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], span: int) -> Steps:
-    steps = flat_steps(gaze_in_space_rad[:-span], gaze_in_space_rad[span:] - gaze_in_space_rad[:-span])
+    steps = angular_steps(gaze_in_space_rad[:-span], gaze_in_space_rad[span:] - gaze_in_space_rad[:-span])
     whole = _stretches(known, span)
     steps = np.where(whole[:, None], steps, 0.0)
     speed = np.degrees(np.hypot(steps[:, 0], steps[:, 1])) * (fps / span)
-    noise = float(np.median(speed[whole])) / MEDIAN_OF_RAYLEIGH if whole.any() else 0.0
+    noise = float(np.median(speed[whole])) / RAYLEIGH_MEDIAN if whole.any() else 0.0
     return Steps(span, steps, speed, noise)
 
 
-def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"]) -> Saccades:
+def detect_saccades_ek(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"]) -> Saccades:
     """Velocities over five samples outside an ellipse of six robust standard deviations for 12 ms or longer."""
     stride = max(1, round(fps / FIVE_SAMPLES_FPS))
     reach = 2 * stride
@@ -160,35 +160,35 @@ def engbert_kliegl(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: 
     velocity = np.degrees(np.where(whole[:, None], velocity, np.nan))
     median = np.nanmedian(velocity, axis=0)
     sigma = np.sqrt(np.maximum(np.nanmedian(velocity**2, axis=0) - median**2, 0.0))
-    radius = np.maximum(ENGBERT_KLIEGL_LAMBDA * sigma, ENGBERT_KLIEGL_LEAST_DEG_S)
+    radius = np.maximum(ENGBERT_KLIEGL_LAMBDA * sigma, ENGBERT_KLIEGL_MIN_DEG_S)
     with np.errstate(invalid="ignore"):
         outside = ((velocity / radius) ** 2).sum(axis=1) > 1.0
     found = runs(outside)
-    found = found.where(found.last - found.first + 1 >= LEAST_S * fps)
-    found = _without_echoes(gaze_in_space_rad, fps, found)
+    found = found.where(found.last - found.first + 1 >= MIN_DURATION_S * fps)
+    found = _without_oscillations(gaze_in_space_rad, fps, found)
     speed = np.nan_to_num(np.hypot(velocity[:, 0], velocity[:, 1]))
     return _at_samples(gaze_in_space_rad, speed, fps, found)
 
 
-def flat_steps(start_rad: Float[ndarray, "N 2"], step_rad: Float[ndarray, "N 2"]) -> Float[ndarray, "N 2"]:
+def angular_steps(start_rad: Float[ndarray, "N 2"], step_rad: Float[ndarray, "N 2"]) -> Float[ndarray, "N 2"]:
     """Steps of (yaw, pitch) as angles of gaze: a degree of yaw is less of an angle when gaze is up or down."""
     shrink = np.cos(start_rad[:, 1] + step_rad[:, 1] / 2)
     return np.stack([step_rad[:, 0] * shrink, step_rad[:, 1]], axis=1)
 
 
-def _without_echoes(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Runs:
+def _without_oscillations(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Runs:
     """Saccades without what follows a larger one at once: eyes rest for 100 ms or more between two of them.
 
     What is half as large or less within 60 ms of the end is a post-saccadic oscillation (experts label it apart).
     """
-    reach = ECHO_S * fps
+    reach = OSCILLATION_S * fps
     if not (found.first[1:] - found.last[:-1] <= reach).any():
         return found
     size = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
     kept: list[int] = []
     for index in range(len(found)):
         echo = kept and found.first[index] - found.last[kept[-1]] <= reach
-        if not (echo and size[index] <= ECHO_SHARE * size[kept[-1]]):
+        if not (echo and size[index] <= OSCILLATION_FRACTION * size[kept[-1]]):
             kept.append(index)
     return Runs(found.first[kept], found.last[kept])
 
@@ -204,18 +204,18 @@ def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, me
         return _none()
     start = gaze_in_space_rad[found.first]
     displacement = gaze_in_space_rad[found.last] - start
-    whole = flat_steps(start, displacement)
+    whole = angular_steps(start, displacement)
     amplitude = np.linalg.norm(whole, axis=1)
     counts = found.last - found.first
     owner = np.repeat(np.arange(len(found)), counts)
     step = np.arange(counts.sum()) + np.repeat(found.first - np.cumsum(counts) + counts, counts)
-    each = flat_steps(gaze_in_space_rad[step], gaze_in_space_rad[step + 1] - gaze_in_space_rad[step])
+    each = angular_steps(gaze_in_space_rad[step], gaze_in_space_rad[step + 1] - gaze_in_space_rad[step])
     # How far each step goes the way of the saccade; noise across it does not count, and along it cancels.
     share = (each * whole[owner]).sum(axis=1) / (amplitude**2)[owner]
     time_s = (step + 0.5) / fps
     middle_s = np.bincount(owner, share * time_s) / np.bincount(owner, share)
-    profile = law.progress_moments(amplitude)
-    duration = law.duration_s(amplitude)
+    profile = main_sequence_model.progress_moments(amplitude)
+    duration = main_sequence_model.duration_s(amplitude)
     if measured:
         variance = np.bincount(owner, share * (time_s - middle_s[owner]) ** 2) - 1.0 / (12.0 * fps**2)
         duration = np.maximum(np.sqrt(np.maximum(variance, 0.0)) / profile.deviation, 1.0 / fps)

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 
 @dataclass(frozen=True)
-class Pairs:
+class EventMatches:
     """Which found event is which known one."""
 
     found: Int[ndarray, " P"]
@@ -22,7 +22,7 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class Score:
+class DetectionScore:
     """Agreement of `found` with `known` events; onset errors are found minus known, NaN without pairs."""
 
     precision: float
@@ -34,7 +34,7 @@ class Score:
     known: int
 
 
-def pair(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> Pairs:
+def match_events(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> EventMatches:
     """Pairs of ascending times that are at most the tolerance apart."""
     pairs = []
     free = 0
@@ -45,35 +45,35 @@ def pair(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance
             pairs.append((index, free))
             free += 1
     left, right = np.array(pairs, np.int64).reshape(-1, 2).T
-    return Pairs(left, right)
+    return EventMatches(left, right)
 
 
 @dataclass(frozen=True)
-class Tally:
+class DetectionCounts:
     """Counts and onset errors (found minus known), which add up over clips."""
 
     found: int = 0
     known: int = 0
-    paired: int = 0
+    matched: int = 0
     errors_s: tuple[float, ...] = ()
 
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(
+    def __add__(self, other: DetectionCounts) -> DetectionCounts:
+        return DetectionCounts(
             self.found + other.found,
             self.known + other.known,
-            self.paired + other.paired,
+            self.matched + other.matched,
             self.errors_s + other.errors_s,
         )
 
     @property
-    def score(self) -> Score:
+    def score(self) -> DetectionScore:
         """The figures."""
         nan = float("nan")
         low, middle, high = np.percentile(self.errors_s, [25, 50, 75]) if self.errors_s else (nan, nan, nan)
-        return Score(
-            precision=self.paired / self.found if self.found else nan,
-            recall=self.paired / self.known if self.known else nan,
-            f1=2 * self.paired / (self.found + self.known) if self.found + self.known else nan,
+        return DetectionScore(
+            precision=self.matched / self.found if self.found else nan,
+            recall=self.matched / self.known if self.known else nan,
+            f1=2 * self.matched / (self.found + self.known) if self.found + self.known else nan,
             onset_error_s=float(middle),
             onset_iqr_s=float(high - low),
             found=self.found,
@@ -81,19 +81,19 @@ class Tally:
         )
 
 
-def tally(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> Tally:
+def count_matches(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> DetectionCounts:
     """Counts and errors of ascending onsets of one clip."""
-    pairs = pair(found_s, known_s, tolerance_s)
+    pairs = match_events(found_s, known_s, tolerance_s)
     errors = found_s[pairs.found] - known_s[pairs.known]
-    return Tally(len(found_s), len(known_s), len(errors), tuple(errors.tolist()))
+    return DetectionCounts(len(found_s), len(known_s), len(errors), tuple(errors.tolist()))
 
 
-def score(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> Score:
+def score(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> DetectionScore:
     """Precision, recall, F1 and onset errors of ascending onsets."""
-    return tally(found_s, known_s, tolerance_s).score
+    return count_matches(found_s, known_s, tolerance_s).score
 
 
-def during(
+def event_mask(
     onset_s: Float[ndarray, " N"], offset_s: Float[ndarray, " N"], fps: float, frames: int
 ) -> Bool[ndarray, " T"]:
     """Frames within events, both ends included."""
@@ -103,7 +103,7 @@ def during(
     return np.asarray(np.cumsum(change[:-1]) > 0)
 
 
-def kappa(one: Bool[ndarray, " T"], other: Bool[ndarray, " T"]) -> float:
+def cohen_kappa(one: Bool[ndarray, " T"], other: Bool[ndarray, " T"]) -> float:
     """Cohen's kappa of two labellings of the same samples: agreement beyond chance."""
     agreed = float((one == other).mean())
     chance = float(one.mean() * other.mean() + (~one).mean() * (~other).mean())

@@ -13,9 +13,9 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 
-LEAST_FPS, MOST_FPS = 10.0, 2000.0
-LEAST_SECONDS = 1.0
-MEDIAN_OF_RAYLEIGH = 1.1774  # median length of a step of white noise with standard deviation 1 in two axes
+MIN_FPS, MAX_FPS = 10.0, 2000.0
+MIN_SECONDS = 1.0
+RAYLEIGH_MEDIAN = 1.1774  # median length of a step of white noise with standard deviation 1 in two axes
 
 
 @dataclass(frozen=True)
@@ -33,24 +33,24 @@ class Runs:
         return Runs(self.first[kept], self.last[kept])
 
 
-def runs(flags: Bool[ndarray, " T"], apart: Bool[ndarray, " T"] | None = None) -> Runs:
-    """Stretches of True; where `apart` is True a new one starts although the one before has not ended."""
+def runs(flags: Bool[ndarray, " T"], split_at: Bool[ndarray, " T"] | None = None) -> Runs:
+    """Stretches of True; where `split_at` is True a new one starts although the one before has not ended."""
     started = flags.copy()
-    started[1:] &= ~flags[:-1] if apart is None else ~flags[:-1] | apart[1:]
+    started[1:] &= ~flags[:-1] if split_at is None else ~flags[:-1] | split_at[1:]
     ended = flags.copy()
     ended[:-1] &= ~flags[1:] | started[1:]
     return Runs(np.flatnonzero(started), np.flatnonzero(ended))
 
 
-def seen(
+def valid_frames(
     name: str, values: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None
 ) -> Bool[ndarray, " T"]:
     """Which frames count. Raises InputError on a rate out of range, too few frames, or NaN in a frame that counts."""
-    if not LEAST_FPS <= fps <= MOST_FPS:
-        raise InputError(f"{name}: fps should be between {LEAST_FPS:g} and {MOST_FPS:g}, got {fps:g}")
-    if len(values) < LEAST_SECONDS * fps:
+    if not MIN_FPS <= fps <= MAX_FPS:
+        raise InputError(f"{name}: fps should be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
+    if len(values) < MIN_SECONDS * fps:
         raise InputError(
-            f"{name}: should last {LEAST_SECONDS:g} s or more ({LEAST_SECONDS * fps:.0f} frames at {fps:g} fps), "
+            f"{name}: should last {MIN_SECONDS:g} s or more ({MIN_SECONDS * fps:.0f} frames at {fps:g} fps), "
             f"got {len(values)} frames"
         )
     finite = np.isfinite(values).all(axis=1)

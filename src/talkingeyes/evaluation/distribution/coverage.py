@@ -19,40 +19,42 @@ from numpy import ndarray
 from scipy.spatial.distance import cdist
 
 from talkingeyes.evaluation.discrepancy import distance
-from talkingeyes.evaluation.distribution.mmd import Drawn
+from talkingeyes.evaluation.distribution.mmd import WindowFeatures
 
 
 @dataclass(frozen=True)
-class Reach:
+class CoverageErrors:
     """Mean distance of takes to the nearest sample and of samples to the nearest take (radians)."""
 
     coverage_error: float
     precision_error: float
 
 
-def reach(samples: Float[ndarray, "S T C"], takes: Float[ndarray, "K T C"]) -> Reach:
+def coverage_errors(samples: Float[ndarray, "S T C"], takes: Float[ndarray, "K T C"]) -> CoverageErrors:
     """Of one sound."""
     apart = np.stack([distance(samples, take) for take in takes])
-    return Reach(float(apart.min(axis=1).mean()), float(apart.min(axis=0).mean()))
+    return CoverageErrors(float(apart.min(axis=1).mean()), float(apart.min(axis=0).mean()))
 
 
-def own_reach(takes: Float[ndarray, "K T C"]) -> Reach:
+def reference_coverage_errors(takes: Float[ndarray, "K T C"]) -> CoverageErrors:
     """The truth's own: each take against the others. NaN for a single take."""
     apart = np.stack([distance(takes, take) for take in takes])
     np.fill_diagonal(apart, np.inf)
     nearest = float(apart.min(axis=1).mean()) if len(takes) > 1 else float("nan")
-    return Reach(nearest, nearest)
+    return CoverageErrors(nearest, nearest)
 
 
 @dataclass(frozen=True)
-class Manifold:
+class PrecisionCoverage:
     """For each drawn sample whether it lies where truth does, for each drawn true window whether a sample is near."""
 
     precise: Float[ndarray, " N"]
     covered: Float[ndarray, " M"]
 
 
-def manifold(samples: Drawn, reference: Drawn, neighbours: int, paired: bool = False) -> Manifold:
+def precision_coverage(
+    samples: WindowFeatures, reference: WindowFeatures, neighbours: int, paired: bool = False
+) -> PrecisionCoverage:
     """Balls reach to the k-th neighbour among true windows of other clips: those of one clip are too much alike.
 
     `paired`: clip i of both sets is the same sound; then a window meets only those of other sounds, so that being a
@@ -65,4 +67,4 @@ def manifold(samples: Drawn, reference: Drawn, neighbours: int, paired: bool = F
     if paired:
         across[samples.clip[:, None] == reference.clip] = np.inf
     inside = across <= radius
-    return Manifold(inside.any(axis=1).astype(float), inside.any(axis=0).astype(float))
+    return PrecisionCoverage(inside.any(axis=1).astype(float), inside.any(axis=0).astype(float))

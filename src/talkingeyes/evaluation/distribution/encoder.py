@@ -22,12 +22,12 @@ from torch import Tensor, nn
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.models.motion_autoencoder import AutoencoderSettings, MotionAutoencoder, described
+from talkingeyes.models.motion_autoencoder import MotionAutoencoder, MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.loop import train as fit
 
-NAME = "encoder"
+CHECKPOINT_NAME = "encoder"
 
 
 class EncoderSettings(Settings):
@@ -35,7 +35,7 @@ class EncoderSettings(Settings):
 
     window_s: Annotated[float, Field(ge=2, le=4)]
     hop_s: Annotated[float, Field(gt=0)]  # from window to window of a clip
-    network: AutoencoderSettings
+    network: MotionAutoencoderSettings
     loop: LoopSettings
 
 
@@ -53,7 +53,7 @@ class MotionEncoder:
     @classmethod
     def load(cls, folder: Path) -> MotionEncoder:
         """From what the stage `critic` wrote."""
-        checkpoint = load(folder / NAME)
+        checkpoint = load(folder / CHECKPOINT_NAME)
         fps = float(checkpoint.config["fps"])
         settings = EncoderSettings.model_validate({k: v for k, v in checkpoint.config.items() if k != "fps"})
         tensors = checkpoint.tensors
@@ -73,22 +73,22 @@ class MotionEncoder:
         if every < 1 or abs(fps - every * self.fps) > 1e-6 * fps:
             raise InputError(f"encoder: takes motion at a multiple of {self.fps:g} frames a second, got {fps:g}")
         frames, hop = round(self.settings.window_s * self.fps), round(self.settings.hop_s * self.fps)
-        cut = [windows_of(each[:, ::every], frames, hop) for each in (head, gaze)]
+        cut = [sliding_windows(each[:, ::every], frames, hop) for each in (head, gaze)]
         if not len(cut[0]):
             return np.zeros((0, self.network.feature_count))
-        steps = described(cut[0], cut[1], self.fps, self.settings.network.step_frames)
+        steps = window_features(cut[0], cut[1], self.fps, self.settings.network.step_frames)
         return self.network.features(torch.from_numpy(steps.astype(np.float32))).numpy().astype(np.float64)
 
 
 @dataclass(frozen=True)
-class Learnt:
+class TrainedEncoder:
     """A trained encoder and the history of its training."""
 
     encoder: MotionEncoder
     history: list[dict[str, float]]
 
 
-def windows_of(samples: Float[ndarray, "S T *C"], frames: int, hop: int) -> Float[ndarray, "W F *C"]:
+def sliding_windows(samples: Float[ndarray, "S T *C"], frames: int, hop: int) -> Float[ndarray, "W F *C"]:
     """Windows of all samples, those of the first sample first."""
     starts = np.arange(0, samples.shape[1] - frames + 1, max(1, hop))
     cut = samples[:, starts[:, None] + np.arange(frames)]
@@ -100,22 +100,22 @@ def step_count(settings: EncoderSettings, fps: float) -> int:
     return round(settings.window_s * fps) // settings.network.step_frames
 
 
-def learn_encoder(
-    train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int
-) -> Learnt:
+def fit_motion_encoder(
+    train: Sequence[Recording], held_out: Sequence[Recording], settings: EncoderSettings, seed: int
+) -> TrainedEncoder:
     """Train the encoder."""
-    task = Autoencoding(train, kept_out, settings, seed)
-    history = fit(task, settings.loop, NAME)
+    task = AutoencoderTask(train, held_out, settings, seed)
+    history = fit(task, settings.loop, CHECKPOINT_NAME)
     with torch.no_grad():
-        task.network.scale_errors(task.known)
-    return Learnt(MotionEncoder(task.network, settings, task.fps), history)
+        task.network.fit_error_statistics(task.known)
+    return TrainedEncoder(MotionEncoder(task.network, settings, task.fps), history)
 
 
-class Autoencoding:
+class AutoencoderTask:
     """The task: random windows of the train speakers back from their code."""
 
     def __init__(
-        self, train: Sequence[Recording], kept_out: Sequence[Recording], settings: EncoderSettings, seed: int
+        self, train: Sequence[Recording], held_out: Sequence[Recording], settings: EncoderSettings, seed: int
     ) -> None:
         self.settings, self.fps = settings, train[0].clip.fps
         self.frames = round(settings.window_s * self.fps)
@@ -123,7 +123,7 @@ class Autoencoding:
         if not self.recordings:
             raise InputError(f"critic.encoder.window_s: should fit into a train clip, got {settings.window_s:g}")
         self.random = np.random.default_rng([seed, 2])
-        self.held = self._all(kept_out)
+        self.held = self._all(held_out)
         self.known = self._all(train)
         statistics = self.known.flatten(0, 1)
         torch.manual_seed(seed)
@@ -162,11 +162,11 @@ class Autoencoding:
     def _all(self, recordings: Sequence[Recording]) -> Float[Tensor, "W N C"]:
         hop = round(self.settings.hop_s * self.fps)
         cuts = [
-            self._described(*(windows_of(part[None], self.frames, hop) for part in (each.head, each.gaze)))
+            self._described(*(sliding_windows(part[None], self.frames, hop) for part in (each.head, each.gaze)))
             for each in recordings
         ]
         return torch.cat(cuts)
 
     def _described(self, head: Float[ndarray, "B F 3"], gaze: Float[ndarray, "B F 2 3"]) -> Float[Tensor, "B N C"]:
-        steps = described(head.astype(float), gaze.astype(float), self.fps, self.settings.network.step_frames)
+        steps = window_features(head.astype(float), gaze.astype(float), self.fps, self.settings.network.step_frames)
         return torch.from_numpy(steps.astype(np.float32))

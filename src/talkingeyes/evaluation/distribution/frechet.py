@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from talkingeyes.evaluation.bootstrap import Statistic
 
-LEAST_WINDOWS_A_FEATURE = 10
+MIN_WINDOWS_PER_FEATURE = 10
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Moments:
         )
 
     @property
-    def enough(self) -> bool:
+    def is_sufficient(self) -> bool:
         """Whether there are windows enough for a covariance."""
-        return bool(self.count.sum() >= LEAST_WINDOWS_A_FEATURE * self.total.shape[1])
+        return bool(self.count.sum() >= MIN_WINDOWS_PER_FEATURE * self.total.shape[1])
 
     def gaussian(self, clips: Int[ndarray, " N"] | None = None) -> Gaussian:
         """Mean and covariance over clips, drawn with replacement; over all by default."""
@@ -68,7 +68,7 @@ def frechet(one: Gaussian, other: Gaussian) -> float:
     return float(max(0.0, apart + np.trace(one.covariance) + np.trace(other.covariance) - 2 * cross))
 
 
-def frechet_of(moments: Moments, reference: Gaussian) -> Statistic:
+def frechet_statistic(moments: Moments, reference: Gaussian) -> Statistic:
     """The distance of drawn clips from the reference."""
     return lambda clips: frechet(moments.gaussian(clips), reference)
 

@@ -20,22 +20,24 @@ from talkingeyes.evaluation.bootstrap import Statistic
 
 
 @dataclass(frozen=True)
-class Drawn:
+class WindowFeatures:
     """N windows as features, and which clip each is from."""
 
     features: Float[ndarray, "N D"]
     clip: Int[ndarray, " N"]
 
 
-def draw(groups: Sequence[Float[ndarray, "_ D"]], most: int, seed: int) -> Drawn:
-    """About `most` windows of all clips (a group a clip), the same number of each; of some clips if there are more."""
+def sample_windows(groups: Sequence[Float[ndarray, "_ D"]], max_windows: int, seed: int) -> WindowFeatures:
+    """About `max_windows` windows of all clips (a group a clip), as many of each; of some clips if there are more."""
     random = np.random.default_rng([seed, len(groups)])
     full = [index for index, group in enumerate(groups) if len(group)]
-    kept = full if len(full) <= most else sorted(random.choice(full, most, replace=False).tolist())
-    each = max(1, most // max(len(kept), 1))
+    kept = full if len(full) <= max_windows else sorted(random.choice(full, max_windows, replace=False).tolist())
+    each = max(1, max_windows // max(len(kept), 1))
     picked = [random.permutation(len(groups[index]))[:each] for index in kept]
     clip = np.repeat(np.array(kept, dtype=int), [len(windows) for windows in picked])
-    return Drawn(np.concatenate([groups[index][windows] for index, windows in zip(kept, picked, strict=True)]), clip)
+    return WindowFeatures(
+        np.concatenate([groups[index][windows] for index, windows in zip(kept, picked, strict=True)]), clip
+    )
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Kernels:
     across_count: Float[ndarray, "N M"]
 
 
-def kernels(one: Drawn, reference: Drawn, paired: bool) -> Kernels:
+def kernels(one: WindowFeatures, reference: WindowFeatures, paired: bool) -> Kernels:
     """All kernel values; `paired`: clip i of both sets belongs to the same sound."""
     within = cdist(reference.features, reference.features)
     width = float(np.median(within[~np.eye(len(within), dtype=bool)]))
@@ -72,7 +74,7 @@ def kernels(one: Drawn, reference: Drawn, paired: bool) -> Kernels:
     )
 
 
-def mmd_of(one: Drawn, reference: Drawn, paired: bool = False) -> Statistic:
+def mmd_statistic(one: WindowFeatures, reference: WindowFeatures, paired: bool = False) -> Statistic:
     """MMD^2 of drawn clips; `paired`: the same clips are drawn of the reference, else all of it counts."""
     found = kernels(one, reference, paired)
 
@@ -90,17 +92,17 @@ def mmd_of(one: Drawn, reference: Drawn, paired: bool = False) -> Statistic:
     return statistic
 
 
-def mmd(one: Drawn, reference: Drawn, paired: bool = False) -> float:
+def mmd(one: WindowFeatures, reference: WindowFeatures, paired: bool = False) -> float:
     """MMD^2 of all clips; about 0, and below 0 as often as above, where both sets are of one distribution."""
-    return mmd_of(one, reference, paired)(np.unique(np.concatenate([one.clip, reference.clip])))
+    return mmd_statistic(one, reference, paired)(np.unique(np.concatenate([one.clip, reference.clip])))
 
 
-def permutation_p(one: Drawn, reference: Drawn, permutations: int, seed: int) -> float:
+def permutation_p_value(one: WindowFeatures, reference: WindowFeatures, permutations: int, seed: int) -> float:
     """How often whole clips dealt to two sets at random are as far apart: (1 + count) / (1 + permutations)."""
     features = np.concatenate([one.features, reference.features])
     clip = np.concatenate([one.clip, one.clip.max() + 1 + reference.clip])
     names, owner = np.unique(clip, return_inverse=True)
-    pooled = Drawn(features, owner)
+    pooled = WindowFeatures(features, owner)
     found = kernels(pooled, pooled, paired=False)
     random = np.random.default_rng(seed)
     mine = np.arange(len(names)) < len(np.unique(one.clip))

@@ -20,7 +20,7 @@ SEGMENT_S = 2.56
 HIGH_HZ = 5.0
 SLOPE_BAND_HZ = (0.5, 5.0)
 # Degrees squared a hertz, of a clip: below it lies what rounding leaves of a motion that stands still (1e-26).
-STANDS_STILL = 1e-18
+ZERO_TOLERANCE = 1e-18
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray,
     if valid is not None:
         index = index[valid[index].all(axis=1)] if len(index) else index
     cut = np.degrees(angles_rad)[index]
-    slope = np.einsum("t,stc->sc", time, cut) / (time @ time)
-    straight = cut - cut.mean(axis=1, keepdims=True) - time[:, None] * slope[:, None]
+    spectral_slope = np.einsum("t,stc->sc", time, cut) / (time @ time)
+    straight = cut - cut.mean(axis=1, keepdims=True) - time[:, None] * spectral_slope[:, None]
     transform = np.fft.rfft(straight * window[:, None], axis=1)
     power = (2 * np.square(np.abs(transform)) / (fps * np.square(window).sum())).sum(axis=0)
-    return Spectrum(frequency_hz, np.where(power > STANDS_STILL, power, 0.0), float(len(index)))
+    return Spectrum(frequency_hz, np.where(power > ZERO_TOLERANCE, power, 0.0), float(len(index)))
 
 
 @cache
@@ -63,7 +63,7 @@ def _segment(size: int, fps: float) -> tuple[Float[ndarray, " F"], Float[ndarray
     return np.fft.rfftfreq(size, 1 / fps), np.arange(size) - (size - 1) / 2, np.hanning(size + 1)[:-1]
 
 
-def pooled(spectra: list[Spectrum]) -> Spectrum:
+def pool_spectra(spectra: list[Spectrum]) -> Spectrum:
     """Over clips of one frame rate."""
     return Spectrum(
         spectra[0].frequency_hz,
@@ -78,14 +78,14 @@ def high_power_deg2(one: Spectrum) -> float:
     return float(one.density[high].sum() * one.frequency_hz[1])
 
 
-def high_velocity_share(one: Spectrum) -> float:
+def high_frequency_fraction(one: Spectrum) -> float:
     """Share of the power of velocity that lies above 5 Hz: how much of the movement is trembling."""
     velocity = np.square(2 * pi * one.frequency_hz)[:, None] * one.density
     total = velocity.sum()
     return float(velocity[one.frequency_hz >= HIGH_HZ].sum() / total) if total else float("nan")
 
 
-def slope(one: Spectrum) -> float:
+def spectral_slope(one: Spectrum) -> float:
     """Slope of log power against log frequency from .5 to 5 Hz, channels summed; NaN where nothing moves."""
     low, high = SLOPE_BAND_HZ
     band = (one.frequency_hz >= low) & (one.frequency_hz <= high)

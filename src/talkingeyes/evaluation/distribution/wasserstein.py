@@ -19,10 +19,10 @@ from talkingeyes.evaluation.bootstrap import Statistic
 
 def wasserstein(values: Float[ndarray, " N"], reference: Float[ndarray, " M"]) -> float:
     """W1 in SDs of the reference; NaN where there is nothing to compare or the reference does not vary."""
-    return wasserstein_of([values], reference)(np.zeros(1, dtype=int))
+    return wasserstein_statistic([values], reference)(np.zeros(1, dtype=int))
 
 
-def wasserstein_of(groups: Sequence[Float[ndarray, " _"]], reference: Float[ndarray, " M"]) -> Statistic:
+def wasserstein_statistic(groups: Sequence[Float[ndarray, " _"]], reference: Float[ndarray, " M"]) -> Statistic:
     """W1 of the pooled values of drawn clips (a group a clip); sorted once, so that a draw costs one pass."""
     pooled = np.concatenate([*groups, np.zeros(0)])
     owner = np.repeat(np.arange(len(groups)), [len(group) for group in groups])

@@ -15,41 +15,45 @@ from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.evaluation.face.surface import Surface, blocks
+from talkingeyes.evaluation.face.surface import FaceSurface, frame_blocks
 from talkingeyes.head.model import HeadModel
-from talkingeyes.rendering.render import Painter
+from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 
 LABEL_PX = 22
 # From cool to warm, linear albedo: still, a little, much.
-STILL, SOME, MUCH = np.array([0.02, 0.05, 0.30]), np.array([0.55, 0.50, 0.30]), np.array([0.65, 0.02, 0.01])
+COOL_COLOUR, MIDDLE_COLOUR, WARM_COLOUR = (
+    np.array([0.02, 0.05, 0.30]),
+    np.array([0.55, 0.50, 0.30]),
+    np.array([0.65, 0.02, 0.01]),
+)
 
 
 @dataclass(frozen=True)
-class Heat:
+class HeatMap:
     """Mean and SD over time of each vertex's way from frame to frame, millimetres, of the region `face`."""
 
     mean_mm: Float[ndarray, " N"]
     sd_mm: Float[ndarray, " N"]
 
 
-def heat(surface: Surface, faces: FaceSamples, sample: int = 0) -> Heat:
+def heat_map(surface: FaceSurface, faces: FaceSamples, sample: int = 0) -> HeatMap:
     """Of one sample; nothing moves in a single frame."""
     count, total, squares = 0, np.zeros(len(surface.regions["face"])), np.zeros(len(surface.regions["face"]))
     last: ndarray | None = None
-    for frames in blocks(faces.jaw.shape[1]):
+    for frames in frame_blocks(faces.jaw.shape[1]):
         moved = surface.displacement_mm(faces, sample, frames, "face").astype(np.float64)
         joined = moved if last is None else np.concatenate([last, moved])
         way = np.linalg.norm(np.diff(joined, axis=0), axis=-1)
         count, total, squares = count + len(way), total + way.sum(axis=0), squares + np.square(way).sum(axis=0)
         last = moved[-1:]
     mean = total / max(count, 1)
-    return Heat(mean, np.sqrt(np.maximum(squares / max(count, 1) - np.square(mean), 0.0)))
+    return HeatMap(mean, np.sqrt(np.maximum(squares / max(count, 1) - np.square(mean), 0.0)))
 
 
-def heat_sheet(surface: Surface, rows: Mapping[str, FaceSamples], size_px: int) -> UInt8[ndarray, "H W 3"]:
+def heat_map_sheet(surface: FaceSurface, rows: Mapping[str, FaceSamples], size_px: int) -> UInt8[ndarray, "H W 3"]:
     """A column a row of the table, under its name: mean above SD."""
-    maps = {name: heat(surface, faces) for name, faces in rows.items()}
+    maps = {name: heat_map(surface, faces) for name, faces in rows.items()}
     first = next(iter(maps.values()))
     lines = []
     for figure, title in (("mean_mm", "mean"), ("sd_mm", "SD")):
@@ -58,17 +62,17 @@ def heat_sheet(surface: Surface, rows: Mapping[str, FaceSamples], size_px: int) 
         for name, each in maps.items():
             shares = np.zeros(len(surface.model.template))
             shares[surface.regions["face"]] = getattr(each, figure) / most
-            painted = replace(surface.model, colours=coloured(surface.model, shares))
-            tiles.append(labelled(_still_picture(painted, size_px), f"{name}: {title}, 0 to {most:.2f} mm"))
+            painted = replace(surface.model, colours=heat_colours(surface.model, shares))
+            tiles.append(with_caption(_still_picture(painted, size_px), f"{name}: {title}, 0 to {most:.2f} mm"))
         lines.append(np.concatenate(tiles, axis=1))
     return np.concatenate(lines, axis=0)
 
 
-def coloured(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarray, "V 3"]:
+def heat_colours(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarray, "V 3"]:
     """Skin, lips and brows from cool to warm; eyes, teeth and tongue keep their colours."""
     amount = np.clip(shares, 0.0, 1.0)[:, None]
     cool, warm = np.minimum(2 * amount, 1.0), np.maximum(2 * amount - 1, 0.0)
-    heated = (1 - warm) * ((1 - cool) * STILL + cool * SOME) + warm * MUCH
+    heated = (1 - warm) * ((1 - cool) * COOL_COLOUR + cool * MIDDLE_COLOUR) + warm * WARM_COLOUR
     colours = model.colours.copy()
     face = model.vertices_of("skin", "lips", "brow")
     colours[face] = heated[face]
@@ -93,12 +97,12 @@ def emotion_sheet(
         )
         tiles = list(_painter(model, size_px).draw(motion))
         lines.append(
-            np.concatenate([labelled(tile, name if not column else "") for column, tile in enumerate(tiles)], 1)
+            np.concatenate([with_caption(tile, name if not column else "") for column, tile in enumerate(tiles)], 1)
         )
     return np.concatenate(lines, axis=0)
 
 
-def labelled(picture: UInt8[ndarray, "H W 3"], text: str) -> UInt8[ndarray, "K W 3"]:
+def with_caption(picture: UInt8[ndarray, "H W 3"], text: str) -> UInt8[ndarray, "K W 3"]:
     """A picture under a line of text."""
     from PIL import Image, ImageDraw
 
@@ -114,5 +118,5 @@ def _still_picture(model: HeadModel, size_px: int) -> UInt8[ndarray, "H W 3"]:
     return next(_painter(model, size_px).draw(still))
 
 
-def _painter(model: HeadModel, size_px: int) -> Painter:
-    return Painter(model, FRAMINGS["face"].on(model.eye_centres).view(size_px, size_px))
+def _painter(model: HeadModel, size_px: int) -> HeadRenderer:
+    return HeadRenderer(model, FRAMINGS["face"].centred_on(model.eye_centres).view(size_px, size_px))

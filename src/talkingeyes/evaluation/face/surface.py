@@ -22,18 +22,18 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.head.drive import jaw_weights, pose_of
+from talkingeyes.head.drive import jaw_weights, motion_to_pose
 from talkingeyes.head.model import HeadModel
 
 MILLIMETRES = 1000.0
-BLOCK = 128  # frames that are held at a time
+BLOCK_FRAMES = 128  # frames that are held at a time
 INNER_LIPS = ("upper_lip_inner", "lower_lip_inner")
 LIP_POINTS = ("left_mouth_corner", "right_mouth_corner", "upper_lip", "lower_lip")
 AROUND_LIPS_M = 0.004
 
 
 @dataclass(frozen=True)
-class Surface:
+class FaceSurface:
     """A head whose face is measured. Its named points are needed (`regions` says so in one line)."""
 
     model: HeadModel
@@ -58,7 +58,7 @@ class Surface:
         }
 
     @cached_property
-    def upper_of_face(self) -> Int[ndarray, " N"]:
+    def upper_face_index(self) -> Int[ndarray, " N"]:
         """Where the region `upper` is among the vertices of the region `face`."""
         return np.searchsorted(self.regions["face"], self.regions["upper"])
 
@@ -73,11 +73,11 @@ class Surface:
         moved = self._posed(faces, sample, frames) - self._neutral
         return np.asarray(MILLIMETRES * moved[:, self.regions[region]], np.float32)
 
-    def points_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, "T L 3"]:
+    def landmarks_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, "T L 3"]:
         """How far the named points are from their rest, in all frames of one sample."""
         points = self.model.landmarks
         found = [np.zeros((0, len(points.names), 3))]
-        for frames in blocks(faces.jaw.shape[1]):
+        for frames in frame_blocks(faces.jaw.shape[1]):
             moved = self.displacement_mm(faces, sample, frames, "points")
             corners = moved.reshape(len(moved), *points.corners.shape, 3)
             found.append(np.einsum("tlcd,lc->tld", corners, points.barycentric))
@@ -86,7 +86,7 @@ class Surface:
     def lip_gap_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, " T"]:
         """How much further apart the inner rims of the lips are than at rest, upwards, in the middle."""
         upper, lower = self._indices(INNER_LIPS)
-        heights = self.points_mm(faces, sample)[..., 1]
+        heights = self.landmarks_mm(faces, sample)[..., 1]
         return np.asarray(heights[:, upper] - heights[:, lower])
 
     @cached_property
@@ -110,7 +110,7 @@ class Surface:
         return weights
 
     def _posed(self, faces: FaceSamples, sample: int, frames: slice) -> Float[ndarray, "T V 3"]:
-        from talkingeyes.head.skinning import posed
+        from talkingeyes.head.skinning import posed_vertices
 
         jaw = faces.jaw[sample, frames]
         motion = Motion.of(
@@ -122,7 +122,7 @@ class Surface:
             expression_names=faces.expression_names,
             head_model=faces.head_model,
         )
-        return posed(self.model, pose_of(self.model, motion))
+        return posed_vertices(self.model, motion_to_pose(self.model, motion))
 
     @cached_property
     def _neutral(self) -> Float[ndarray, "V 3"]:
@@ -145,7 +145,7 @@ class Surface:
         return [known.index(name) for name in names]
 
 
-def blocks(frames: int) -> Iterator[slice]:
+def frame_blocks(frames: int) -> Iterator[slice]:
     """All frames, a few at a time, so that memory does not grow with a clip."""
-    for start in range(0, frames, BLOCK):
-        yield slice(start, min(start + BLOCK, frames))
+    for start in range(0, frames, BLOCK_FRAMES):
+        yield slice(start, min(start + BLOCK_FRAMES, frames))

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from talkingeyes.evaluation.table import SPLIT_TITLES, line
+from talkingeyes.evaluation.table import SPLIT_TITLES, markdown_row
 
 # {figure: {value, low, high}} of one row and split, or, over seeds, also {least, most}.
-Figures = Mapping[str, Mapping[str, float]]
+MetricEstimates = Mapping[str, Mapping[str, float]]
 
 TITLES = {
     "truth": "Truth: its other takes",
@@ -34,7 +34,7 @@ TITLES = {
     "probtalk3d_no_emotion": "ProbTalk3D without emotion control",
 }
 # MVE and Diversity in mm; LVE, FDD, MEE and CE in mm2 (metres and square metres in its code).
-PAPER = {
+PUBLISHED = {
     "face_regression": (2.8548, 202.66, 6.59, None, None, None),
     "face_codes": (1.7121, 159.78, 20.36, None, None, None),
     "face_codes_sampled": (3.4783, 313.25, 30.89, 315.93, 302.05, 0.1696),
@@ -53,11 +53,11 @@ class Column:
     """A heading, the figure under it and how it is written."""
 
     heading: str
-    figure: str
+    metric: str
     digits: int
 
 
-ERRORS = (
+ERROR_COLUMNS = (
     Column("MVE mm", "mve", 3),
     Column("LVE mm", "lve", 2),
     Column("LVE² mm²", "lve_squared", 1),
@@ -70,7 +70,7 @@ ERRORS = (
     Column("Div. mm", "diversity", 3),
     Column("Div. / truth", "diversity_ratio", 2),
 )
-SPEECH = (
+ARTICULATION_COLUMNS = (
     Column("p, b, m closed", "bilabials_closed", 3),
     Column("gap in them mm", "bilabial_gap", 2),
     Column("gap in open vowels mm", "vowel_gap", 2),
@@ -87,18 +87,18 @@ def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
         if not here:
             continue
         lines += [f"### {title}", ""]
-        lines += _table(here, ERRORS, with_paper=True)
-        lines += ["", *_table(here, SPEECH, with_paper=False), ""]
+        lines += _table(here, ERROR_COLUMNS, with_paper=True)
+        lines += ["", *_table(here, ARTICULATION_COLUMNS, with_paper=False), ""]
     return "\n".join(lines)
 
 
-def _table(rows: Mapping[str, Figures], columns: Sequence[Column], with_paper: bool) -> list[str]:
+def _table(rows: Mapping[str, MetricEstimates], columns: Sequence[Column], with_paper: bool) -> list[str]:
     headings = ["", *(column.heading for column in columns)]
     headings += [f"paper: {', '.join(PAPER_COLUMNS)}"] * with_paper
-    lines = [line(headings), line(["---"] * len(headings))]
+    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
     for name in [*(known for known in TITLES if known in rows), *sorted(set(rows) - set(TITLES))]:
-        cells = [_written(rows[name].get(column.figure), column.digits) for column in columns]
-        lines.append(line([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
+        cells = [_written(rows[name].get(column.metric), column.digits) for column in columns]
+        lines.append(markdown_row([TITLES.get(name, name), *cells, *[_of_paper(name)] * with_paper]))
     return lines
 
 
@@ -107,10 +107,10 @@ def _written(found: Mapping[str, float] | None, digits: int) -> str:
     if not found:
         return ""
     text = f"{found['value']:.{digits}f} <sub>{found['low']:.{digits}f}–{found['high']:.{digits}f}"
-    if found.get("least", 0.0) < found.get("most", 0.0):
-        text += f"; seeds {found['least']:.{digits}f}–{found['most']:.{digits}f}"
+    if found.get("seed_min", 0.0) < found.get("seed_max", 0.0):
+        text += f"; seeds {found['seed_min']:.{digits}f}–{found['seed_max']:.{digits}f}"
     return f"{text}</sub>"
 
 
 def _of_paper(name: str) -> str:
-    return ", ".join("–" if value is None else f"{value:.4g}" for value in PAPER[name]) if name in PAPER else ""
+    return ", ".join("–" if value is None else f"{value:.4g}" for value in PUBLISHED[name]) if name in PUBLISHED else ""

@@ -19,17 +19,17 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.audio.prosody import energy_dbfs
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.evaluation.face.surface import Surface
+from talkingeyes.evaluation.face.surface import FaceSurface
 
 BILABIALS = ("p", "b", "m")
 OPEN_VOWELS = ("a", "A", "0", "V", "&")
-CLOSED_MM = 0.5
+MAX_CLOSED_GAP_MM = 0.5
 LAG_S = 0.1
 WINDOW_S, FLOOR_DBFS = 0.04, -80.0  # of the envelope
 
 
 @dataclass(frozen=True)
-class Talking:
+class ArticulationMetrics:
     """One clip, all its samples together; NaN where it has no such phonemes."""
 
     bilabials_closed: float
@@ -38,15 +38,17 @@ class Talking:
     jaw_envelope: float
 
 
-def talking(surface: Surface, samples: FaceSamples, annotation: Annotation, sound: Float[ndarray, " N"]) -> Talking:
+def articulation(
+    surface: FaceSurface, samples: FaceSamples, annotation: Annotation, sound: Float[ndarray, " N"]
+) -> ArticulationMetrics:
     """Of 16 kHz sound and its phonemes."""
     count, frames, _ = samples.jaw.shape
     envelope = 10 ** (energy_dbfs(sound, np.arange(frames) / samples.fps, WINDOW_S, FLOOR_DBFS) / 20)
     gaps = [surface.lip_gap_mm(samples, sample) for sample in range(count)]
     least = np.concatenate([extremes(gap, annotation, BILABIALS, samples.fps, np.min) for gap in gaps])
     most = np.concatenate([extremes(gap, annotation, OPEN_VOWELS, samples.fps, np.max) for gap in gaps])
-    return Talking(
-        bilabials_closed=_mean(least <= CLOSED_MM),
+    return ArticulationMetrics(
+        bilabials_closed=_mean(least <= MAX_CLOSED_GAP_MM),
         bilabial_gap=_mean(least),
         vowel_gap=_mean(most),
         jaw_envelope=_mean(np.array([best_correlation(jaw[:, 0], envelope, samples.fps) for jaw in samples.jaw])),

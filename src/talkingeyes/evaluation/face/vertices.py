@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.evaluation.face.surface import Surface, blocks
+from talkingeyes.evaluation.face.surface import FaceSurface, frame_blocks
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,20 @@ class VertexErrors:
 
 
 def vertex_errors(
-    surface: Surface, truth: FaceSamples, samples: FaceSamples, compared: Sequence[int], valid: Bool[ndarray, " T"]
+    surface: FaceSurface, truth: FaceSamples, samples: FaceSamples, compared: Sequence[int], valid: Bool[ndarray, " T"]
 ) -> VertexErrors:
     """Of the `compared` samples against the first of `truth`; the first of them is the one that MVE, LVE, FDD see."""
     first = compared[0]
     whole = _Mean()
     lips, squared = _Mean(), _Mean()
     mean_lips, mean_squared = _Mean(), _Mean()
-    of_truth, of_sample = Dynamics(), Dynamics()
-    for frames in blocks(len(valid)):
+    of_truth, of_sample = DynamicsAccumulator(), DynamicsAccumulator()
+    for frames in frame_blocks(len(valid)):
         seen = valid[frames]
         true = surface.displacement_mm(truth, 0, frames, "face")[seen]
         shown = surface.displacement_mm(samples, first, frames, "face")[seen]
         whole.add(vertex_error(true, shown))
-        upper = surface.upper_of_face
+        upper = surface.upper_face_index
         of_truth.add(true[:, upper])
         of_sample.add(shown[:, upper])
         true_lips = surface.displacement_mm(truth, 0, frames, "lips")[seen]
@@ -82,13 +82,13 @@ def vertex_errors(
     )
 
 
-def halves_diversity(surface: Surface, samples: FaceSamples, random: np.random.Generator) -> float:
+def split_half_diversity(surface: FaceSurface, samples: FaceSamples, random: np.random.Generator) -> float:
     """Eq. 10: the mean distance of paired samples of two random halves; NaN where there are less than two samples."""
     count, frames, _ = samples.jaw.shape
     order, half = random.permutation(count).tolist(), count // 2
     apart = _Mean()
     for one, other in zip(order[:half], order[half : 2 * half], strict=True):
-        for at in blocks(frames):
+        for at in frame_blocks(frames):
             pair = [surface.displacement_mm(samples, s, at, "face") for s in (one, other)]
             apart.add(vertex_error(*pair))
     return float(apart.value) if half else float("nan")
@@ -109,7 +109,7 @@ def _distance(one: Float[ndarray, "*#B N 3"], other: Float[ndarray, "*#B N 3"]) 
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", away, away)))
 
 
-class Dynamics:
+class DynamicsAccumulator:
     """The SD over time of squared displacements, as sums that grow block by block."""
 
     def __init__(self) -> None:

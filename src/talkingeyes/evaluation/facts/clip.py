@@ -18,18 +18,18 @@ from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.evaluation.benchmark import eyes, lids, looking, movement, saccades
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.table import BY_NAME
+from talkingeyes.evaluation.benchmark.table import METRICS_BY_NAME
 
 # What one clip has, or many clips joined.
-Pool = Mapping[str, ndarray]
+PooledArrays = Mapping[str, ndarray]
 # A gap in speech shorter than this does not end an utterance; an utterance this long is one that plans ahead.
-UTTERANCE_GAP_S, LONG_UTTERANCE_S = 0.5, 2.0
-OBSERVERS = (
+UTTERANCE_GAP_S, MIN_LONG_UTTERANCE_S = 0.5, 2.0
+EXTRACTORS = (
     saccades.OBSERVER,
     looking.STATES,
     looking.CURVES,
-    eyes.PAIR,
-    eyes.COUNTER,
+    eyes.BINOCULAR,
+    eyes.EYE_HEAD,
     movement.EYE,
     movement.SPACE,
     movement.HEAD,
@@ -39,7 +39,7 @@ OBSERVERS = (
 
 
 @dataclass(frozen=True)
-class Sounding:
+class FrameProsody:
     """Prosody at motion frames: level, and F0 (NaN where unvoiced)."""
 
     energy_dbfs: Float[ndarray, " T"]
@@ -47,11 +47,11 @@ class Sounding:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """One clip. `motion`, `annotation`, `sounding` and `events` are None where nobody knows them.
+class ClipData:
+    """One clip. `motion`, `annotation`, `frame_prosody` and `events` are None where nobody knows them.
 
-    `squint_rad`: how far the optical axes, which `gaze` is, part from the lines of sight of this person (left less
-    right yaw: twice kappa); 0 where gaze is the line of sight.
+    `axis_divergence_rad`: how far the optical axes, which `gaze` is, part from the lines of sight of this person (left
+    less right yaw: twice kappa); 0 where gaze is the line of sight.
     """
 
     speaker: str
@@ -59,36 +59,36 @@ class Seen:
     behaviour: Behaviour
     motion: Motion | None = None
     annotation: Annotation | None = None
-    sounding: Sounding | None = None
+    frame_prosody: FrameProsody | None = None
     events: Events | None = None
-    squint_rad: float = 0.0
+    axis_divergence_rad: float = 0.0
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """A figure and how many of what it is made of; None where there is none, and why."""
 
     value: float | None
     count: int
-    counted: str
+    count_unit: str
     reason: str = ""
 
 
-def measured(value: float, count: int, counted: str, least: int = 1) -> Measured:
+def measurement(value: float, count: int, count_unit: str, min_count: int = 1) -> Measurement:
     """A figure of `count` things, if they are enough and it is a number."""
-    if count < least:
-        return Measured(None, count, counted, f"too few {counted}: {count}, {least} are needed")
+    if count < min_count:
+        return Measurement(None, count, count_unit, f"too few {count_unit}: {count}, {min_count} are needed")
     if not np.isfinite(value):
-        return Measured(None, count, counted, "undefined")
-    return Measured(float(value), count, counted)
+        return Measurement(None, count, count_unit, "undefined")
+    return Measurement(float(value), count, count_unit)
 
 
-def missing(reason: str) -> Measured:
+def no_measurement(reason: str) -> Measurement:
     """No figure, and why."""
-    return Measured(None, 0, "", reason)
+    return Measurement(None, 0, "", reason)
 
 
-def joined(pools: Iterable[Pool]) -> dict[str, ndarray]:
+def join_pools(pools: Iterable[PooledArrays]) -> dict[str, ndarray]:
     """Many clips as one."""
     found: dict[str, list[ndarray]] = {}
     for pool in pools:
@@ -97,25 +97,25 @@ def joined(pools: Iterable[Pool]) -> dict[str, ndarray]:
     return {name: np.concatenate(arrays) for name, arrays in found.items()}
 
 
-def sums(behaviour: Behaviour) -> dict[str, ndarray]:
+def benchmark_sums(behaviour: Behaviour) -> dict[str, ndarray]:
     """The benchmark's sums of one clip, each with a first axis of 1."""
     found: dict[str, ndarray] = {}
-    for observer in OBSERVERS:
-        if all(behaviour.has(field) for field in observer.needs):
-            found |= {name: np.asarray(value, float)[None] for name, value in observer.observe(behaviour).items()}
+    for extractor in EXTRACTORS:
+        if all(behaviour.has(field) for field in extractor.needs):
+            found |= {name: np.asarray(value, float)[None] for name, value in extractor.extract(behaviour).items()}
     return found
 
 
-def benchmark(pool: Pool, name: str) -> Measured:
+def benchmark_metric(pool: PooledArrays, name: str) -> Measurement:
     """A figure of the gaze benchmark, read from the sums in the pool."""
-    measure = BY_NAME[name]
-    assert measure.figure is not None
-    if measure.of not in pool:
-        return missing(f"no {' and '.join(measure.observer.needs)}")
-    totals = {key: pool[key].sum(axis=0, keepdims=True) for key in measure.observer.sizes}
+    metric = METRICS_BY_NAME[name]
+    assert metric.compute is not None
+    if metric.of not in pool:
+        return no_measurement(f"no {' and '.join(metric.extractor.needs)}")
+    totals = {key: pool[key].sum(axis=0, keepdims=True) for key in metric.extractor.sizes}
     with np.errstate(invalid="ignore", divide="ignore"):
-        value = float(measure.figure(totals)[0])
-    return measured(value, int(totals[measure.of][0]), measure.counted, measure.least)
+        value = float(metric.compute(totals)[0])
+    return measurement(value, int(totals[metric.of][0]), metric.count_unit, metric.min_count)
 
 
 def utterances(annotation: Annotation) -> list[Span]:
@@ -129,7 +129,7 @@ def utterances(annotation: Annotation) -> list[Span]:
     return found
 
 
-def within(spans: Sequence[Span], behaviour: Behaviour) -> Bool[ndarray, " T"]:
+def in_spans(spans: Sequence[Span], behaviour: Behaviour) -> Bool[ndarray, " T"]:
     """Frames inside the spans."""
     inside = np.zeros(len(behaviour), bool)
     for span in spans:
@@ -137,7 +137,7 @@ def within(spans: Sequence[Span], behaviour: Behaviour) -> Bool[ndarray, " T"]:
     return inside
 
 
-def talking(annotation: Annotation) -> list[Span]:
+def speaking_turns(annotation: Annotation) -> list[Span]:
     """From the first word of a turn to its last, pauses inside it included; listening ends a turn."""
     found: list[Span] = []
     for span in annotation.speaking:

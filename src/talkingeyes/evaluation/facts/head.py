@@ -13,25 +13,25 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.movement import FREQUENCY_HZ
-from talkingeyes.evaluation.facts.clip import Measured, Pool, Sounding, measured, utterances, within
+from talkingeyes.evaluation.facts.clip import FrameProsody, Measurement, PooledArrays, in_spans, measurement, utterances
 
-ORDINARY_HZ = 1.8
-LEAST_SENTENCE_S = 1.5
+SLOW_MOVEMENT_HZ = 1.8
+MIN_SENTENCE_S = 1.5
 RIDGE = 1e-6
 
 
-def observe(behaviour: Behaviour, annotation: Annotation, sounding: Sounding) -> Pool:
+def extract(behaviour: Behaviour, annotation: Annotation, frame_prosody: FrameProsody) -> PooledArrays:
     """Canonical correlations of the utterances, and products of head pitch and level in speech."""
     assert behaviour.head is not None
-    frames = min(len(behaviour), len(sounding.energy_dbfs))
-    prosody = prosodic(sounding)[:frames]
+    frames = min(len(behaviour), len(frame_prosody.energy_dbfs))
+    prosody = prosodic_features(frame_prosody)[:frames]
     found = []
     for span in utterances(annotation):
         low, high = round(span.start_s * behaviour.fps), min(round(span.end_s * behaviour.fps), frames)
-        if high - low >= LEAST_SENTENCE_S * behaviour.fps and behaviour.valid[low:high].all():
-            found.append(canonical(behaviour.head[low:high], prosody[low:high]))
-    speech = within(annotation.speaking, behaviour)[:frames] & behaviour.valid[:frames]
-    level, pitch = sounding.energy_dbfs[:frames][speech], behaviour.head_rad[:frames, 1][speech]
+        if high - low >= MIN_SENTENCE_S * behaviour.fps and behaviour.valid[low:high].all():
+            found.append(canonical_correlation(behaviour.head[low:high], prosody[low:high]))
+    speech = in_spans(annotation.speaking, behaviour)[:frames] & behaviour.valid[:frames]
+    level, pitch = frame_prosody.energy_dbfs[:frames][speech], behaviour.head_rad[:frames, 1][speech]
     products = np.zeros(4)
     if len(level):
         level, pitch = level - level.mean(), np.degrees(pitch - pitch.mean())
@@ -39,17 +39,19 @@ def observe(behaviour: Behaviour, annotation: Annotation, sounding: Sounding) ->
     return {"cca.r": np.array(found), "tie.products": products[None]}
 
 
-def prosodic(sounding: Sounding) -> Float[ndarray, "T 6"]:
+def prosodic_features(frame_prosody: FrameProsody) -> Float[ndarray, "T 6"]:
     """Level and log F0 (carried over what is unvoiced), with their first and second differences."""
-    known = np.isfinite(sounding.f0_hz)
+    known = np.isfinite(frame_prosody.f0_hz)
     frames = np.arange(len(known))
-    log_f0 = np.interp(frames, frames[known], np.log(sounding.f0_hz[known])) if known.any() else np.zeros(len(known))
-    base = np.stack([sounding.energy_dbfs, log_f0], axis=1)
+    log_f0 = (
+        np.interp(frames, frames[known], np.log(frame_prosody.f0_hz[known])) if known.any() else np.zeros(len(known))
+    )
+    base = np.stack([frame_prosody.energy_dbfs, log_f0], axis=1)
     first = np.gradient(base, axis=0)
     return np.concatenate([base, first, np.gradient(first, axis=0)], axis=1)
 
 
-def canonical(one: Float[ndarray, "T A"], other: Float[ndarray, "T B"]) -> float:
+def canonical_correlation(one: Float[ndarray, "T A"], other: Float[ndarray, "T B"]) -> float:
     """The first canonical correlation."""
     bases = []
     for each in (one, other):
@@ -60,30 +62,32 @@ def canonical(one: Float[ndarray, "T A"], other: Float[ndarray, "T B"]) -> float
     return float(min(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0], 1.0))
 
 
-def sentence_correlation(pool: Pool) -> Measured:
+def sentence_correlation(pool: PooledArrays) -> Measurement:
     """Mean over sentences of the first canonical correlation."""
     found = pool["cca.r"]
     found = found[np.isfinite(found)]
-    return measured(float(found.mean()) if len(found) else np.nan, len(found), "sentences", 20)
+    return measurement(float(found.mean()) if len(found) else np.nan, len(found), "sentences", 20)
 
 
-def frame_correlation(pool: Pool) -> Measured:
+def frame_correlation(pool: PooledArrays) -> Measurement:
     """Absolute correlation of head pitch and level over all speaking frames, both about the clip's mean."""
     across, level, pitch, frames = pool["tie.products"].sum(axis=0)
-    return measured(abs(across) / max(np.sqrt(level * pitch), 1e-12), int(frames), "frames", 1500)
+    return measurement(abs(across) / max(np.sqrt(level * pitch), 1e-12), int(frames), "frames", 1500)
 
 
-def fast_share(pool: Pool) -> Measured:
+def fast_power_fraction(pool: PooledArrays) -> Measurement:
     """Percent of the power of head velocity above 1.8 Hz."""
     if "head.power" not in pool:
-        return measured(np.nan, 0, "segments", 1)
+        return measurement(np.nan, 0, "segments", 1)
     velocity = pool["head.power"].sum(axis=0) * np.square(FREQUENCY_HZ)
     total, segments = float(velocity.sum()), int(pool["head.segments"].sum())
-    share = 100 * float(velocity[FREQUENCY_HZ > ORDINARY_HZ].sum()) / max(total, 1e-12)
-    return measured(share, segments, "segments", 40)
+    share = 100 * float(velocity[FREQUENCY_HZ > SLOW_MOVEMENT_HZ].sum()) / max(total, 1e-12)
+    return measurement(share, segments, "segments", 40)
 
 
-def speaking_speed(pool: Pool) -> Measured:
+def speaking_speed(pool: PooledArrays) -> Measurement:
     """Mean speed in speech, degrees a second."""
     frames = float(pool["speech.frames"].sum()) if "speech.frames" in pool else 0.0
-    return measured(float(pool["speech.speed_deg_s"].sum()) / frames if frames else np.nan, int(frames), "frames", 1500)
+    return measurement(
+        float(pool["speech.speed_deg_s"].sum()) / frames if frames else np.nan, int(frames), "frames", 1500
+    )

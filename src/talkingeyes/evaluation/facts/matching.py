@@ -17,54 +17,58 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.corpus.windows import Recording
-from talkingeyes.evaluation.contrast import CriticSettings, Hearing, first_windows, learn
+from talkingeyes.evaluation.contrast import ChannelSelection, CriticSettings, first_windows, train_critic
 from talkingeyes.evaluation.correlation import auc
-from talkingeyes.evaluation.facts.clip import Measured, measured
+from talkingeyes.evaluation.facts.clip import Measurement, measurement
 from talkingeyes.models.critic import similarity
 
-DRAWS = 999
-LEAST_WINDOWS = 20
+PERMUTATIONS = 999
+MIN_WINDOWS = 20
 
 
 @dataclass(frozen=True)
-class Similar:
+class SimilarityMatrix:
     """Similarity of every sound with every motion, and which pairs are of one speaker but not of one sound."""
 
     cosine: Float[ndarray, "N N"]
-    rivals: Bool[ndarray, "N N"]
+    negatives: Bool[ndarray, "N N"]
 
-    def __add__(self, other: Similar) -> Similar:
+    def __add__(self, other: SimilarityMatrix) -> SimilarityMatrix:
         """Both scores together, each in its own standard deviations."""
-        return Similar(self.cosine / self.cosine.std() + other.cosine / other.cosine.std(), self.rivals)
+        return SimilarityMatrix(self.cosine / self.cosine.std() + other.cosine / other.cosine.std(), self.negatives)
 
 
-def similarities(
-    part: str, train: Sequence[Recording], judged: Sequence[Recording], hearing: Hearing, settings: CriticSettings
-) -> Similar:
+def train_similarity(
+    part: str,
+    train: Sequence[Recording],
+    judged: Sequence[Recording],
+    channel_selection: ChannelSelection,
+    settings: CriticSettings,
+) -> SimilarityMatrix:
     """Train on some recordings, compare all pairs of others."""
-    learnt = learn(part, train, hearing, settings).corr
+    learnt = train_critic(part, train, channel_selection, settings).corr
     group = first_windows(judged, part, learnt.critic.speech_channels.numpy(), learnt.frames)
     with torch.no_grad():
-        found = similarity(learnt.critic.speech(group.heard), learnt.critic.motion(group.angles))
-    return Similar(found.numpy().astype(np.float64), group.rivals)
+        found = similarity(learnt.critic.speech(group.speech_features), learnt.critic.motion(group.angles))
+    return SimilarityMatrix(found.numpy().astype(np.float64), group.negatives)
 
 
-def matched(similar: Similar) -> Measured:
+def matching_auc(similar: SimilarityMatrix) -> Measurement:
     """AUC of right pairs against pairs of one speaker."""
-    known = similar.rivals.any(axis=1)
+    known = similar.negatives.any(axis=1)
     right = np.diag(similar.cosine)[known]
-    return measured(float(auc(right, similar.cosine[similar.rivals])), int(known.sum()), "windows", LEAST_WINDOWS)
+    return measurement(float(auc(right, similar.cosine[similar.negatives])), int(known.sum()), "windows", MIN_WINDOWS)
 
 
-def by_chance(similar: Similar, seed: int) -> Measured:
+def permutation_p_value(similar: SimilarityMatrix, seed: int) -> Measurement:
     """p by permutation within speakers."""
     random, count = np.random.default_rng(seed), len(similar.cosine)
-    same = similar.rivals | np.eye(count, dtype=bool)
+    same = similar.negatives | np.eye(count, dtype=bool)
     groups = [np.flatnonzero(row) for index, row in enumerate(same) if np.flatnonzero(row)[0] == index]
     right, above = np.diag(similar.cosine).mean(), 0
-    for _ in range(DRAWS):
+    for _ in range(PERMUTATIONS):
         order = np.arange(count)
         for group in groups:
             order[group] = random.permutation(group)
         above += similar.cosine[np.arange(count), order].mean() >= right
-    return measured((1 + above) / (1 + DRAWS), count, "windows", LEAST_WINDOWS)
+    return measurement((1 + above) / (1 + PERMUTATIONS), count, "windows", MIN_WINDOWS)

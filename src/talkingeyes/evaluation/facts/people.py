@@ -11,15 +11,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from talkingeyes.core import rotation
-from talkingeyes.corpus.recordings_of_people import ConversationFixations, Recording
+from talkingeyes.corpus.recordings_of_people import ConversationFixations, GazeRecording
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
 from talkingeyes.evaluation.facts import figures, saccades
-from talkingeyes.evaluation.facts.clip import Pool, Seen, joined
-from talkingeyes.evaluation.facts.figures import Figures
+from talkingeyes.evaluation.facts.clip import ClipData, PooledArrays, join_pools
+from talkingeyes.evaluation.facts.figures import Measurements
 
-OF_TRACKING = ("below_5", "below_15", "amplitude", "cardinal", "rate", "psd_gaze")
-OF_RATES = ("largest", "vmax", "constant", "slope_10", "slope_40", "duration_slope", "duration_intercept", "shape")
-OF_VIDEO = (
+EYE_TRACKING_STATISTICS = ("below_5", "below_15", "amplitude", "cardinal", "rate", "psd_gaze")
+MAIN_SEQUENCE_STATISTICS = (
+    "largest",
+    "vmax",
+    "constant",
+    "slope_10",
+    "slope_40",
+    "duration_slope",
+    "duration_intercept",
+    "shape",
+)
+VIDEO_STATISTICS = (
     "eye_yaw",
     "eye_pitch",
     "vor_yaw",
@@ -31,57 +40,59 @@ OF_VIDEO = (
     "head_fast",
     "psd_head",
 )
-VIDEO_FPS = 45.0  # slower than this: frame rates that compare with 25
+MAX_VIDEO_FPS = 45.0  # slower than this: frame rates that compare with 25
 
 
-def behaviour_of(recording: Recording) -> Behaviour:
+def behaviour_of(recording: GazeRecording) -> Behaviour:
     """Both eyes parallel, no lids, no speech."""
     eye = rotation.eye_in_head(recording.head, recording.gaze_in_space_rad[:, None])
     fields = {"head": recording.head, "gaze": np.repeat(eye, 2, axis=1)}
     return behaviour(recording.fps, fields, recording.valid)
 
 
-def of_tracking(recordings: Sequence[Recording]) -> Figures:
+def measure_eye_tracking(recordings: Sequence[GazeRecording]) -> Measurements:
     """Of eye tracking at 500 Hz; what the corpus shows at 25 frames a second is read from one sample in twenty."""
-    fast = joined(_rates(each) for each in recordings)
-    found = figures.of_gaze(tracking_pool(recordings)) | figures.of_rates(fast)
-    return {name: found[name] for name in (*OF_TRACKING, *OF_RATES)}
+    fast = join_pools(_rates(each) for each in recordings)
+    found = figures.measure_gaze(tracking_pool(recordings)) | figures.measure_main_sequence(fast)
+    return {name: found[name] for name in (*EYE_TRACKING_STATISTICS, *MAIN_SEQUENCE_STATISTICS)}
 
 
-def tracking_pool(recordings: Sequence[Recording]) -> Pool:
+def tracking_pool(recordings: Sequence[GazeRecording]) -> PooledArrays:
     """One sample in twenty, as frames."""
-    return joined(figures.observe(Seen("", "", behaviour_of(each.every(20)))) for each in recordings)
+    return join_pools(figures.extract(ClipData("", "", behaviour_of(each.subsample(20)))) for each in recordings)
 
 
-def _rates(recording: Recording) -> Pool:
-    fine, coarse = behaviour_of(recording), behaviour_of(recording.every(20))
-    return saccades.of_rate("at500", fine, fine.saccades) | saccades.same("same25", fine.saccades, coarse.saccades)
+def _rates(recording: GazeRecording) -> PooledArrays:
+    fine, coarse = behaviour_of(recording), behaviour_of(recording.subsample(20))
+    return saccades.extract_at_rate("at500", fine, fine.saccades) | saccades.match_frame_rates(
+        "same25", fine.saccades, coarse.saccades
+    )
 
 
-def of_video(recordings: Sequence[Recording]) -> Figures:
+def measure_video(recordings: Sequence[GazeRecording]) -> Measurements:
     """Of faces in video."""
-    slow = [each for each in recordings if each.fps < VIDEO_FPS]
-    pool = joined(figures.observe(Seen("", "", behaviour_of(each))) for each in slow)
-    found = figures.of_gaze(pool) | figures.of_head(pool) if pool else {}
-    return {name: found[name] for name in OF_VIDEO if name in found}
+    slow = [each for each in recordings if each.fps < MAX_VIDEO_FPS]
+    pool = join_pools(figures.extract(ClipData("", "", behaviour_of(each))) for each in slow)
+    found = figures.measure_gaze(pool) | figures.measure_head(pool) if pool else {}
+    return {name: found[name] for name in VIDEO_STATISTICS if name in found}
 
 
-def of_conversation(fixations: ConversationFixations) -> Figures:
+def measure_conversation(fixations: ConversationFixations) -> Measurements:
     """Steps from fixation to fixation while speaking."""
     pool = conversation_pool(fixations)
     return {
-        "below_5": saccades.share_below(pool, 5.0),
-        "below_15": saccades.share_below(pool, 15.0),
+        "below_5": saccades.fraction_below(pool, 5.0),
+        "below_15": saccades.fraction_below(pool, 15.0),
         "amplitude": saccades.mean_amplitude(pool),
         "cardinal": saccades.cardinal(pool),
     }
 
 
-def conversation_pool(fixations: ConversationFixations) -> Pool:
+def conversation_pool(fixations: ConversationFixations) -> PooledArrays:
     """Steps of a degree or more of all people, as saccades."""
     people = [fixations.of(person, "SPEAK") for person in sorted(set(fixations.person))]
-    steps = np.concatenate([each.steps_deg for each in people])
-    steps = steps[np.hypot(*steps.T) >= saccades.LEAST_DEG]
+    steps = np.concatenate([each.gaze_shifts_deg for each in people])
+    steps = steps[np.hypot(*steps.T) >= saccades.MIN_AMPLITUDE_DEG]
     return {
         "saccade.amplitude_deg": np.hypot(*steps.T),
         "saccade.direction_rad": np.arctan2(steps[:, 1], steps[:, 0]),

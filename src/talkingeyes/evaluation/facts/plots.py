@@ -13,19 +13,19 @@ from matplotlib.figure import Figure
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE
-from talkingeyes.evaluation.benchmark.saccades import LAW_GRID_DEG, sampled_log_peak
-from talkingeyes.evaluation.facts.clip import Pool, Seen
-from talkingeyes.physiology import saccades as law
+from talkingeyes.evaluation.benchmark.saccades import MAIN_SEQUENCE_GRID_DEG, sampled_log_peak_speed
+from talkingeyes.evaluation.facts.clip import ClipData, PooledArrays
+from talkingeyes.physiology import saccades as main_sequence_model
 
 RATES_FPS = (500, 120, 60, 25)
 MOST_POINTS = 1500
 AMPLITUDES_DEG = np.arange(0.0, 30.5, 1.0)
 DWELLS_S = np.arange(0.0, 8.1, 0.4)
 OURS, AWAY = "#d95f02", "#7570b3"
-PEOPLE = {"T": "0.7", "C": "0.35"}
+RECORDING_COLOURS = {"T": "0.7", "C": "0.35"}
 
 
-def main_sequence(pool: Pool, path: Path) -> None:
+def main_sequence(pool: PooledArrays, path: Path) -> None:
     """Write a PNG: peak speed by amplitude, a panel a frame rate."""
     figure = _figure(11.0, 3.4)
     for axis, fps in zip(figure.subplots(1, len(RATES_FPS), sharey=True), RATES_FPS, strict=True):
@@ -33,9 +33,13 @@ def main_sequence(pool: Pool, path: Path) -> None:
         every = max(1, len(amplitude) // MOST_POINTS)
         axis.loglog(amplitude[::every], peak[::every], ".", color=OURS, markersize=2, alpha=0.35, rasterized=True)
         axis.loglog(
-            LAW_GRID_DEG, np.degrees(law.peak_speed(np.radians(LAW_GRID_DEG))), "--", color="0.2", linewidth=0.9
+            MAIN_SEQUENCE_GRID_DEG,
+            np.degrees(main_sequence_model.peak_speed(np.radians(MAIN_SEQUENCE_GRID_DEG))),
+            "--",
+            color="0.2",
+            linewidth=0.9,
         )
-        axis.loglog(LAW_GRID_DEG, np.exp(sampled_log_peak(float(fps))), color="0.2", linewidth=1.2)
+        axis.loglog(MAIN_SEQUENCE_GRID_DEG, np.exp(sampled_log_peak_speed(float(fps))), color="0.2", linewidth=1.2)
         axis.set_title(f"{fps} fps, {len(amplitude)} saccades", fontsize=9)
         axis.set_xlabel("amplitude, degrees", fontsize=8)
         axis.set_xlim(0.4, 45)
@@ -46,17 +50,20 @@ def main_sequence(pool: Pool, path: Path) -> None:
     _save(figure, path)
 
 
-def distributions(pool: Pool, recorded: Mapping[str, Pool], path: Path) -> None:
+def distributions(pool: PooledArrays, recorded: Mapping[str, PooledArrays], path: Path) -> None:
     """Write a PNG: amplitudes and directions with those of recorded people, dwells of both states."""
     figure = _figure(11.0, 3.6)
     grid = figure.add_gridspec(1, 3)
     amplitudes, dwells = figure.add_subplot(grid[0]), figure.add_subplot(grid[2])
     directions: Any = figure.add_subplot(grid[1], projection="polar")
     for name, each in recorded.items():
-        _density(amplitudes, each["saccade.amplitude_deg"], AMPLITUDES_DEG, PEOPLE[name], f"people ({name})")
-        _rose(directions, each["saccade.direction_rad"], PEOPLE[name])
+        _density(amplitudes, each["saccade.amplitude_deg"], AMPLITUDES_DEG, RECORDING_COLOURS[name], f"people ({name})")
+        _rose(directions, each["saccade.direction_rad"], RECORDING_COLOURS[name])
     _density(amplitudes, pool["saccade.amplitude_deg"], AMPLITUDES_DEG, OURS, "corpus")
-    eyes_alive = np.exp(-(np.maximum(AMPLITUDES_DEG, 1.0) - law.AMPLITUDE_MIN_DEG) / law.AMPLITUDE_MEAN_DEG)
+    eyes_alive = np.exp(
+        -(np.maximum(AMPLITUDES_DEG, 1.0) - main_sequence_model.AMPLITUDE_MIN_DEG)
+        / main_sequence_model.AMPLITUDE_MEAN_DEG
+    )
     amplitudes.plot(
         AMPLITUDES_DEG, eyes_alive / (eyes_alive.sum()), ":", color="0.2", label="Eyes Alive, as a law of all"
     )
@@ -91,20 +98,20 @@ def _rose(axis: Any, direction_rad: Float[ndarray, " N"], colour: str) -> None:
     axis.plot(np.append(middle, 0.0), np.append(share, share[0]), color=colour, linewidth=1.3)
 
 
-def timeline(seen: Seen, sound: Float[ndarray, " N"], path: Path) -> None:
+def timeline(clip_data: ClipData, sound: Float[ndarray, " N"], path: Path) -> None:
     """Write a PNG: sound and words, gaze in space over its states, head, lids, on one time scale."""
-    behaviour = seen.behaviour
-    assert seen.annotation is not None and behaviour.head is not None and behaviour.lid is not None
+    behaviour = clip_data.behaviour
+    assert clip_data.annotation is not None and behaviour.head is not None and behaviour.lid is not None
     figure = _figure(11.0, 6.2)
     axes = figure.subplots(4, 1, sharex=True, height_ratios=[1, 1.3, 1.3, 0.8])
     times = behaviour.times_s
     axes[0].plot(np.arange(len(sound)) / SAMPLE_RATE, sound, color="0.4", linewidth=0.3)
-    for word in seen.annotation.words:
+    for word in clip_data.annotation.words:
         axes[0].text(word.start_s, 1.02, word.label, fontsize=6.5, rotation=35, transform=axes[0].get_xaxis_transform())
-    for span in seen.annotation.listening:
+    for span in clip_data.annotation.listening:
         axes[0].axvspan(span.start_s, span.end_s, color="0.9")
     for name, column, colour in (("yaw, left up", 0, OURS), ("pitch", 1, AWAY)):
-        axes[1].plot(times, np.degrees(behaviour.space_rad[:, column]), color=colour, linewidth=1.1, label=name)
+        axes[1].plot(times, np.degrees(behaviour.gaze_in_space_rad[:, column]), color=colour, linewidth=1.1, label=name)
         axes[2].plot(times, np.degrees(behaviour.head_rad[:, column]), color=colour, linewidth=1.1, label=name)
     axes[2].plot(times, np.degrees(behaviour.head[:, 2]), color="0.6", linewidth=1.0, label="roll")
     axes[3].plot(times, behaviour.lid.mean(axis=1), color="0.2", linewidth=1.1)

@@ -13,47 +13,47 @@ from numpy import ndarray
 from scipy.signal import lfilter
 
 from talkingeyes.core.motion import Events, Motion
-from talkingeyes.core.rotation import angles_of_gaze, gaze_of_angles
-from talkingeyes.fitting.accuracy import Yardstick
+from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles
+from talkingeyes.fitting.accuracy import FitReference
 from talkingeyes.fitting.comparison import blink_frames
 from talkingeyes.head import landmarks as face
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.observation import Observation
 
 PX_PER_RAD = 15.35  # of the eye, in a crop of 224 pixels (FACTS, section 8)
-GAIN, MEMORY = (0.85, 1.0), 0.999
+GAIN, AUTOCORRELATION = (0.85, 1.0), 0.999
 CONSTANT_RAD, DRIFT_RAD, WHITE_RAD = 0.85 / PX_PER_RAD, 0.45 / PX_PER_RAD, 0.014 / PX_PER_RAD
 
 
 def projected_px(camera: Camera) -> float:
     """Largest distance between pupils by their formula and the head's vertices, looking ahead."""
-    head = open_head()
+    head = anny_head()
     by_formula = camera.project(face.pupils(np.zeros((1, 2, 3))))
     on_head = camera.project(np.asarray(head.template[head.pupils], np.float64)[None])
     return float(np.linalg.norm(by_formula - on_head, axis=-1).max())
 
 
-def gaze360_like(
+def simulate_gaze360(
     truth: Motion, events: Events, seen: Observation, random: np.random.Generator
 ) -> Float[ndarray, "1 4"]:
     """Of one clip: summed error and its count, summed speed and that of the truth."""
     frames = len(truth)
-    counted = ~blink_frames(events, frames, truth.fps)
-    yardstick = Yardstick(pupils=seen.pupils, camera=seen.camera, counted=counted, pose=truth, truth=truth)
-    angles = random.uniform(*GAIN) * angles_of_gaze(truth.gaze) + _slow(frames, random)[:, None]
+    frame_mask = ~blink_frames(events, frames, truth.fps)
+    reference = FitReference(pupils=seen.pupils, camera=seen.camera, frame_mask=frame_mask, pose=truth, truth=truth)
+    angles = random.uniform(*GAIN) * gaze_to_angles(truth.gaze) + _slow(frames, random)[:, None]
     angles = angles + WHITE_RAD * random.standard_normal(angles.shape)
-    found, true = (yardstick.tally(each) for each in (_with_gaze(truth, angles), truth))
-    return np.array([[found.distance_px, found.distances, found.speed_px_s, true.speed_px_s]])
+    found, true = (reference.error_sums(each) for each in (_with_gaze(truth, angles), truth))
+    return np.array([[found.truth_distance_px, found.truth_distances, found.speed_px_s, true.speed_px_s]])
 
 
 def _slow(frames: int, random: np.random.Generator) -> Float[ndarray, "T 2"]:
     """A constant, and a first-order autoregressive drift from its steady state on."""
-    noise = random.standard_normal((frames, 2)) * np.sqrt(1 - MEMORY**2)
+    noise = random.standard_normal((frames, 2)) * np.sqrt(1 - AUTOCORRELATION**2)
     noise[0] = random.standard_normal(2)
-    drift = lfilter([1.0], [1.0, -MEMORY], noise, axis=0)
+    drift = lfilter([1.0], [1.0, -AUTOCORRELATION], noise, axis=0)
     return np.asarray(CONSTANT_RAD * random.standard_normal(2) + DRIFT_RAD * drift)
 
 
 def _with_gaze(motion: Motion, angles_rad: Float[ndarray, "T 2 2"]) -> Motion:
-    return Motion.of(fps=motion.fps, head=motion.head, gaze=gaze_of_angles(angles_rad), translation=motion.translation)
+    return Motion.of(fps=motion.fps, head=motion.head, gaze=angles_to_gaze(angles_rad), translation=motion.translation)

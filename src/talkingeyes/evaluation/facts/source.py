@@ -8,13 +8,13 @@ from pathlib import Path
 from talkingeyes.audio.prosody import ProsodySettings
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.contrast import CriticSettings
 from talkingeyes.synthesis import plan
 
 
 @dataclass(frozen=True)
-class Source:
+class CorpusInputs:
     """Where a corpus and what was made of it lie. `settings` is None for a corpus that was not synthesised."""
 
     corpus: Corpus
@@ -25,8 +25,8 @@ class Source:
     settings: plan.SynthesizeSettings | None
 
 
-def motion_of(source: Source, clip: Clip) -> Motion:
+def reference_motion(corpus_inputs: CorpusInputs, clip: Clip) -> Motion:
     """The true motion, or where nobody knows it the fitted one."""
-    if source.corpus.has_truth:
-        return source.corpus.truth(clip)
-    return Motion.load(sharded(source.fit / "motion", clip.id, ".npz"))
+    if corpus_inputs.corpus.has_truth:
+        return corpus_inputs.corpus.truth(clip)
+    return Motion.load(shard_path(corpus_inputs.fit / "motion", clip.id, ".npz"))

@@ -32,7 +32,7 @@ class ClassifierSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Labelled:
+class LabelledWindows:
     """Windows of poses and the index of the speaker of each."""
 
     pose: Float[ndarray, "N L 6"]
@@ -40,7 +40,7 @@ class Labelled:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ClassifierScores:
     """By speaker, over the windows made for that speaker: mean confidence in that speaker, and share told right."""
 
     confidence: Float[ndarray, " K"]
@@ -84,42 +84,44 @@ class PoseClassifier(nn.Module):
 class ClassifierTask:
     """Cross-entropy on windows, speakers drawn alike."""
 
-    def __init__(self, settings: ClassifierSettings, train: Labelled, val: Labelled) -> None:
+    def __init__(self, settings: ClassifierSettings, train: LabelledWindows, val: LabelledWindows) -> None:
         torch.manual_seed(settings.seed)
         self.settings, self.train, self.val = settings, train, val
         self.random = np.random.default_rng(settings.seed)
-        self.places = [np.flatnonzero(train.speaker == each) for each in np.unique(train.speaker)]
-        self.module = PoseClassifier(settings, len(self.places))
+        self.windows_by_speaker = [np.flatnonzero(train.speaker == each) for each in np.unique(train.speaker)]
+        self.module = PoseClassifier(settings, len(self.windows_by_speaker))
         self.module.scale.copy_(torch.from_numpy(np.diff(train.pose, axis=1).std((0, 1))))
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Cross-entropy of a batch."""
-        whose = self.random.integers(len(self.places), size=self.settings.loop.batch)
-        index = np.array([self.random.choice(self.places[each]) for each in whose])
+        whose = self.random.integers(len(self.windows_by_speaker), size=self.settings.loop.batch)
+        index = np.array([self.random.choice(self.windows_by_speaker[each]) for each in whose])
         logits = self.module(torch.from_numpy(self.train.pose[index].astype(np.float32)))
         return {"total": nn.functional.cross_entropy(logits, torch.from_numpy(self.train.speaker[index]))}
 
     def validate(self) -> dict[str, float]:
         """Share of val windows told right, which is what weights are chosen by, and the mean confidence."""
-        judged = judge(self.module, self.val)
+        judged = classifier_scores(self.module, self.val)
         return {"score": float(np.nanmean(judged.confidence)), "accuracy": float(np.nanmean(judged.accuracy))}
 
 
-def trained_classifier(settings: ClassifierSettings, of_train: Labelled, of_val: Labelled) -> PoseClassifier:
+def train_classifier(
+    settings: ClassifierSettings, of_train: LabelledWindows, of_val: LabelledWindows
+) -> PoseClassifier:
     """A classifier with the weights that are best on val."""
     task = ClassifierTask(settings, of_train, of_val)
     train(task, settings.loop, "pose classifier")
     return task.module.eval()
 
 
-def judge(classifier: PoseClassifier, windows: Labelled) -> Judgement:
+def classifier_scores(classifier: PoseClassifier, windows: LabelledWindows) -> ClassifierScores:
     """Confidence in, and choice of, the speaker that each window is of or was made for; NaN for one without windows."""
     found = classifier.probabilities(windows.pose)
     count = found.shape[1]
     own = found[np.arange(len(found)), windows.speaker]
     right = found.argmax(1) == windows.speaker
     of_speaker = [windows.speaker == each for each in range(count)]
-    return Judgement(
+    return ClassifierScores(
         np.array([own[each].mean() if each.any() else np.nan for each in of_speaker]),
         np.array([right[each].mean() if each.any() else np.nan for each in of_speaker]),
     )

@@ -21,7 +21,7 @@ from pydantic import Field
 from talkingeyes.core.settings import Settings
 from talkingeyes.evaluation.pose.windows import PoseWindows
 
-FRAMES_FOR_PCA = 20_000
+MAX_PCA_FRAMES = 20_000
 
 
 class SVMSettings(Settings):
@@ -33,7 +33,7 @@ class SVMSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Belonging:
+class AcceptanceRates:
     """By speaker of the speech: share taken for own with own poses, and with poses of each speaker (columns)."""
 
     own: Float[ndarray, " K"]
@@ -52,28 +52,28 @@ def correlations(speech: Float[ndarray, "N L S"], pose: Float[ndarray, "N L P"])
     return np.asarray(found.reshape(len(found), -1))
 
 
-def reduction(speech: Float[ndarray, "N L C"], settings: SVMSettings) -> Any:
+def fit_pca(speech: Float[ndarray, "N L C"], settings: SVMSettings) -> Any:
     """The PCA of speech features, from frames of the train split."""
     from sklearn.decomposition import PCA
 
     frames = speech.reshape(-1, speech.shape[-1])
-    chosen = np.random.default_rng(settings.seed).choice(len(frames), min(FRAMES_FOR_PCA, len(frames)), replace=False)
+    chosen = np.random.default_rng(settings.seed).choice(len(frames), min(MAX_PCA_FRAMES, len(frames)), replace=False)
     return PCA(settings.features, random_state=settings.seed).fit(frames[chosen])
 
 
-def reduced(pca: Any, speech: Float[ndarray, "N L C"]) -> Float[ndarray, "N L S"]:
+def apply_pca(pca: Any, speech: Float[ndarray, "N L C"]) -> Float[ndarray, "N L S"]:
     """Speech features of windows."""
     return np.asarray(pca.transform(speech.reshape(-1, speech.shape[-1])).reshape(*speech.shape[:2], -1))
 
 
-def belonging(
+def acceptance_rates(
     train: PoseWindows, test: PoseWindows, speakers: Sequence[str], settings: SVMSettings, repeats: int = 5
-) -> Belonging:
+) -> AcceptanceRates:
     """Table 1. A random pose is that of another test window of the speaker, drawn `repeats` times."""
     from sklearn.svm import OneClassSVM
 
-    pca, random = reduction(train.speech, settings), np.random.default_rng(settings.seed)
-    heard_train, heard_test = reduced(pca, train.speech), reduced(pca, test.speech)
+    pca, random = fit_pca(train.speech, settings), np.random.default_rng(settings.seed)
+    heard_train, heard_test = apply_pca(pca, train.speech), apply_pca(pca, test.speech)
     own, others = np.full(len(speakers), np.nan), np.full((len(speakers), len(speakers)), np.nan)
     for index in range(len(speakers)):
         mine, tested = train.speaker == index, np.flatnonzero(test.speaker == index)
@@ -90,4 +90,4 @@ def belonging(
             if len(sources):
                 drawn = [accepted(test.pose[random.choice(sources, len(tested))]) for _ in range(repeats)]
                 others[index, other] = np.mean(drawn)
-    return Belonging(own, others)
+    return AcceptanceRates(own, others)

@@ -22,32 +22,39 @@ from talkingeyes.corpus.poses import (
     PoseRecording,
     PoseRecordings,
     PoseSettings,
-    gaussian_filtered,
-    linearly_resampled,
+    gaussian_smooth,
     pose_recordings,
-    poses_of,
-    resampled,
+    resample_cubic,
+    resample_linear,
+    to_poses,
 )
-from talkingeyes.corpus.store import Corpus, sharded
+from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.corpus.windows import Normaliser
 from talkingeyes.evaluation.pose.classifier import (
     ClassifierSettings,
-    Labelled,
+    LabelledWindows,
     PoseClassifier,
-    judge,
-    trained_classifier,
+    classifier_scores,
+    train_classifier,
 )
-from talkingeyes.evaluation.pose.correlation import SVMSettings, belonging
-from talkingeyes.evaluation.pose.movement import distances, jitter, manner, seams, unlike, variety
-from talkingeyes.evaluation.pose.transfer import blended, nearest
-from talkingeyes.evaluation.pose.windows import PoseWindows, cut, windows_of
+from talkingeyes.evaluation.pose.correlation import SVMSettings, acceptance_rates
+from talkingeyes.evaluation.pose.movement import (
+    clip_difference,
+    distances,
+    jitter,
+    measure_style,
+    seam_speed_ratio,
+    style_distance,
+)
+from talkingeyes.evaluation.pose.transfer import blend_styles, nearest_style
+from talkingeyes.evaluation.pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.loop import LoopSettings
-from talkingeyes.training.poses import liveness
+from talkingeyes.training.poses import movement_ratios
 from talkingeyes.training.trained_poses import pose_network
 
-LENGTH, HOP, SVM_HOP = 256, 16, 32
+WINDOW_FRAMES, HOP_FRAMES, SVM_HOP = 256, 16, 32
 CLASSIFIER = ClassifierSettings(
     seed=0,
     width=32,
@@ -65,38 +72,44 @@ CLASSIFIER = ClassifierSettings(
 SVM = SVMSettings(features=29, nu=0.1, seed=0)
 NOISE_DB = (20.0, 10.0, 0.0)
 REFERENCE_S = (4.0, 8.0, 16.0)
-MINUTES = 10.0
+COST_MINUTES = 10.0
 
 
 @dataclass(frozen=True)
-class Sources:
+class PoseInputPaths:
     """Folders with data/ of the corpus and of the new people, and the models that are measured."""
 
     data: Path
-    strangers: Path
-    heads: Sequence[str]
+    new_speakers: Path
+    generate_heads: Sequence[str]
     ablations: Sequence[str]
 
 
-def measured(sources: Sources, seed: int) -> dict[str, Any]:
+def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
     """Every figure, plain numbers under names."""
     data = sources.data
-    networks = {name: pose_network(load(data / "train" / name)) for name in (*sources.heads, *sources.ablations)}
+    networks = {
+        name: pose_network(load(data / "train" / name)) for name in (*sources.generate_heads, *sources.ablations)
+    }
     posegan = networks["posegan"]
     poses, speakers = posegan.settings.poses, posegan.speakers
     splits = {split: _recordings(data, poses, split) for split in ("train", "val", "test")}
-    classifier = trained_classifier(CLASSIFIER, *(_labelled(splits[split], speakers) for split in ("train", "val")))
+    classifier = train_classifier(CLASSIFIER, *(_labelled(splits[split], speakers) for split in ("train", "val")))
     test = [each for each in splits["test"] if each.clip.speaker in speakers]
     true = [each.pose / posegan.scale.numpy() for each in test]
     rows = {name: _row(network, test, true, classifier, seed) for name, network in networks.items()}
     return {
         "speakers": list(speakers),
         "table1": _table1(splits, data, speakers),
-        "classifier": _plain(judge(classifier, _labelled(splits["test"], speakers))),
-        "truth": {"jitter": jitter(true, poses.fps), "variety": variety(true), "seams": seams(true, LENGTH - 1)},
+        "classifier": _plain(classifier_scores(classifier, _labelled(splits["test"], speakers))),
+        "truth": {
+            "jitter": jitter(true, poses.fps),
+            "variety": clip_difference(true),
+            "seams": seam_speed_ratio(true, WINDOW_FRAMES - 1),
+        },
         "rows": rows,
         "noise": _in_noise(posegan, data, test, true, classifier, seed),
-        "strangers": _strangers(posegan, sources.strangers, classifier, seed),
+        "strangers": _strangers(posegan, sources.new_speakers, classifier, seed),
     }
 
 
@@ -104,11 +117,11 @@ def _recordings(data: Path, settings: PoseSettings, split: str) -> PoseRecording
     return pose_recordings(Corpus(data / "synthesize"), data / "fit", data / "embed", settings, split, take=0)
 
 
-def _labelled(recordings: Sequence[PoseRecording], speakers: Sequence[str]) -> Labelled:
-    known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= LENGTH]
-    pieces = [cut(each.pose, LENGTH, HOP) for each in known]
+def _labelled(recordings: Sequence[PoseRecording], speakers: Sequence[str]) -> LabelledWindows:
+    known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= WINDOW_FRAMES]
+    pieces = [sliding_windows(each.pose, WINDOW_FRAMES, HOP_FRAMES) for each in known]
     whose = np.repeat([speakers.index(each.clip.speaker) for each in known], [len(each) for each in pieces])
-    return Labelled(np.concatenate(pieces), whose)
+    return LabelledWindows(np.concatenate(pieces), whose)
 
 
 def _table1(splits: dict[str, PoseRecordings], data: Path, speakers: Sequence[str]) -> dict[str, Any]:
@@ -116,10 +129,10 @@ def _table1(splits: dict[str, PoseRecordings], data: Path, speakers: Sequence[st
     std = np.maximum(normaliser.std, 1e-6)
 
     def standard(split: str) -> PoseWindows:
-        found = windows_of(splits[split], speakers, LENGTH, SVM_HOP)
+        found = pose_windows(splits[split], speakers, WINDOW_FRAMES, SVM_HOP)
         return PoseWindows((found.speech - normaliser.mean) / std, found.pose, found.speaker)
 
-    found = belonging(standard("train"), standard("test"), speakers, SVM)
+    found = acceptance_rates(standard("train"), standard("test"), speakers, SVM)
     return {"own": found.own.tolist(), "random": found.random.tolist()}
 
 
@@ -138,7 +151,7 @@ def _row(
         **_moving(network, made, true),
         **{f"l2_{name}": value for name, value in asdict(distances(made, true)).items()},
         **_told([each * scale for each in made], whose, classifier),
-        "variety": variety(made),
+        "variety": clip_difference(made),
         "parameters": _parameters(network),
         "generation_s": _cost(network, test[0].speech),
     }
@@ -156,20 +169,20 @@ def _made(
 def _moving(
     network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
 ) -> dict[str, float]:
-    return {**_free(network, made), **asdict(liveness(made, true))}
+    return {**_free(network, made), **asdict(movement_ratios(made, true))}
 
 
 def _free(network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
     """Figures that need no truth; `pace` is in deviations of poses a frame."""
     pace = float(np.mean([np.diff(each, axis=0).std() for each in made]))
-    hop = network.head.window - 1 if network.head.window else LENGTH
-    return {"jitter": jitter(made, network.settings.poses.fps), "seams": seams(made, hop), "pace": pace}
+    hop = network.head.window - 1 if network.head.window else WINDOW_FRAMES
+    return {"jitter": jitter(made, network.settings.poses.fps), "seams": seam_speed_ratio(made, hop), "pace": pace}
 
 
 def _told(poses: Sequence[Float[ndarray, "T 6"]], whose: Sequence[int], classifier: PoseClassifier) -> dict[str, Any]:
-    pieces = [cut(each.astype(np.float32), LENGTH, HOP) for each in poses]
-    whole = Labelled(np.concatenate(pieces), np.repeat(whose, [len(each) for each in pieces]))
-    return _plain(judge(classifier, whole))
+    pieces = [sliding_windows(each.astype(np.float32), WINDOW_FRAMES, HOP_FRAMES) for each in poses]
+    whole = LabelledWindows(np.concatenate(pieces), np.repeat(whose, [len(each) for each in pieces]))
+    return _plain(classifier_scores(classifier, whole))
 
 
 def _plain(judgement: Any) -> dict[str, Any]:
@@ -177,13 +190,15 @@ def _plain(judgement: Any) -> dict[str, Any]:
 
 
 def _parameters(network: SpeechToPose) -> int:
-    of_rival = sum(each.numel() for each in network.rival.parameters()) if network.rival else 0
-    return sum(each.numel() for each in network.parameters()) - of_rival
+    discriminator_parameters = (
+        sum(each.numel() for each in network.discriminator.parameters()) if network.discriminator else 0
+    )
+    return sum(each.numel() for each in network.parameters()) - discriminator_parameters
 
 
 def _cost(network: SpeechToPose, speech: Float[ndarray, "T C"]) -> float:
     """CPU seconds of ten minutes."""
-    frames = int(MINUTES * 60 * network.settings.poses.fps)
+    frames = int(COST_MINUTES * 60 * network.settings.poses.fps)
     long = np.tile(speech, (frames // len(speech) + 1, 1))[:frames]
     start = time.process_time()
     for _ in network.stream(long, [0], None):
@@ -210,7 +225,7 @@ def _in_noise(
             random = np.random.default_rng([seed, *each.clip.id.encode()])
             level = np.sqrt(np.mean(sound**2)) * 10 ** (-ratio_db / 20)
             heard = encoder((sound + level * random.standard_normal(len(sound))).astype(np.float32), each.clip.fps)
-            speech = linearly_resampled(heard, each.clip.fps, network.settings.poses.fps)[: len(each)]
+            speech = resample_linear(heard, each.clip.fps, network.settings.poses.fps)[: len(each)]
             made.append(_made(network, each, speech, seed))
         whose = [network.speakers.index(each.clip.speaker) for each in test]
         moving = _moving(network, made, true)
@@ -225,9 +240,9 @@ def _strangers(network: SpeechToPose, data: Path, classifier: PoseClassifier, se
     for clip in corpus.clips:
         if clip.take == 0:
             motion = corpus.truth(clip)
-            raw = resampled(poses_of(motion.head, motion.translation), motion.fps, settings.fps)
-            pose = gaussian_filtered(raw, settings.filter_frames, settings.filter_reach)
-            speech = linearly_resampled(np.load(sharded(embed / "speech", clip.sound, ".npy")), clip.fps, settings.fps)
+            raw = resample_cubic(to_poses(motion.head, motion.translation), motion.fps, settings.fps)
+            pose = gaussian_smooth(raw, settings.filter_sigma_frames, settings.filter_radius_frames)
+            speech = resample_linear(np.load(shard_path(embed / "speech", clip.sound, ".npy")), clip.fps, settings.fps)
             frames, centre = min(len(pose), len(speech)), pose.mean(0)
             recording = PoseRecording(clip, speech[:frames], (pose - centre)[:frames].astype(np.float32), centre)
             people.setdefault(clip.speaker, []).append(recording)
@@ -249,22 +264,24 @@ def _transfer(
 
     for clips in people:
         reference, other = clips[0], clips[1]
-        theirs = manner(other.pose / scale)
+        theirs = measure_style(other.pose / scale)
 
         def of(style: ndarray, other: PoseRecording = other, theirs: ndarray = theirs) -> float:
-            return unlike(manner(network.sample(other.speech, [seed], style)[0] / scale), theirs)
+            return style_distance(measure_style(network.sample(other.speech, [seed], style)[0] / scale), theirs)
 
         apart = [of(style) for style in np.eye(count)]
         note("the best of the learnt styles", min(apart))
         note("any learnt style", float(np.mean(apart)))
         note("all styles alike", of(np.full(count, 1 / count)))
         for seconds in REFERENCE_S:
-            shares = blended(classifier, reference.pose[: round(seconds * network.settings.poses.fps)])
+            shares = blend_styles(classifier, reference.pose[: round(seconds * network.settings.poses.fps)])
             note(f"nearest, of {seconds:g} s", apart[int(shares.argmax())])
             note(f"blend, of {seconds:g} s", of(shares))
-        note("the person's own other clip", unlike(manner(reference.pose / scale), theirs))
-        strangers = [unlike(manner(each[0].pose / scale), theirs) for each in people if each is not clips]
-        note("another new person", float(np.mean(strangers)))
+        note("the person's own other clip", style_distance(measure_style(reference.pose / scale), theirs))
+        new_speakers = [
+            style_distance(measure_style(each[0].pose / scale), theirs) for each in people if each is not clips
+        ]
+        note("another new person", float(np.mean(new_speakers)))
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
@@ -279,7 +296,7 @@ def _languages(
         made, whose = [], []
         for place, each in enumerate(spoken):
             whose.append(place % len(network.speakers))
-            style = nearest(np.eye(len(network.speakers))[whose[-1]])
+            style = nearest_style(np.eye(len(network.speakers))[whose[-1]])
             made.append(network.sample(each.speech, [seed], style)[0] / scale)
         told = _told([each * scale for each in made], whose, classifier)
         found[language] = {**_free(network, made), **told}

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 JITTER_HZ = 5.0
-STILL = 1e-4  # in units of deviations: what does not vary is taken for this
+MIN_DEVIATION = 1e-4  # in units of deviations: what does not vary is taken for this
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def jitter(poses: Sequence[Float[ndarray, "T P"]], fps: float) -> float:
     return float(above / total) if total > 0 else 0.0
 
 
-def seams(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
+def seam_speed_ratio(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
     """Speed of the steps into a new window (each `hop` frames) as a multiple of the speed of all others."""
     speed = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in poses]
     at = np.concatenate([each[hop - 1 :: hop] for each in speed])
@@ -50,21 +50,21 @@ def seams(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
     return float(at.mean() / max(elsewhere.mean(), 1e-12)) if len(at) else float("nan")
 
 
-def variety(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
+def clip_difference(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
     """Mean over pairs of clips of the root mean square difference: 0 if a model does the same whatever it hears."""
     frames = min(map(len, poses))
     pairs = [(i, j) for i in range(len(poses)) for j in range(i)]
     return float(np.mean([_root_mean_square([poses[i][:frames] - poses[j][:frames]]) for i, j in pairs]))
 
 
-def manner(pose: Float[ndarray, "T 6"]) -> Float[ndarray, " 18"]:
+def measure_style(pose: Float[ndarray, "T 6"]) -> Float[ndarray, " 18"]:
     """How somebody moves: logarithms of the deviations of the six numbers, of their motion, and of its change."""
     return np.asarray(
-        np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=STILL))
+        np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=MIN_DEVIATION))
     )
 
 
-def unlike(ours: Float[ndarray, " 18"], theirs: Float[ndarray, " 18"]) -> float:
+def style_distance(ours: Float[ndarray, " 18"], theirs: Float[ndarray, " 18"]) -> float:
     """Root mean square of the difference of two manners: 0.1 is a tenth more or less."""
     return float(np.sqrt(np.mean((ours - theirs) ** 2)))
 

@@ -32,7 +32,7 @@ PAPER_ACCURACY = "(told right: 0.92)"
 PAPER_TABLE3 = {"head_mean": 0.20, "head_cnn": 0.22, "posegan": 0.72}
 
 # Of the gaze benchmark, what heads matter to.
-OF_GAZE = ("corr/head", "corr/gaze", "eye/speed", "eye/spectrum_distance", "features/frechet")
+GAZE_METRICS = ("corr/head", "corr/gaze", "eye/speed", "eye/spectrum_distance", "features/frechet")
 
 Seed = Mapping[str, Any]
 
@@ -45,7 +45,7 @@ def page(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, An
     return "\n\n".join(parts) + "\n"
 
 
-def over(values: Sequence[float], digits: int = 2) -> str:
+def format_seeds(values: Sequence[float], digits: int = 2) -> str:
     """Mean of seeds, and their range where there are several."""
     found = np.array(values, float)
     if not np.isfinite(found).all():
@@ -63,7 +63,7 @@ def _at(seeds: Sequence[Seed], *path: str | int, digits: int = 2) -> str:
             node = node[key]
         figures = np.asarray(node, float)
         values.append(float(np.nanmean(figures)) if np.isfinite(figures).any() else float("nan"))
-    return over(values, digits)
+    return format_seeds(values, digits)
 
 
 def _lines(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -113,7 +113,7 @@ def _moving(seeds: Sequence[Seed]) -> str:
     true = [_at(seeds, "truth", key, digits=3) for key in ("jitter", "seams", "variety")]
     rows = [["true motion", "1", "1", "1", *true, "", "", ""]]
     for name in seeds[0]["rows"]:
-        keys = ("range", "speed", "jerkiness", "jitter", "seams", "variety")
+        keys = ("range", "speed", "acceleration", "jitter", "seams", "variety")
         cells = [_at(seeds, "rows", name, key, digits=3) for key in keys]
         cells += [f"{seeds[0]['rows'][name]['parameters']:,}", _at(seeds, "training_s", name, digits=0)]
         rows.append([TITLES[name], *cells, _at(seeds, "rows", name, "generation_s")])
@@ -150,11 +150,11 @@ def _heads(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, 
             continue
         cells = [_at(seeds, "rows", name, key) for key in ("l2_pose", "confidence", "range", "speed")]
         apart = [float(sum(bool(each["apart"]) for each in seed["measures"].values())) for seed in followed]
-        cells.append(over(apart, 0))
-        cells += [over([_value(seed, measure) for seed in followed]) for measure in OF_GAZE]
+        cells.append(format_seeds(apart, 0))
+        cells += [format_seeds([_value(seed, measure) for seed in followed]) for measure in GAZE_METRICS]
         cost = [f"{seeds[0]['rows'][name]['parameters']:,}", _at(seeds, "training_s", name, digits=0)]
         rows.append([TITLES[name], *cells, *cost, _at(seeds, "rows", name, "generation_s")])
-    head = ["head", "pose", "confidence", "range", "speed", f"apart, of {len(_measures(benchmark))}", *OF_GAZE]
+    head = ["head", "pose", "confidence", "range", "speed", f"apart, of {len(_measures(benchmark))}", *GAZE_METRICS]
     head += ["parameters", "training, CPU s", "10 min, CPU s"]
     title = (
         "Every head before one gaze decoder; `apart`: measures of the gaze benchmark that are worse than the truth's"
@@ -179,6 +179,6 @@ def _gaze(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     for measure in _measures(benchmark):
         values = [[seed["measures"].get(measure, {}).get("value") for seed in benchmark[row]] for row in rows]
         if all(value is not None for each in values for value in each):
-            lines.append([measure, *(over([value["value"] for value in each if value], 3) for each in values)])
+            lines.append([measure, *(format_seeds([value["value"] for value in each if value], 3) for each in values)])
     title = f"The gaze benchmark: every head before the default gaze decoder (seeds: {len(benchmark[rows[0]])})"
     return _lines(title, ["measure", *rows], lines)

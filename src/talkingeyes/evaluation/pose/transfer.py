@@ -13,16 +13,16 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.evaluation.pose.classifier import PoseClassifier
 
-LEAST_FRAMES = 32  # about a second: below, strided convolutions see nothing but their borders
+MIN_FRAMES = 32  # about a second: below, strided convolutions see nothing but their borders
 
 
-def blended(classifier: PoseClassifier, pose: Float[ndarray, "T 6"]) -> Float[ndarray, " K"]:
+def blend_styles(classifier: PoseClassifier, pose: Float[ndarray, "T 6"]) -> Float[ndarray, " K"]:
     """Shares of the learnt styles in a few seconds of centred poses."""
-    if len(pose) < LEAST_FRAMES:
-        raise InputError(f"style: should be taken from at least {LEAST_FRAMES} frames of motion, got {len(pose)}")
+    if len(pose) < MIN_FRAMES:
+        raise InputError(f"style: should be taken from at least {MIN_FRAMES} frames of motion, got {len(pose)}")
     return np.asarray(classifier.probabilities((pose - pose.mean(0))[None])[0])
 
 
-def nearest(shares: Float[ndarray, " K"]) -> Float[ndarray, " K"]:
+def nearest_style(shares: Float[ndarray, " K"]) -> Float[ndarray, " K"]:
     """All of the style that has the largest share."""
     return np.asarray(np.eye(len(shares))[shares.argmax()])

@@ -24,18 +24,18 @@ class PoseWindows:
         return len(self.pose)
 
 
-def cut(frames: Float[ndarray, "T C"], length: int, hop: int) -> Float[ndarray, "N L C"]:
+def sliding_windows(frames: Float[ndarray, "T C"], length: int, hop: int) -> Float[ndarray, "N L C"]:
     """Windows of an array, a hop apart; none of one that is shorter."""
     starts = range(0, len(frames) - length + 1, hop)
     return np.stack([frames[start : start + length] for start in starts]) if starts else _none(frames, length)
 
 
-def windows_of(recordings: Sequence[PoseRecording], speakers: Sequence[str], length: int, hop: int) -> PoseWindows:
+def pose_windows(recordings: Sequence[PoseRecording], speakers: Sequence[str], length: int, hop: int) -> PoseWindows:
     """Windows of recordings of these speakers; others are left out."""
     known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= length]
-    poses = [cut(each.pose, length, hop) for each in known]
+    poses = [sliding_windows(each.pose, length, hop) for each in known]
     return PoseWindows(
-        speech=np.concatenate([cut(each.speech, length, hop) for each in known]),
+        speech=np.concatenate([sliding_windows(each.speech, length, hop) for each in known]),
         pose=np.concatenate(poses),
         speaker=np.repeat([speakers.index(each.clip.speaker) for each in known], [len(pose) for pose in poses]),
     )

@@ -15,7 +15,7 @@ class Column:
     """A heading, the figure under it (part/name, as `row.py` calls it) and how it is written."""
 
     heading: str
-    figure: str
+    metric: str
     digits: int = 3
 
 
@@ -25,13 +25,13 @@ class PaperTable:
 
     title: str
     question: str
-    compared: tuple[Column, ...]  # the paper's columns
-    beside: tuple[Column, ...]  # ours alone
+    paper_columns: tuple[Column, ...]  # the paper's columns
+    extra_columns: tuple[Column, ...]  # ours alone
     rows: Mapping[str, tuple[float, ...] | None]
 
 
-EYES = (Column("Div. eyes", "gaze/diversity"), Column("Corr. eyes", "gaze/corr"), Column("L2 eyes", "gaze/l2"))
-BOTH = (
+EYE_COLUMNS = (Column("Div. eyes", "gaze/diversity"), Column("Corr. eyes", "gaze/corr"), Column("L2 eyes", "gaze/l2"))
+HEAD_AND_EYE_COLUMNS = (
     Column("Div. head", "head/diversity"),
     Column("Div. eyes", "gaze/diversity"),
     Column("Corr. head", "head/corr"),
@@ -40,30 +40,30 @@ BOTH = (
     Column("L2 eyes", "gaze/l2"),
 )
 # Whether anything moves at all stands beside every table: motion that froze has figures too.
-ALIVE = (
+MOTION_COLUMNS = (
     Column("Div. eyes / truth", "gaze/diversity_ratio", 2),
     Column("eye speed °/s", "gaze/speed", 1),
     Column("still, eyes", "gaze/still", 2),
     Column("still, gaze in space", "space/still", 2),
 )
-RANGES = (
+RANGE_COLUMNS = (
     Column("range of head / truth", "head/range_ratio", 2),
     Column("range of eyes / truth", "gaze/range_ratio", 2),
 )
-FAST = (
+HIGH_FREQUENCY_COLUMNS = (
     Column("head above 5 Hz °/s", "head/fast", 2),
     Column("share of its power", "head/fast_share"),
     Column("eyes above 5 Hz °/s", "gaze/fast", 2),
     Column("share of their power", "gaze/fast_share"),
 )
-FULL = (0.05143, 0.26398, 0.51913, 0.60435, 0.22731, 0.26570)
+PUBLISHED_TALKINGEYES = (0.05143, 0.26398, 0.51913, 0.60435, 0.22731, 0.26570)
 
 TABLES = {
     "table3": PaperTable(
         title="Table III: methods",
         question="Is the paper's model more diverse and closer to the sound than what it is compared with?",
-        compared=EYES,
-        beside=(*ALIVE, Column("Corr. gaze in space", "space/corr")),
+        paper_columns=EYE_COLUMNS,
+        extra_columns=(*MOTION_COLUMNS, Column("Corr. gaze in space", "space/corr")),
         rows={
             "mean": (0.0, 0.45685, 0.17162),
             "random": (0.23383, 0.49117, 0.23989),
@@ -77,11 +77,11 @@ TABLES = {
     "table5": PaperTable(
         title="Table V, with Table II as ranges: VAE or VQ-VAE",
         question="Does a VAE suit the head and a VQ-VAE the eyes?",
-        compared=BOTH,
-        beside=(*RANGES, *ALIVE),
+        paper_columns=HEAD_AND_EYE_COLUMNS,
+        extra_columns=(*RANGE_COLUMNS, *MOTION_COLUMNS),
         rows={
             "vae": (0.09645, 0.06655, 0.52148, 0.45796, 0.23699, 0.17887),
-            "talkingeyes_paper": FULL,
+            "talkingeyes_paper": PUBLISHED_TALKINGEYES,
             "vqvae_head": (0.29852, 0.25439, 0.45164, 0.59900, 0.40460, 0.26225),
             "vqvae_head_vae_gaze": None,
         },
@@ -89,22 +89,22 @@ TABLES = {
     "table6": PaperTable(
         title="Table VI: terms of the loss",
         question="What do the velocity loss and the feature regularity do?",
-        compared=BOTH,
-        beside=(*FAST, *ALIVE),
+        paper_columns=HEAD_AND_EYE_COLUMNS,
+        extra_columns=(*HIGH_FREQUENCY_COLUMNS, *MOTION_COLUMNS),
         rows={
             "without_velocity": (0.05086, 0.24881, 0.48854, 0.59182, 0.22873, 0.26941),
             "without_regularity": (0.00434, 0.0, 0.35083, 0.45581, 0.48944, 0.19682),
-            "talkingeyes_paper": FULL,
+            "talkingeyes_paper": PUBLISHED_TALKINGEYES,
         },
     ),
     "table7": PaperTable(
         title="Table VII: number of codes",
         question="How many codes of gaze are enough?",
-        compared=BOTH,
-        beside=ALIVE,
+        paper_columns=HEAD_AND_EYE_COLUMNS,
+        extra_columns=MOTION_COLUMNS,
         rows={
             "codes_2048": (0.05119, 0.26278, 0.54150, 0.60268, 0.22990, 0.27397),
-            "talkingeyes_paper": FULL,
+            "talkingeyes_paper": PUBLISHED_TALKINGEYES,
             "codes_512": (0.04966, 0.27578, 0.53699, 0.59932, 0.22959, 0.27345),
             "codes_256": (0.05027, 0.31291, 0.52527, 0.58959, 0.22762, 0.32000),
         },

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap
-from talkingeyes.evaluation.seeds import Seeded
+from talkingeyes.evaluation.seeds import MultiSeedStatistic
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two rows: `above` has the greater number in the paper; our difference, `above` less `below`."""
+class RowPair:
+    """Two rows: `higher` has the greater number in the paper; our difference, `higher` less `lower`."""
 
-    above: str
-    below: str
+    higher: str
+    lower: str
     difference: Estimate
 
     @property
@@ -29,19 +29,19 @@ class Pair:
         return self.difference.value > 0
 
     @property
-    def clear(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether ours has a sign at all, given its clips."""
         return self.difference.low > 0 or self.difference.high < 0
 
 
 @dataclass(frozen=True)
-class Order:
+class RankOrder:
     """The pairs of a column."""
 
-    pairs: tuple[Pair, ...]
+    pairs: tuple[RowPair, ...]
 
     @property
-    def agreeing(self) -> int:
+    def agreement_count(self) -> int:
         """How many are in the paper's order."""
         return sum(pair.agrees for pair in self.pairs)
 
@@ -49,26 +49,28 @@ class Order:
     def tau(self) -> float:
         """Kendall's tau: pairs that agree less pairs that are reversed, over all; equal ones count for neither."""
         reversed_ = sum(pair.difference.value < 0 for pair in self.pairs)
-        return (self.agreeing - reversed_) / len(self.pairs)
+        return (self.agreement_count - reversed_) / len(self.pairs)
 
     @property
-    def same(self) -> bool:
+    def all_agree(self) -> bool:
         """Whether all pairs agree."""
-        return self.agreeing == len(self.pairs)
+        return self.agreement_count == len(self.pairs)
 
 
-def order(paper: Mapping[str, float], ours: Mapping[str, Seeded], settings: BootstrapSettings) -> Order | None:
+def rank_order(
+    paper: Mapping[str, float], ours: Mapping[str, MultiSeedStatistic], settings: BootstrapSettings
+) -> RankOrder | None:
     """The order of a column; `paper` and `ours` by row. None with fewer than two rows in common."""
     rows = [name for name in paper if name in ours]
     pairs = []
     for one, other in combinations(rows, 2):
         if paper[one] == paper[other]:
             continue
-        above, below = (one, other) if paper[one] > paper[other] else (other, one)
-        pairs.append(Pair(above, below, _difference(ours[above], ours[below], settings)))
-    return Order(tuple(pairs)) if pairs else None
+        higher, lower = (one, other) if paper[one] > paper[other] else (other, one)
+        pairs.append(RowPair(higher, lower, _difference(ours[higher], ours[lower], settings)))
+    return RankOrder(tuple(pairs)) if pairs else None
 
 
-def _difference(above: Seeded, below: Seeded, settings: BootstrapSettings) -> Estimate:
-    assert above.count == below.count, "rows of a table are measured on the same sounds"
-    return bootstrap(lambda drawn: above(drawn) - below(drawn), above.count, settings)
+def _difference(higher: MultiSeedStatistic, lower: MultiSeedStatistic, settings: BootstrapSettings) -> Estimate:
+    assert higher.count == lower.count, "rows of a table are measured on the same sounds"
+    return bootstrap(lambda drawn: higher(drawn) - lower(drawn), higher.count, settings)

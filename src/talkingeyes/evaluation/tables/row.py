@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.kinematics import still
-from talkingeyes.evaluation.bootstrap import ratio_of
-from talkingeyes.evaluation.evaluation import Case, Figures, radians
+from talkingeyes.core.kinematics import still_fraction
+from talkingeyes.evaluation.bootstrap import ratio_statistic
+from talkingeyes.evaluation.evaluation import ClipMetrics, EvaluationCase, rotation_vectors
 from talkingeyes.evaluation.pose.movement import jitter
-from talkingeyes.evaluation.seeds import Measured, Seeded, mean_of_known, seeded
+from talkingeyes.evaluation.seeds import ClipStatistic, MultiSeedStatistic, combine_seeds, nanmean_statistic
 
 RANGE_TAILS = (0.025, 0.975)
 MEANS = ("diversity", "corr", "l2", "speed", "still")
@@ -29,38 +29,40 @@ RATIOS = {
     "speed_ratio": ("speed", "speed_truth"),
     "range_ratio": ("range", "range_truth"),
 }
-FAST = ("fast", "fast_share")
+HIGH_FREQUENCY = ("fast", "fast_share")
 
 # {part/figure: value} of one sound or of one long motion.
-Numbers = Mapping[str, float]
+SoundMetrics = Mapping[str, float]
 
 
-def numbers(case: Case, figures: Mapping[str, Figures]) -> dict[str, float]:
+def sound_metrics(case: EvaluationCase, figures: Mapping[str, ClipMetrics]) -> dict[str, float]:
     """What is kept of one sound."""
     found: dict[str, float] = {}
     for part, each in figures.items():
         own = {name: getattr(each, name) for name in ("diversity", "diversity_truth", "corr", "l2")}
         own |= {"speed": float(each.speed.mean()), "speed_truth": float(each.speed_truth.mean())}
-        own |= {"still": float(still(each.speed))}
+        own |= {"still": float(still_fraction(each.speed))}
         if part != "space":
-            own |= {"range": spread_rad(moving(part, radians(part, case.samples)))}
-            own |= {"range_truth": spread_rad(moving(part, radians(part, case.truth or case.fitted)))}
+            own |= {"range": range_rad(rotating_components(part, rotation_vectors(part, case.samples)))}
+            own |= {
+                "range_truth": range_rad(rotating_components(part, rotation_vectors(part, case.truth or case.fitted)))
+            }
         found |= {f"{part}/{name}": float(value) for name, value in own.items()}
     return found
 
 
-def moving(part: str, motion: Float[ndarray, "S T C"]) -> Float[ndarray, "S T D"]:
+def rotating_components(part: str, motion: Float[ndarray, "S T C"]) -> Float[ndarray, "S T D"]:
     """The components that turn: the eyes have no torsion."""
     return motion if part == "head" else motion[..., [0, 1, 3, 4]]
 
 
-def spread_rad(motion: Float[ndarray, "S T C"]) -> float:
+def range_rad(motion: Float[ndarray, "S T C"]) -> float:
     """The range of a motion: from the 2.5th to the 97.5th percentile over frames, mean over components and samples."""
     low, high = np.quantile(motion, RANGE_TAILS, axis=1)
     return float((high - low).mean())
 
 
-def fast(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> dict[str, float]:
+def high_frequency_motion(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> dict[str, float]:
     """How a long motion moves above 5 Hz: root mean square of that part of its velocity, and its share of the power."""
     found: dict[str, float] = {}
     for part, motion in (("head", head), ("gaze", gaze.reshape(len(gaze), 6)[:, [0, 1, 3, 4]])):
@@ -71,29 +73,31 @@ def fast(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float)
     return found
 
 
-def figures_of(seeds: Sequence[Mapping[str, Any]], split: str) -> dict[str, Seeded]:
+def row_metrics(seeds: Sequence[Mapping[str, Any]], split: str) -> dict[str, MultiSeedStatistic]:
     """All figures of a row in a split, seed by seed; a seed holds `sounds` and `long`, lists of numbers by split."""
     by_seed = [_of_sounds(each["sounds"].get(split, [])) | _of_long(each["long"].get(split, [])) for each in seeds]
-    return {name: each for name, each in seeded(by_seed).items() if each.count}
+    return {name: each for name, each in combine_seeds(by_seed).items() if each.count}
 
 
-def _of_sounds(sounds: Sequence[Numbers]) -> dict[str, Measured]:
-    found: dict[str, Measured] = {}
+def _of_sounds(sounds: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
+    found: dict[str, ClipStatistic] = {}
     columns = {name: np.array([each[name] for each in sounds]) for name in (sounds[0] if sounds else ())}
     for part in ("head", "gaze", "space"):
-        found |= {f"{part}/{name}": mean_of_known(columns[f"{part}/{name}"]) for name in MEANS if columns}
+        found |= {f"{part}/{name}": nanmean_statistic(columns[f"{part}/{name}"]) for name in MEANS if columns}
         for name, (own, other) in RATIOS.items():
             if f"{part}/{own}" in columns and f"{part}/{other}" in columns:
                 found[f"{part}/{name}"] = _ratio(columns[f"{part}/{own}"], columns[f"{part}/{other}"])
     return found
 
 
-def _of_long(motions: Sequence[Numbers]) -> dict[str, Measured]:
-    names = [f"{part}/{name}" for part in ("head", "gaze") for name in FAST if motions]
-    return {name: mean_of_known(np.array([each[name] for each in motions])) for name in names}
+def _of_long(motions: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
+    names = [f"{part}/{name}" for part in ("head", "gaze") for name in HIGH_FREQUENCY if motions]
+    return {name: nanmean_statistic(np.array([each[name] for each in motions])) for name in names}
 
 
-def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> Measured:
+def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> ClipStatistic:
     """Over the sounds that have both; undefined where a reference does not move at all."""
     known = ~np.isnan(values + reference)
-    return Measured(ratio_of(values[known], reference[known]), int(known.sum()) if reference[known].all() else 0)
+    return ClipStatistic(
+        ratio_statistic(values[known], reference[known]), int(known.sum()) if reference[known].all() else 0
+    )

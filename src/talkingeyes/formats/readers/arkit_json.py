@@ -26,14 +26,14 @@ def read_arkit_json(path: Path, fps: float | None = None) -> Motion:
     except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
         raise InputError(f"{path}: should be JSON with fps, names and coefficients ({error!r})") from None
     table = np.stack([columns.get(name, np.zeros(len(rows))) for name in arkit.NAMES], axis=1)
-    taken = arkit.taken(table)
+    decoded = arkit.decoded(table)
     return Motion.of(
         rate,
         turned.get("head", np.zeros((len(rows), 3))),
-        turned.get("eyes", taken.gaze),
+        turned.get("eyes", decoded.gaze),
         translation=turned.get("translation", np.zeros((len(rows), 3))),
-        lid=taken.lid,
-        jaw=taken.jaw,
-        expression=taken.expression,
+        lid=decoded.lid,
+        jaw=decoded.jaw,
+        expression=decoded.expression,
         expression_names=arkit.EXPRESSION,
     )

@@ -15,7 +15,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 
 CM = 100.0
-JOINTS = {
+JOINT_ALIASES = {
     "head": ("head", "neck"),
     "jaw": ("jaw",),
     "left_eye": ("left_eye", "lefteye", "eyeleft", "leye"),
@@ -24,7 +24,7 @@ JOINTS = {
 
 
 @dataclass(frozen=True)
-class Columns:
+class JointChannels:
     """Where the channels of a joint start in a row, and what they are."""
 
     start: int
@@ -43,7 +43,10 @@ def read_bvh(path: Path, fps: float | None = None) -> Motion:
             raise ValueError(f"rows of {values.shape} for {len(columns)} joints")
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"{path}: not a readable BVH ({' '.join(str(error).split())[:120]})") from None
-    found = {ours: next((columns[name] for name in theirs if name in columns), None) for ours, theirs in JOINTS.items()}
+    found = {
+        ours: next((columns[name] for name in theirs if name in columns), None)
+        for ours, theirs in JOINT_ALIASES.items()
+    }
     if found["head"] is None and found["left_eye"] is None:
         raise InputError(f"{path}: should have a joint head or left_eye, got {', '.join(columns)[:120]}")
     turned = {name: _turned(values, each) for name, each in found.items()}
@@ -53,21 +56,21 @@ def read_bvh(path: Path, fps: float | None = None) -> Motion:
     )
 
 
-def _columns(hierarchy: str) -> dict[str, Columns]:
+def _columns(hierarchy: str) -> dict[str, JointChannels]:
     """The channels of each joint, by its name in small letters."""
-    found: dict[str, Columns] = {}
+    found: dict[str, JointChannels] = {}
     name, start = "", 0
     for line in hierarchy.splitlines():
         words = line.split()
         if words[:1] in (["ROOT"], ["JOINT"]):
             name = words[1].lower()
         elif words[:1] == ["CHANNELS"]:
-            found[name] = Columns(start, tuple(words[2 : 2 + int(words[1])]))
+            found[name] = JointChannels(start, tuple(words[2 : 2 + int(words[1])]))
             start += int(words[1])
     return found
 
 
-def _turned(values: Float[ndarray, "T C"], columns: Columns | None) -> Float[ndarray, "T 3"]:
+def _turned(values: Float[ndarray, "T C"], columns: JointChannels | None) -> Float[ndarray, "T 3"]:
     if columns is None:
         return np.zeros((len(values), 3))
     places = [columns.start + k for k, name in enumerate(columns.names) if name.endswith("rotation")]
@@ -77,7 +80,7 @@ def _turned(values: Float[ndarray, "T C"], columns: Columns | None) -> Float[nda
     return np.asarray(Rotation.from_euler(order, values[:, places], degrees=True).as_rotvec())
 
 
-def _shift(values: Float[ndarray, "T C"], columns: Columns | None) -> Float[ndarray, "T 3"]:
+def _shift(values: Float[ndarray, "T C"], columns: JointChannels | None) -> Float[ndarray, "T 3"]:
     moved = np.zeros((len(values), 3))
     for place, name in enumerate(columns.names if columns else ()):
         if columns and name.endswith("position"):

@@ -19,14 +19,14 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import DAMAGED, Motion
+from talkingeyes.core.motion import NPZ_READ_ERRORS, Motion
 from talkingeyes.formats.readers.torch_file import read_torch
-from talkingeyes.formats.rotations import composed
+from talkingeyes.formats.rotations import compose_rotations
 
 HEAD_MODEL = "flame"
 EXPRESSION = "expression_{:03d}"
 # What an npz may call it, in the order in which they are looked for.
-KEYS = {
+PARAMETER_ALIASES = {
     "global": ("rotation", "global_orient", "head_pose"),
     "neck": ("neck_pose",),
     "jaw": ("jaw_pose", "jaw"),
@@ -35,13 +35,13 @@ KEYS = {
     "translation": ("translation", "transl"),
     "lid": ("eyelids",),
 }
-LEAST_OF_VERTICES = 3000  # columns: no parameters of a face
-POSE = ("pose",)  # DiffPoseTalk: head and jaw in one
+MIN_VERTEX_COLUMNS = 3000  # columns: no parameters of a face
+POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one
 
 
 def read_flame_npz(path: Path, fps: float | None = None) -> Motion:
     """An npz of FLAME parameters by name."""
-    return of_arrays(path, _content(path), fps)
+    return motion_from_arrays(path, _content(path), fps)
 
 
 def read_flame_array(path: Path, fps: float | None = None) -> Motion:
@@ -54,21 +54,23 @@ def read_flame_array(path: Path, fps: float | None = None) -> Motion:
         content = arrays[0]
     array = np.asarray(content)
     array = array[0] if array.ndim == 3 and len(array) == 1 else array
-    if array.ndim == 2 and array.shape[1] >= LEAST_OF_VERTICES:
+    if array.ndim == 2 and array.shape[1] >= MIN_VERTEX_COLUMNS:
         from talkingeyes.formats.readers.vertices import read_vertices
 
         return read_vertices(path, array, fps)
     if array.ndim != 2 or array.shape[1] not in (53, 106, 108, 403) or array.dtype.kind != "f":
         raise InputError(f"{path}: should be (T, 53), (T, 106), (T, 108) or (T, 403) numbers, got {array.shape}")
-    return of_arrays(path, _split(array.astype(np.float64)), fps)
+    return motion_from_arrays(path, _split(array.astype(np.float64)), fps)
 
 
-def of_arrays(path: Path, content: Mapping[str, ndarray], fps: float | None) -> Motion:
+def motion_from_arrays(path: Path, content: Mapping[str, ndarray], fps: float | None) -> Motion:
     """The motion of named arrays. Raises InputError for a missing rate, or lengths that do not agree."""
-    found = {part: next((content[key] for key in keys if key in content), None) for part, keys in KEYS.items()}
+    found = {
+        part: next((content[key] for key in keys if key in content), None) for part, keys in PARAMETER_ALIASES.items()
+    }
     if found["expression"] is None and found["jaw"] is None and found["global"] is None:
         raise InputError(f"{path}: should hold FLAME parameters (expr, jaw_pose, ...), got {', '.join(content)[:120]}")
-    pose = next((content[key] for key in POSE if key in content), None)
+    pose = next((content[key] for key in POSE_KEYS if key in content), None)
     if pose is not None:
         rows = _rows(path, "pose", pose, 6)
         found |= {"global": rows[:, :3], "jaw": rows[:, 3:]}
@@ -85,7 +87,7 @@ def of_arrays(path: Path, content: Mapping[str, ndarray], fps: float | None) -> 
     shown = np.zeros((frames, 0)) if expression is None else _rows(path, "expression", expression, None, frames)
     return Motion.of(
         rate,
-        composed(part("global", 3), part("neck", 3)),
+        compose_rotations(part("global", 3), part("neck", 3)),
         part("eyes", 6).reshape(frames, 2, 3),
         translation=part("translation", 3),
         lid=part("lid", 2),
@@ -137,12 +139,12 @@ def _content(path: Path) -> dict[str, ndarray]:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files if file[name].dtype.kind in "fiub"}
-    except DAMAGED as error:
+    except NPZ_READ_ERRORS as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
 
 
 def _array(path: Path) -> ndarray:
     try:
         return np.asarray(np.load(path, allow_pickle=False))
-    except DAMAGED as error:
+    except NPZ_READ_ERRORS as error:
         raise InputError(f"{path}: not a readable npy ({' '.join(str(error).split())[:120]})") from None

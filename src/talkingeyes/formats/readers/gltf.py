@@ -21,19 +21,19 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
-from talkingeyes.head.anny import open_head
+from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.eyelid.drive import eyelid_weights
 
 DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-JOINTS = {  # ours, and what others call it; the first that moves counts
+JOINT_ALIASES = {  # ours, and what others call it; the first that moves counts
     "head": ("neck", "head", "Head", "Neck"),
     "jaw": ("jaw", "Jaw"),
     "left_eye": ("left_eye", "leftEye", "LeftEye", "eyeLeft"),
     "right_eye": ("right_eye", "rightEye", "RightEye", "eyeRight"),
 }
-VRM = "VRMC_vrm_animation"
+VRM_EXTENSION = "VRMC_vrm_animation"
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Document:
+class GltfDocument:
     """The JSON of a file and its bytes."""
 
     path: Path
@@ -85,7 +85,7 @@ def read_gltf(path: Path, fps: float | None = None) -> Motion:
         tracks = document.tracks()
         return (
             _vrm(document, tracks, fps)
-            if VRM in document.content.get("extensions", {})
+            if VRM_EXTENSION in document.content.get("extensions", {})
             else _head(document, tracks, fps)
         )
     except (OSError, KeyError, IndexError, TypeError, ValueError, struct.error) as error:
@@ -94,15 +94,15 @@ def read_gltf(path: Path, fps: float | None = None) -> Motion:
         raise InputError(f"{path}: not a GLB with an animation ({error!r})") from None
 
 
-def _opened(path: Path) -> Document:
+def _opened(path: Path) -> GltfDocument:
     data = path.read_bytes()
     if data[:8] != b"glTF" + struct.pack("<I", 2) or len(data) < 28:
         raise InputError(f"{path}: should be a binary glTF 2.0 file (.glb, .vrma)")
     length = struct.unpack_from("<I", data, 12)[0]
-    return Document(path, json.loads(data[20 : 20 + length]), data[20 + length + 8 :])
+    return GltfDocument(path, json.loads(data[20 : 20 + length]), data[20 + length + 8 :])
 
 
-def _head(document: Document, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
+def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
     names = [node.get("name", "") for node in document.content["nodes"]]
     joints = {
         ours: next(
@@ -113,13 +113,13 @@ def _head(document: Document, tracks: dict[tuple[int, str], Track], fps: float |
             ),
             None,
         )
-        for ours, theirs in JOINTS.items()
+        for ours, theirs in JOINT_ALIASES.items()
     }
     weights = next(((node, track) for (node, path), track in tracks.items() if path == "weights"), None)
     known = [track for track in (*joints.values(), weights[1] if weights else None) if track is not None]
     if not known:
         raise InputError(
-            f"{document.path}: should turn a joint such as {', '.join(JOINTS)}, got {', '.join(names[:6])}"
+            f"{document.path}: should turn a joint such as {', '.join(JOINT_ALIASES)}, got {', '.join(names[:6])}"
         )
     rate, times = _grid(known[0], fps)
     turned = {ours: _turns(track, times) for ours, track in joints.items()}
@@ -132,10 +132,10 @@ def _head(document: Document, tracks: dict[tuple[int, str], Track], fps: float |
     rest = document.content["nodes"][names.index("root")].get("translation", [0, 0, 0]) if root else [0, 0, 0]
     shift = np.zeros((len(times), 3)) if root is None else _sampled(root, times) - np.array(rest)
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
-    return of_shapes(rate, turned["head"], gaze, turned["jaw"], shift, shapes)
+    return motion_from_shapes(rate, turned["head"], gaze, turned["jaw"], shift, shapes)
 
 
-def of_shapes(
+def motion_from_shapes(
     fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
 ) -> Motion:
     """A motion of joints and of weights by the names of shapes."""
@@ -145,12 +145,12 @@ def of_shapes(
         expression = np.stack([shapes[name] for name in names], axis=1)
     else:
         table = np.stack([shapes.get(name, np.zeros(len(head))) for name in arkit.NAMES], axis=1)
-        by_shape = arkit.taken(table)
+        by_shape = arkit.decoded(table)
         names, made_for, lid = arkit.EXPRESSION, "anny", by_shape.lid
         jaw = jaw if jaw.any() else by_shape.jaw
         expression = by_shape.expression
         if "lidBlinkLeft" in shapes:
-            whole = eyelid_weights(open_head(), gaze, np.ones((len(head), 2)))
+            whole = eyelid_weights(anny_head(), gaze, np.ones((len(head), 2)))
             both = [
                 shapes[f"lidBlink{side}"] / np.maximum(whole[f"lidBlink{side}"], 1e-6) for side in ("Left", "Right")
             ]
@@ -170,8 +170,8 @@ def of_shapes(
     )
 
 
-def _vrm(document: Document, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
-    content = document.content["extensions"][VRM]
+def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: float | None) -> Motion:
+    content = document.content["extensions"][VRM_EXTENSION]
     bones, shown = content["humanoid"]["humanBones"], content.get("expressions", {}).get("preset", {})
     turning = {name: tracks.get((bones[name]["node"], "rotation")) for name in ("head", "neck") if name in bones}
     looking = tracks.get((content["lookAt"]["node"], "rotation")) if "lookAt" in content else None

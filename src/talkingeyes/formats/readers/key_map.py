@@ -9,9 +9,9 @@
     translation: {key: transl, scale: 0.001}
     expression: {key: exp}
 
-An npy has one array, and no key. `form` is that of `rotations`; `signs` turns the axes of vectors into this project's
-(+x left, +y up, +z out of the face); `frame: space` is gaze in space, whose head rotation is taken out. One value for
-both eyes serves both.
+An npy has one array, and no key. `rotation_format` is that of `rotations`; `axis_signs` turns the axes of vectors into
+this project's (+x left, +y up, +z out of the face); `frame: space` is gaze in space, whose head rotation is taken out.
+One value for both eyes serves both.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ from pydantic import ValidationError
 
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import DAMAGED, Motion
+from talkingeyes.core.motion import NPZ_READ_ERRORS, Motion
 from talkingeyes.core.settings import Settings
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
-from talkingeyes.formats.rotations import as_vectors, width_of
+from talkingeyes.formats.rotations import rotation_width, to_rotation_vectors
 
 
-class Field(Settings):
+class ArrayMapping(Settings):
     """Where a quantity stands in a file, and what its numbers mean. These defaults are the project's conventions."""
 
     key: str | None = None
     columns: tuple[int, int] | None = None
-    form: str = "rotation_vector"
+    rotation_format: str = "rotation_vector"
     unit: Literal["radians", "degrees"] = "radians"
     eyes: Literal["left_right", "right_left"] = "left_right"
     frame: Literal["head", "space"] = "head"
-    signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    axis_signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
     scale: float = 1.0
 
 
 class KeyMap(Settings):
     """The map of a kind of file."""
 
-    fps: float | Field | None = None
+    fps: float | ArrayMapping | None = None
     head_model: Literal["anny", "flame"] = "flame"
-    head: Field | None = None
-    gaze: Field | None = None
-    jaw: Field | None = None
-    lid: Field | None = None
-    translation: Field | None = None
-    expression: Field | None = None
+    head: ArrayMapping | None = None
+    gaze: ArrayMapping | None = None
+    jaw: ArrayMapping | None = None
+    lid: ArrayMapping | None = None
+    translation: ArrayMapping | None = None
+    expression: ArrayMapping | None = None
 
 
 def load_key_map(path: Path) -> KeyMap:
@@ -71,7 +71,7 @@ def load_key_map(path: Path) -> KeyMap:
         raise InputError(f"{path}: {where}: {first['msg']}, got {str(first['input'])[:60]!r}") from None
 
 
-def read_mapped(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
+def read_with_map(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
     """The motion of a file by its map."""
     content = _content(path)
     parts = {name: getattr(mapping, name) for name in ("head", "gaze", "jaw", "lid", "translation", "expression")}
@@ -89,7 +89,9 @@ def read_mapped(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion
     if "lid" in rows:
         others["lid"] = _of_eyes(rows["lid"], parts["lid"], 1)[..., 0] * parts["lid"].scale
     if "translation" in rows:
-        others["translation"] = rows["translation"] * parts["translation"].scale * np.array(parts["translation"].signs)
+        others["translation"] = (
+            rows["translation"] * parts["translation"].scale * np.array(parts["translation"].axis_signs)
+        )
     if "expression" in rows:
         others["expression"] = rows["expression"] * parts["expression"].scale
         others["expression_names"] = _names(path, mapping.head_model, rows["expression"].shape[1])
@@ -107,20 +109,22 @@ def _names(path: Path, head_model: str, width: int) -> tuple[str, ...]:
     return names
 
 
-def _joint(rows: ndarray, field: Field) -> ndarray:
-    angles = field.form in ("rotation_vector", "yaw_pitch") or field.form.startswith("euler_")
-    turned = as_vectors(np.radians(rows) if angles and field.unit == "degrees" else rows, field.form)
+def _joint(rows: ndarray, field: ArrayMapping) -> ndarray:
+    angles = field.rotation_format in ("rotation_vector", "yaw_pitch") or field.rotation_format.startswith("euler_")
+    turned = to_rotation_vectors(
+        np.radians(rows) if angles and field.unit == "degrees" else rows, field.rotation_format
+    )
     # A reflection of axes turns the sense of rotations: a rotation vector is an axial one.
-    return np.asarray(turned * np.array(field.signs) * np.prod(field.signs))
+    return np.asarray(turned * np.array(field.axis_signs) * np.prod(field.axis_signs))
 
 
-def _eyes(rows: ndarray, field: Field, head: ndarray) -> ndarray:
-    both = _of_eyes(rows, field, width_of(field.form))
+def _eyes(rows: ndarray, field: ArrayMapping, head: ndarray) -> ndarray:
+    both = _of_eyes(rows, field, rotation_width(field.rotation_format))
     turned = np.stack([_joint(both[:, eye], field) for eye in range(2)], axis=1)
-    return rotation.eye_in_head(head, rotation.angles_of_gaze(turned)) if field.frame == "space" else turned
+    return rotation.eye_in_head(head, rotation.gaze_to_angles(turned)) if field.frame == "space" else turned
 
 
-def _of_eyes(rows: ndarray, field: Field, width: int) -> ndarray:
+def _of_eyes(rows: ndarray, field: ArrayMapping, width: int) -> ndarray:
     """(T, 2, width): the eyes in this project's order."""
     if rows.shape[1] == width:
         return np.repeat(rows[:, None], 2, axis=1)
@@ -130,7 +134,7 @@ def _of_eyes(rows: ndarray, field: Field, width: int) -> ndarray:
     return np.asarray(both[:, ::-1] if field.eyes == "right_left" else both)
 
 
-def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: Field) -> ndarray:
+def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: ArrayMapping) -> ndarray:
     key = field.key or ("" if "" in content else name)
     if key not in content:
         raise InputError(f"{path}: should hold {key or name}, got {', '.join(content)[:120] or 'one array'}")
@@ -146,16 +150,20 @@ def _rows(path: Path, content: Mapping[str, ndarray], name: str, field: Field) -
         if not 0 <= first < stop <= rows.shape[1]:
             raise InputError(f"{path}: columns of {name} should lie in 0 to {rows.shape[1]}, got {first} to {stop}")
         rows = rows[:, first:stop]
-    width = {"head": width_of(field.form), "jaw": width_of(field.form), "translation": 3}.get(name)
+    width = {
+        "head": rotation_width(field.rotation_format),
+        "jaw": rotation_width(field.rotation_format),
+        "translation": 3,
+    }.get(name)
     if width is not None and rows.shape[1] != width:
-        raise InputError(f"{path}: {name} should have {width} columns ({field.form}), got {rows.shape[1]}")
+        raise InputError(f"{path}: {name} should have {width} columns ({field.rotation_format}), got {rows.shape[1]}")
     return rows
 
 
 def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: float | None) -> float:
     if fps is not None:
         return fps
-    if isinstance(mapping.fps, Field):
+    if isinstance(mapping.fps, ArrayMapping):
         key = mapping.fps.key or "fps"
         if key not in content:
             raise InputError(f"{path}: should hold {key}, got {', '.join(content)[:120]}")
@@ -172,5 +180,5 @@ def _content(path: Path) -> dict[str, ndarray]:
             if isinstance(found, np.ndarray):
                 return {"": found}
             return {name: found[name] for name in found.files}
-    except DAMAGED as error:
+    except NPZ_READ_ERRORS as error:
         raise InputError(f"{path}: not a readable npy or npz ({' '.join(str(error).split())[:120]})") from None

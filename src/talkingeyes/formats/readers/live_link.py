@@ -24,20 +24,22 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
-from talkingeyes.formats.rotations import of_turns
+from talkingeyes.formats.rotations import from_euler_yxz
 
-ROTATIONS = tuple(f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll"))
-SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `rotations.turns`
-COUNT = 61
+ANGLE_COLUMNS = tuple(
+    f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")
+)
+ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `rotations.turns`
+BLENDSHAPE_COUNT = 61
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
-RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frames a second that time codes count in
-STRAIGHT_S = 0.003  # by which times may leave a straight line
-IN_DEGREES = 5.0  # radians a look coefficient cannot mean
-LEAST_LOOK = 0.05  # a standard deviation of look coefficients that tells the sign
+TIMECODE_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frames a second that time codes count in
+TIMING_TOLERANCE_S = 0.003  # by which times may leave a straight line
+MAX_RADIAN_SLOPE = 5.0  # radians a look coefficient cannot mean
+MIN_LOOK_SD = 0.05  # a standard deviation of look coefficients that tells the sign
 
 
 @dataclass(frozen=True)
-class Clock:
+class TakeTiming:
     """Frames a second of a take, and the time of each of its rows."""
 
     fps: float
@@ -54,21 +56,21 @@ def read_live_link(path: Path, fps: float | None = None) -> Motion:
         [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in arkit.NAMES], axis=1
     )
     angles = np.stack(
-        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in ROTATIONS], axis=1
+        [table.column(found[n.lower()]) if n.lower() in found else np.zeros(len(table)) for n in ANGLE_COLUMNS], axis=1
     )
-    clock = _clock(path, table.texts(found["timecode"]) if "timecode" in found else (), len(table), fps)
-    grid_s = np.arange(int(clock.times_s[-1] * clock.fps + 1.5)) / clock.fps
-    values, angles = (_on(grid_s, clock.times_s, each) for each in (values, angles))
-    taken = arkit.taken(values)
-    head = of_turns(angles[:, :3] * SIGNS)
-    gaze = _gaze(angles[:, 3:].reshape(-1, 2, 3) * SIGNS, taken.gaze)
+    timing = _clock(path, table.texts(found["timecode"]) if "timecode" in found else (), len(table), fps)
+    grid_s = np.arange(int(timing.times_s[-1] * timing.fps + 1.5)) / timing.fps
+    values, angles = (_fill_dropped(grid_s, timing.times_s, each) for each in (values, angles))
+    decoded = arkit.decoded(values)
+    head = from_euler_yxz(angles[:, :3] * ANGLE_SIGNS)
+    gaze = _gaze(angles[:, 3:].reshape(-1, 2, 3) * ANGLE_SIGNS, decoded.gaze)
     return Motion.of(
-        clock.fps,
+        timing.fps,
         head,
         gaze,
-        lid=taken.lid,
-        jaw=taken.jaw,
-        expression=taken.expression,
+        lid=decoded.lid,
+        jaw=decoded.jaw,
+        expression=decoded.expression,
         expression_names=arkit.EXPRESSION,
     )
 
@@ -77,18 +79,18 @@ def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Fl
     """Gaze by the angles, in the sign and unit that the look coefficients have; by those where there are no angles."""
     if not turned.any():
         return looks
-    told = rotation.angles_of_gaze(looks) / arkit.LOOK_RAD * [1.0, -1.0]  # yaw to the left, pitch down
+    told = rotation.gaze_to_angles(looks) / arkit.LOOK_RANGE_RAD * [1.0, -1.0]  # yaw to the left, pitch down
     angles = turned.copy()
     for axis in range(2):
-        if told[..., axis].std() > LEAST_LOOK:
+        if told[..., axis].std() > MIN_LOOK_SD:
             slope = float(np.polyfit(told[..., axis].ravel(), turned[..., axis].ravel(), 1)[0])
             angles[..., axis] *= -1.0 if slope < 0 else 1.0
-            if abs(slope) > IN_DEGREES:
+            if abs(slope) > MAX_RADIAN_SLOPE:
                 angles[..., axis] = np.radians(angles[..., axis])
-    return of_turns(angles.reshape(-1, 3)).reshape(-1, 2, 3)
+    return from_euler_yxz(angles.reshape(-1, 3)).reshape(-1, 2, 3)
 
 
-def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> Clock:
+def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> TakeTiming:
     """By time codes if there are any: the rate in which their frames run straight; else by `fps`."""
     read = [TIMECODE.fullmatch(code.strip()) for code in codes]
     if rows < 2 or (read and not all(read)):
@@ -96,38 +98,40 @@ def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> 
     if not read:
         if fps is None:
             raise InputError(f"{path}: has no time codes; say --fps")
-        return Clock(fps, np.arange(rows) / fps)
+        return TakeTiming(fps, np.arange(rows) / fps)
     parts = np.array([[float(part) for part in match.groups()] for match in read if match])
     seconds = parts[:, :3] @ [3600.0, 60.0, 1.0]
-    for rate in RATES:
+    for rate in TIMECODE_RATES:
         if parts[:, 3].max() >= rate + 0.5 or (fps is None and seconds[-1] == seconds[0]):
             continue
         times = seconds + parts[:, 3] / rate
         times = np.where(times < times[0], times + 86_400, times) - times[0]
         steps = np.diff(times)
-        if (steps > 0).all() and _straight(steps):
+        if (steps > 0).all() and _is_even(steps):
             step = float(np.median(steps)) if fps is None else 1 / fps
-            within = np.abs(np.round(steps / step) * step - steps).max() < STRAIGHT_S
+            within = np.abs(np.round(steps / step) * step - steps).max() < TIMING_TOLERANCE_S
             if within:
                 counted = np.round(steps / step).sum()
-                return Clock(_round_rate(counted / float(times[-1])) if fps is None else fps, times)
+                return TakeTiming(_round_rate(counted / float(times[-1])) if fps is None else fps, times)
     raise InputError(f"{path}: the rate does not follow from its time codes (too short a take?); say --fps")
 
 
-def _straight(steps: Float[ndarray, " T"]) -> bool:
+def _is_even(steps: Float[ndarray, " T"]) -> bool:
     """Whether times go on evenly, but for frames that were dropped."""
     step = float(np.median(steps))
-    return bool(np.abs(steps / step - np.round(steps / step)).max() * step < STRAIGHT_S)
+    return bool(np.abs(steps / step - np.round(steps / step)).max() * step < TIMING_TOLERANCE_S)
 
 
 def _round_rate(fps: float) -> float:
     """The usual rate that this is, if it is one."""
-    usual = [*map(float, RATES), *(rate * 1000 / 1001 for rate in (24, 30, 60, 120))]
+    usual = [*map(float, TIMECODE_RATES), *(rate * 1000 / 1001 for rate in (24, 30, 60, 120))]
     nearest = min(usual, key=lambda rate: abs(rate - fps))
     return nearest if abs(nearest / fps - 1) < 2e-4 else fps
 
 
-def _on(grid_s: Float[ndarray, " G"], times_s: Float[ndarray, " T"], values: Float[ndarray, "T C"]) -> ndarray:
+def _fill_dropped(
+    grid_s: Float[ndarray, " G"], times_s: Float[ndarray, " T"], values: Float[ndarray, "T C"]
+) -> ndarray:
     """Dropped frames filled in, between their neighbours."""
     if len(grid_s) == len(times_s):
         return values

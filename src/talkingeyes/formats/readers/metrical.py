@@ -20,7 +20,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION, HEAD_MODEL
 from talkingeyes.formats.readers.torch_file import read_torch
-from talkingeyes.formats.rotations import as_vectors
+from talkingeyes.formats.rotations import to_rotation_vectors
 from talkingeyes.head.pickles import as_array
 
 FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
@@ -39,11 +39,11 @@ def read_metrical(path: Path, fps: float | None = None) -> Motion:
     eyes = stacked["eyes"].reshape(-1, 6)
     return Motion.of(
         fps,
-        rotation.vectors(FROM_OPENCV @ stacked["R"].reshape(-1, 3, 3)),
-        as_vectors(eyes, "six_d").reshape(-1, 2, 3),
+        rotation.matrix_to_rotvec(FROM_OPENCV @ stacked["R"].reshape(-1, 3, 3)),
+        to_rotation_vectors(eyes, "six_d").reshape(-1, 2, 3),
         translation=shift - shift.mean(axis=0),
         lid=stacked["eyelids"],
-        jaw=as_vectors(stacked["jaw"], "six_d"),
+        jaw=to_rotation_vectors(stacked["jaw"], "six_d"),
         expression=stacked["exp"],
         expression_names=tuple(EXPRESSION.format(number) for number in range(stacked["exp"].shape[1])),
         head_model=HEAD_MODEL,

@@ -16,9 +16,9 @@ import numpy as np
 
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import CONVENTIONS, DAMAGED, Motion
+from talkingeyes.core.motion import CONVENTIONS, NPZ_READ_ERRORS, Motion
 from talkingeyes.formats.readers import tables
-from talkingeyes.formats.readers.key_map import KeyMap, read_mapped
+from talkingeyes.formats.readers.key_map import KeyMap, read_with_map
 
 Reader = Callable[[Path, float | None], Motion]
 
@@ -26,16 +26,16 @@ SUFFIXES = (
     *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".frame", ".json", ".glb", ".vrma", ".usd", ".usda", ".usdc"),
     ".bvh",
 )
-MOST_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # beyond, numbers are no radians
+MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # beyond, numbers are no radians
 LID_BOUNDS = (-1.5, 1.5)
-ASIDE = 0.01  # of the frames may be anything
-APART_DEG = (
+OUTLIER_SHARE = 0.01  # of the frames may be anything
+MAX_DIVERGENCE_DEG = (
     12.0  # on average, no person's eyes: optical axes diverge by some 5 degrees when lines of sight are parallel
 )
 
 
 @dataclass(frozen=True)
-class Read:
+class ImportedMotion:
     """A motion, the format that it was in, and what there is to say about it."""
 
     motion: Motion
@@ -43,7 +43,7 @@ class Read:
     notes: tuple[str, ...]
 
 
-def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = None) -> Read:
+def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = None) -> ImportedMotion:
     """Read a file of any format, and check units and eyes. `fps` is for files that do not say theirs."""
     if fps is not None and not 1 <= fps <= 1000:
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
@@ -56,30 +56,30 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError) as error:  # what no reader foresaw
         raise InputError(f"{path}: not readable as {name} ({' '.join(repr(error).split())[:120]})") from None
-    return Read(motion, name, tuple(checked(path, motion)))
+    return ImportedMotion(motion, name, tuple(check_motion(path, motion)))
 
 
 def _mapped(mapping: KeyMap, path: Path, fps: float | None) -> Motion:
-    return read_mapped(path, mapping, fps)
+    return read_with_map(path, mapping, fps)
 
 
-def checked(path: Path, motion: Motion) -> list[str]:
+def check_motion(path: Path, motion: Motion) -> list[str]:
     """Notes on a motion. Raises InputError where its numbers cannot be what they should be."""
     if not len(motion):
         raise InputError(f"{path}: should have frames, got none")
-    for name, most in MOST_RAD.items():
+    for name, most in MAX_RAD.items():
         angle = np.linalg.norm(getattr(motion, name), axis=-1).reshape(-1)
-        typical = float(np.quantile(angle, 1 - ASIDE))
+        typical = float(np.quantile(angle, 1 - OUTLIER_SHARE))
         if typical > most:
             hint = "; degrees? say unit: degrees in a map" if typical > 3.2 else ""
             raise InputError(f"{path}: {name} should turn by {most:g} radians at most, got {typical:.3g}{hint}")
-    low, high = np.quantile(motion.lid, [ASIDE, 1 - ASIDE])
+    low, high = np.quantile(motion.lid, [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
     if low < LID_BOUNDS[0] or high > LID_BOUNDS[1]:
         raise InputError(f"{path}: lids should be 0 open to 1 shut, got {low:.3g} to {high:.3g}")
     notes = []
-    yaw = np.degrees(rotation.angles_of_gaze(motion.gaze)[motion.valid][..., 0])
+    yaw = np.degrees(rotation.gaze_to_angles(motion.gaze)[motion.valid][..., 0])
     apart = float((yaw[:, 0] - yaw[:, 1]).mean()) if len(yaw) else 0.0
-    if abs(apart) > APART_DEG:
+    if abs(apart) > MAX_DIVERGENCE_DEG:
         notes.append(f"the left eye looks {apart:.1f} degrees left of the right one on average: is their order right?")
     if not motion.gaze.any():
         notes.append("no gaze in it: the eyes look straight ahead")
@@ -127,6 +127,6 @@ def _read_npz(path: Path, fps: float | None) -> Motion:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             ours = "schema" in file.files and str(file["schema"]) == CONVENTIONS["schema"]
-    except DAMAGED as error:
+    except NPZ_READ_ERRORS as error:
         raise InputError(f"{path}: not a readable npz ({' '.join(str(error).split())[:120]})") from None
     return Motion.load(path) if ours else read_flame_npz(path, fps)

@@ -11,7 +11,7 @@ from typing import Any
 from zipfile import ZipFile
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.motion import DAMAGED
+from talkingeyes.core.motion import NPZ_READ_ERRORS
 from talkingeyes.head.pickles import read_tensors
 
 
@@ -29,5 +29,5 @@ def read_torch(path: Path) -> Any:
         raise InputError(f"{path}: no such file") from None
     except InputError:
         raise
-    except (*DAMAGED, KeyError) as error:
+    except (*NPZ_READ_ERRORS, KeyError) as error:
         raise InputError(f"{path}: not a file that torch saved ({' '.join(str(error).split())[:120]})") from None

@@ -22,11 +22,11 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.recordings_of_people import read_openface
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
-from talkingeyes.formats.rotations import of_turns
+from talkingeyes.formats.rotations import from_euler_yxz
 
 EYE_VECTORS = tuple(tuple(f"gaze_{eye}_{axis}" for axis in "xyz") for eye in (1, 0))  # left, right of the subject
-TO_OURS = np.array([1.0, -1.0, -1.0])
-STRONGEST_AU = 5.0
+TO_PROJECT_AXES = np.array([1.0, -1.0, -1.0])
+MAX_AU = 5.0
 MM = 1e-3
 
 
@@ -39,13 +39,13 @@ def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
     row = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1  # the last row at or before each frame
     space = np.repeat(recording.gaze_in_space_rad[:, None], 2, axis=1)
     if all(name in table.names for eye in EYE_VECTORS for name in eye):
-        vectors = [np.stack([table.column(name) for name in eye], axis=1) * TO_OURS for eye in EYE_VECTORS]
-        space = rotation.angles_of_direction(np.stack(vectors, axis=1))
+        vectors = [np.stack([table.column(name) for name in eye], axis=1) * TO_PROJECT_AXES for eye in EYE_VECTORS]
+        space = rotation.direction_to_angles(np.stack(vectors, axis=1))
     shift = np.zeros((len(table), 3))
     if all(f"pose_T{axis}" in table.names for axis in "xyz"):
-        shift = np.stack([table.column(f"pose_T{axis}") for axis in "xyz"], axis=1) * TO_OURS * MM
+        shift = np.stack([table.column(f"pose_T{axis}") for axis in "xyz"], axis=1) * TO_PROJECT_AXES * MM
         shift -= shift[recording.valid].mean(axis=0) if recording.valid.any() else 0.0
-    shut = table.column("AU45_r") / STRONGEST_AU if "AU45_r" in table.names else np.zeros(len(table))
+    shut = table.column("AU45_r") / MAX_AU if "AU45_r" in table.names else np.zeros(len(table))
     seen = recording.valid
     there = np.zeros(len(row), bool)
     there[place] = seen
@@ -69,19 +69,19 @@ def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
         raise InputError(
             f"{path}: should hold every frame, or every n-th, of one face, got steps of {np.unique(steps)}"
         )
-    head = of_turns(np.stack([-table.column("Yaw"), table.column("Pitch"), table.column("Roll")], axis=1))
+    head = from_euler_yxz(np.stack([-table.column("Yaw"), table.column("Pitch"), table.column("Roll")], axis=1))
     space = np.stack([table.column("gaze_yaw"), table.column("gaze_pitch")], axis=1)
     shown = np.stack(
         [table.column(name) if name in table.names else np.zeros(len(table)) for name in arkit.NAMES], axis=1
     )
-    taken = arkit.taken(shown)
+    decoded = arkit.decoded(shown)
     return Motion.of(
         fps / float(steps[0]),
         head,
         rotation.eye_in_head(head, np.repeat(space[:, None], 2, axis=1)),
-        lid=taken.lid,
-        jaw=taken.jaw,
-        expression=taken.expression,
+        lid=decoded.lid,
+        jaw=decoded.jaw,
+        expression=decoded.expression,
         expression_names=arkit.EXPRESSION,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.gltf import JOINTS, of_shapes
+from talkingeyes.formats.readers.gltf import JOINT_ALIASES, motion_from_shapes
 
 
 def read_usd(path: Path, fps: float | None = None) -> Motion:
@@ -30,14 +30,14 @@ def read_usd(path: Path, fps: float | None = None) -> Motion:
     frames = round((stage.GetEndTimeCode() - stage.GetStartTimeCode()) / step) + 1
     codes = stage.GetStartTimeCode() + step * np.arange(frames)
     names = [str(name).rsplit("/", 1)[-1] for name in found.GetJointsAttr().Get() or ()]
-    turned = {ours: _turns(found, names, theirs, codes) for ours, theirs in JOINTS.items()}
+    turned = {ours: _turns(found, names, theirs, codes) for ours, theirs in JOINT_ALIASES.items()}
     shapes = [str(name) for name in found.GetBlendShapesAttr().Get() or ()]
     rows = [found.GetBlendShapeWeightsAttr().Get(code) for code in codes] if shapes else []
     weights = dict(zip(shapes, np.array(rows, np.float64).T, strict=True)) if shapes else {}
     places = np.array([np.array(found.GetTranslationsAttr().Get(code))[0] for code in codes], np.float64)
     gaze = np.stack([turned["left_eye"], turned["right_eye"]], axis=1)
     rest = _rest(stage)
-    return of_shapes(rate, turned["head"], gaze, turned["jaw"], places - rest, weights)
+    return motion_from_shapes(rate, turned["head"], gaze, turned["jaw"], places - rest, weights)
 
 
 def _turns(animation: Any, names: list[str], theirs: tuple[str, ...], codes: np.ndarray) -> np.ndarray:

@@ -17,20 +17,20 @@ from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.head.anny import open_head
-from talkingeyes.head.drive import DRIVEN_JAW, SIDE_RAD, SIDES
+from talkingeyes.head.anny import anny_head
+from talkingeyes.head.drive import JAW_SHAPES, JAW_SIDE_RAD, SIDES
 from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights
 from talkingeyes.head.model import JOINTS, HeadModel
 
-STILL_M = 1e-7  # that a vertex no shape moves may move
-ALONE = 0.9999  # of the weights of a vertex that follows one joint
-RIGHT_ANSWER_M = 1e-3  # root mean square over vertices that a head with these parameters may be off by
-BLINKS = tuple(f"lidBlink{side}" for side in SIDES)
+STATIC_VERTEX_M = 1e-7  # that a vertex no shape moves may move
+SINGLE_JOINT_WEIGHT = 0.9999  # of the weights of a vertex that follows one joint
+MAX_FIT_ERROR_M = 1e-3  # root mean square over vertices that a head with these parameters may be off by
+BLINK_SHAPES = tuple(f"lidBlink{side}" for side in SIDES)
 
 
 def read_vertices(path: Path, table: Float[ndarray, "T C"], fps: float | None = None) -> Motion:
     """The motion that poses the open head so. Raises InputError for vertices of another head."""
-    head = open_head()
+    head = anny_head()
     if table.shape[1] != 3 * len(head.template):
         raise InputError(
             f"{path}: vertices should be those of the open head (T, {3 * len(head.template)}), got {table.shape}"
@@ -38,23 +38,23 @@ def read_vertices(path: Path, table: Float[ndarray, "T C"], fps: float | None = 
     if fps is None:
         raise InputError(f"{path}: does not say its frame rate; say --fps")
     points = table.reshape(len(table), -1, 3).astype(np.float64)
-    still = np.abs(head.expression).max(axis=(0, 2)) < STILL_M
+    still = np.abs(head.expression).max(axis=(0, 2)) < STATIC_VERTEX_M
     neck, *eyes = (_alone(head, joint) & still for joint in ("neck", "left_eye", "right_eye"))
     turned = _turn(head.template[neck], points[:, neck])
     shift = points[:, neck].mean(axis=1) - np.einsum("tij,j->ti", turned, head.template[neck].mean(axis=0))
-    gaze = rotation.vectors(
+    gaze = rotation.matrix_to_rotvec(
         np.stack([np.swapaxes(turned, 1, 2) @ _turn(head.template[eye], points[:, eye]) for eye in eyes], axis=1)
     )
     straight = np.einsum("tji,tvj->tvi", turned, points - shift[:, None])
     shown = _weights(path, head, gaze, straight)
-    jaw = [head.jaw_open_rad * shown["jawOpen"], SIDE_RAD * (shown["jawLeft"] - shown["jawRight"])]
+    jaw = [head.jaw_open_rad * shown["jawOpen"], JAW_SIDE_RAD * (shown["jawLeft"] - shown["jawRight"])]
     whole = eyelid_weights(head, gaze, np.ones((len(points), 2)))
     return Motion.of(
         fps,
-        rotation.vectors(turned),
+        rotation.matrix_to_rotvec(turned),
         gaze,
         translation=shift,
-        lid=np.stack([shown[name] / np.maximum(whole[name], 1e-6) for name in BLINKS], axis=1),
+        lid=np.stack([shown[name] / np.maximum(whole[name], 1e-6) for name in BLINK_SHAPES], axis=1),
         jaw=np.stack([*jaw, np.zeros(len(points))], axis=1),
         expression=np.stack([shown[name] for name in arkit.EXPRESSION], axis=1),
         expression_names=arkit.EXPRESSION,
@@ -62,7 +62,7 @@ def read_vertices(path: Path, table: Float[ndarray, "T C"], fps: float | None = 
 
 
 def _alone(head: HeadModel, joint: str) -> Bool[ndarray, " V"]:
-    return np.asarray(head.weights[:, JOINTS.index(joint)] > ALONE)
+    return np.asarray(head.weights[:, JOINTS.index(joint)] > SINGLE_JOINT_WEIGHT)
 
 
 def _turn(rest: Float[ndarray, "K 3"], moved: Float[ndarray, "T K 3"]) -> Float[ndarray, "T 3 3"]:
@@ -77,7 +77,7 @@ def _weights(
     path: Path, head: HeadModel, gaze: Float[ndarray, "T 2 3"], straight: Float[ndarray, "T V 3"]
 ) -> dict[str, Float[ndarray, " T"]]:
     """Weights of expression, jaw and blinks, by name."""
-    names = (*arkit.EXPRESSION, *DRIVEN_JAW, *BLINKS)
+    names = (*arkit.EXPRESSION, *JAW_SHAPES, *BLINK_SHAPES)
     part = _alone(head, "neck")
     opened = eyelid_weights(head, gaze, np.zeros((len(gaze), 2)))
     left = straight - head.template
@@ -87,6 +87,6 @@ def _weights(
     wanted = left[:, part].reshape(len(left), -1)
     found = np.linalg.solve(basis @ basis.T, basis @ wanted.T)
     missed = float(np.sqrt(3 * ((wanted - found.T @ basis) ** 2).mean()))
-    if missed > RIGHT_ANSWER_M:
+    if missed > MAX_FIT_ERROR_M:
         raise InputError(f"{path}: vertices should be those of the open head, got some {1e3 * missed:.1f} mm off")
     return dict(zip(names, found, strict=True))

@@ -15,10 +15,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.motion import CONVENTIONS, Motion
-from talkingeyes.core.whole_file import written
+from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats import arkit
-from talkingeyes.formats.readers.live_link import COUNT, ROTATIONS, SIGNS
-from talkingeyes.formats.rotations import turns
+from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS, ANGLE_SIGNS, BLENDSHAPE_COUNT
+from talkingeyes.formats.rotations import euler_yxz
 
 SCHEMA = "talkingeyes.arkit/1"
 DIGITS = 7
@@ -26,13 +26,13 @@ DIGITS = 7
 
 def write_live_link(motion: Motion, path: Path) -> None:
     """One row a frame; the time code starts at 0."""
-    header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *ROTATIONS)
+    header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *ANGLE_COLUMNS)
     table = np.concatenate([arkit.coefficients(motion), _angles(motion)], axis=1)
     rows = [
-        ",".join([timecode(frame, motion.fps), str(COUNT), *(f"{value:.{DIGITS}f}" for value in row)])
+        ",".join([timecode(frame, motion.fps), str(BLENDSHAPE_COUNT), *(f"{value:.{DIGITS}f}" for value in row)])
         for frame, row in enumerate(table.tolist())
     ]
-    with written(path) as partial:
+    with atomic_write(path) as partial:
         partial.write_text("\n".join([",".join(header), *rows]) + "\n")
 
 
@@ -42,14 +42,14 @@ def write_json(motion: Motion, path: Path) -> None:
         "schema": SCHEMA,
         "fps": motion.fps,
         **{name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")},
-        "look_degrees": round(math.degrees(arkit.LOOK_RAD), 6),
+        "look_degrees": round(math.degrees(arkit.LOOK_RANGE_RAD), 6),
         "names": list(arkit.NAMES),
         "coefficients": _rounded(arkit.coefficients(motion)),
         "head": _rounded(motion.head),
         "eyes": _rounded(motion.gaze),
         "translation": _rounded(motion.translation),
     }
-    with written(path) as partial:
+    with atomic_write(path) as partial:
         partial.write_text(json.dumps(content, separators=(",", ":")))
 
 
@@ -65,7 +65,7 @@ def timecode(frame: int, fps: float) -> str:
 
 def _angles(motion: Motion) -> Float[ndarray, "T 9"]:
     parts = (motion.head, motion.gaze[:, 0], motion.gaze[:, 1])
-    return np.concatenate([turns(part) * SIGNS for part in parts], axis=1)
+    return np.concatenate([euler_yxz(part) * ANGLE_SIGNS for part in parts], axis=1)
 
 
 def _rounded(array: ndarray) -> list[object]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import written
-from talkingeyes.formats.rotations import turns
+from talkingeyes.core.whole_file import atomic_write
+from talkingeyes.formats.rotations import euler_yxz
 from talkingeyes.head.model import HeadModel
 
 CM = 100.0
@@ -29,7 +29,7 @@ def write_bvh(motion: Motion, head: HeadModel, path: Path) -> None:
         lines += ["      OFFSET {:g} {:g} {:g}".format(*END_CM), "    }", "  }"]
     lines += ["}", "MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / motion.fps:.9f}"]
     joints = (motion.head, motion.jaw, motion.gaze[:, 0], motion.gaze[:, 1])
-    rows = np.concatenate([motion.translation * CM, *(np.degrees(turns(joint)) for joint in joints)], axis=1)
+    rows = np.concatenate([motion.translation * CM, *(np.degrees(euler_yxz(joint)) for joint in joints)], axis=1)
     lines += [" ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
-    with written(path) as partial:
+    with atomic_write(path) as partial:
         partial.write_text("\n".join(lines) + "\n")

@@ -14,11 +14,11 @@ from numpy import ndarray
 
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.core.npz import save_npz
-from talkingeyes.core.whole_file import written
+from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 
-SHAPES, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth
-FACTS = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
+SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth
+METADATA = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
 
 
 def write_flame(motion: Motion, path: Path) -> None:
@@ -32,8 +32,8 @@ def write_flame(motion: Motion, path: Path) -> None:
             "jaw_pose": motion.jaw,
             "leye_pose": motion.gaze[:, 0],
             "reye_pose": motion.gaze[:, 1],
-            "expression": components(motion, 100),
-            "betas": np.zeros((1, SHAPES)),
+            "expression": expression_components(motion, 100),
+            "betas": np.zeros((1, SHAPE_COUNT)),
             "transl": motion.translation,
             "eyelids": motion.lid,
         },
@@ -50,8 +50,8 @@ def write_vhap(motion: Motion, path: Path) -> None:
             "neck_pose": motion.head,
             "jaw_pose": motion.jaw,
             "eyes_pose": motion.gaze.reshape(-1, 6),
-            "expr": components(motion, 100),
-            "shape": np.zeros(SHAPES),
+            "expr": expression_components(motion, 100),
+            "shape": np.zeros(SHAPE_COUNT),
             "translation": motion.translation,
             "static_offset": np.zeros((1, VHAP_VERTICES, 3)),
             "eyelids": motion.lid,
@@ -67,7 +67,7 @@ def write_diffposetalk(motion: Motion, path: Path) -> None:
         motion,
         {
             "shape": np.zeros(100),
-            "exp": components(motion, 50),
+            "exp": expression_components(motion, 50),
             "pose": np.concatenate([motion.head, motion.jaw], axis=1),
             "eyes_pose": motion.gaze.reshape(-1, 6),
             "eyelids": motion.lid,
@@ -76,7 +76,7 @@ def write_diffposetalk(motion: Motion, path: Path) -> None:
     )
 
 
-def components(motion: Motion, count: int) -> ndarray:
+def expression_components(motion: Motion, count: int) -> ndarray:
     """Weights of FLAME's first expression components, by the names of the motion's."""
     table = np.zeros((len(motion), count))
     for number in range(count):
@@ -87,6 +87,6 @@ def components(motion: Motion, count: int) -> ndarray:
 
 def _save(path: Path, motion: Motion, arrays: dict[str, ndarray], **others: ndarray) -> None:
     numbers = {name: array.astype(np.float32) for name, array in arrays.items()}
-    texts = {name: np.str_(text) for name, text in FACTS.items()}
-    with written(path) as partial:
+    texts = {name: np.str_(text) for name, text in METADATA.items()}
+    with atomic_write(path) as partial:
         save_npz(partial, fps=np.float64(motion.fps), **numbers, **others, **texts)

@@ -16,7 +16,7 @@ from numpy import ndarray
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Gltf
-from talkingeyes.head.drive import pose_of
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
 from talkingeyes.head.normals import vertex_normals
 
@@ -26,7 +26,7 @@ INFLUENCES = 4  # joints a vertex may follow in glTF's first set
 def write_glb(motion: Motion, head: HeadModel, path: Path) -> None:
     """Write the head with its motion."""
     gltf = Gltf()
-    pose = pose_of(head, motion)
+    pose = motion_to_pose(head, motion)
     offsets = joint_offsets(head)
     for joint, name in enumerate(JOINTS):
         children = [child for child, parent in enumerate(PARENTS) if parent == joint]

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.whole_file import written
+from talkingeyes.core.whole_file import atomic_write
 
 FLOAT, UNSIGNED_INT, UNSIGNED_SHORT = 5126, 5125, 5123
 COMPONENTS = {"float32": FLOAT, "uint32": UNSIGNED_INT, "uint16": UNSIGNED_SHORT}
-KINDS = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+ACCESSOR_TYPES = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 
@@ -48,7 +48,7 @@ class Gltf:
     def accessor(self, array: ndarray, target: int | None = None) -> int:
         """An array (N), (N, 2..4) or (N, 4, 4), with its bounds; matrices are written column by column."""
         by_column = array.swapaxes(1, 2) if array.ndim == 3 else array
-        return self.add("accessors", {"bufferView": self._view(by_column, target), **_described(array)})
+        return self.add("accessors", {"bufferView": self._view(by_column, target), **_accessor(array)})
 
     def sparse_accessor(self, array: Float[ndarray, "N 3"]) -> int:
         """An array that is mostly 0: the other rows alone."""
@@ -59,7 +59,7 @@ class Gltf:
             "indices": {"bufferView": self._view(rows.astype(np.uint32), None), "componentType": UNSIGNED_INT},
             "values": {"bufferView": self._view(array[rows], None)},
         }
-        return self.add("accessors", {**_described(array), "sparse": sparse})
+        return self.add("accessors", {**_accessor(array), "sparse": sparse})
 
     def animate(self, channels: dict[tuple[int, str], ndarray], fps: float) -> None:
         """One animation: values of T frames by (node, path), between which players go in a straight line."""
@@ -81,7 +81,7 @@ class Gltf:
         document = {**self.document, "buffers": [{"byteLength": len(binary)}]}
         text = json.dumps(document, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
-        with written(path) as partial, partial.open("wb") as file:
+        with atomic_write(path) as partial, partial.open("wb") as file:
             file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary)))
             file.write(struct.pack("<I4s", len(text), b"JSON") + text)
             file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
@@ -94,11 +94,11 @@ class Gltf:
         return self.add("bufferViews", view if target is None else {**view, "target": target})
 
 
-def _described(array: ndarray) -> dict[str, Any]:
+def _accessor(array: ndarray) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "componentType": COMPONENTS[array.dtype.name],
         "count": len(array),
-        "type": KINDS[array.shape[1:]],
+        "type": ACCESSOR_TYPES[array.shape[1:]],
     }
     if array.dtype == np.float32 and array.ndim < 3:
         facts |= {

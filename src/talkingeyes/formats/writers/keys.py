@@ -16,27 +16,27 @@ from numpy import ndarray
 from talkingeyes.animation.keys import save_keys
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Blink, Events, Motion, Saccade
-from talkingeyes.core.whole_file import written
+from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.evaluation.detectors.blinks import detect_blinks
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
-from talkingeyes.physiology import saccades as law
+from talkingeyes.physiology import saccades as main_sequence
 from talkingeyes.physiology.steps import find_saccades
 
-FRAMES_HOLD_COURSE_FPS = 60.0  # from here, frames hold the course of a saccade
-SHUT_SHARE = 0.3  # of a blink's time that the lids close in, where only its peak is known
+MIN_DETECTOR_FPS = 60.0  # from here, frames hold the course of a saccade
+CLOSING_RATIO = 0.3  # of a blink's time that the lids close in, where only its peak is known
 
 
 def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None:
     """Write keys: `events` if they are known."""
-    with written(path) as partial:
-        save_keys(partial, found_events(motion) if events is None else events, motion.fps)
+    with atomic_write(path) as partial:
+        save_keys(partial, detect_events(motion) if events is None else events, motion.fps)
 
 
-def found_events(motion: Motion) -> Events:
+def detect_events(motion: Motion) -> Events:
     """Saccades of gaze in space and blinks, as far as frames show them."""
-    space = _long_enough(rotation.conjugate(rotation.gaze_in_space(motion.head, motion.gaze)), motion.fps)
-    valid = _long_enough(motion.valid, motion.fps)
-    if motion.fps < FRAMES_HOLD_COURSE_FPS:
+    space = _pad_to_second(rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze)), motion.fps)
+    valid = _pad_to_second(motion.valid, motion.fps)
+    if motion.fps < MIN_DETECTOR_FPS:
         saccades = find_saccades(space, motion.fps)
     else:
         seen = detect_saccades(space, motion.fps, valid)
@@ -46,13 +46,13 @@ def found_events(motion: Motion) -> Events:
                 float(offset - onset),
                 _pair(start),
                 _pair(start + step),
-                float(law.skew(float(np.linalg.norm(step)))),
+                float(main_sequence.skew(float(np.linalg.norm(step)))),
             )
             for onset, offset, start, step in zip(
                 seen.onset_s, seen.offset_s, seen.start_rad, seen.displacement_rad, strict=True
             )
         )
-    shut = detect_blinks(_long_enough(motion.lid, motion.fps), motion.fps, valid)
+    shut = detect_blinks(_pad_to_second(motion.lid, motion.fps), motion.fps, valid)
     blinks = tuple(
         Blink(float(on), max(float(peak - on), 1e-3), 0.0, max(float(off - peak), 1e-3), float(depth))
         for on, peak, off, depth in zip(shut.onset_s, shut.peak_s, shut.offset_s, shut.depth, strict=True)
@@ -60,7 +60,7 @@ def found_events(motion: Motion) -> Events:
     return Events(saccades=saccades, blinks=blinks)
 
 
-def _long_enough(values: Shaped[ndarray, "T ..."], fps: float) -> ndarray:
+def _pad_to_second(values: Shaped[ndarray, "T ..."], fps: float) -> ndarray:
     """The last frame held until there is a second of them: detectors want one."""
     missing = max(math.ceil(fps) + 1 - len(values), 0)
     held = np.concatenate([values, np.repeat(values[-1:], missing, axis=0)])

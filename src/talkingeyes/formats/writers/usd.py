@@ -12,10 +12,10 @@ import numpy as np
 from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import written
+from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.glb import INFLUENCES, influences, joint_offsets
-from talkingeyes.head.drive import pose_of
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
 
 PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/right_eye")  # of JOINTS
@@ -23,7 +23,7 @@ PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/
 
 def write_usd(motion: Motion, head: HeadModel, path: Path) -> None:
     """Write the stage."""
-    with written(path) as partial, partial.open("w") as file:
+    with atomic_write(path) as partial, partial.open("w") as file:
         for part in (_opening(motion), _mesh(head), _skeleton(head), _animation(motion, head), ["}"]):
             file.writelines(f"{line}\n" for line in part)
 
@@ -73,7 +73,7 @@ def _skeleton(head: HeadModel) -> Iterator[str]:
 
 
 def _animation(motion: Motion, head: HeadModel) -> Iterator[str]:
-    pose = pose_of(head, motion)
+    pose = motion_to_pose(head, motion)
     turned = np.stack([np.zeros_like(pose.head), pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1]], axis=1)
     rotations = np.stack([quaternions(turned[:, joint])[:, [3, 0, 1, 2]] for joint in range(len(JOINTS))], axis=1)
     places = np.tile(joint_offsets(head), (len(motion), 1, 1))

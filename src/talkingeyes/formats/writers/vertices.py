@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import written
-from talkingeyes.head.drive import pose_of
+from talkingeyes.core.whole_file import atomic_write
+from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import HeadModel
 
 FRAMES = 64  # at a time
@@ -21,12 +21,12 @@ FRAMES = 64  # at a time
 
 def write_vertices(motion: Motion, head: HeadModel, path: Path) -> None:
     """Write one row a frame."""
-    from talkingeyes.head.skinning import posed
+    from talkingeyes.head.skinning import posed_vertices
 
     shape = (len(motion), 3 * len(head.template))
-    with written(path) as partial:
+    with atomic_write(path) as partial:
         table = np.lib.format.open_memmap(partial, "w+", np.float32, shape)
         for start in range(0, len(motion), FRAMES):
-            part = posed(head, pose_of(head, motion.cut(start, min(start + FRAMES, len(motion)))))
+            part = posed_vertices(head, motion_to_pose(head, motion.cut(start, min(start + FRAMES, len(motion)))))
             table[start : start + len(part)] = part.reshape(len(part), -1)
         table.flush()

@@ -15,7 +15,7 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
-from talkingeyes.formats.rotations import of_turns, quaternions
+from talkingeyes.formats.rotations import from_euler_yxz, quaternions
 from talkingeyes.formats.writers.gltf import Gltf
 
 # The bones that VRM requires: parent, offset in metres.
@@ -51,8 +51,8 @@ def write_vrm(motion: Motion, path: Path) -> None:
     weights = expressions(motion)
     shown = {name: gltf.node(name) for name in weights}
     gltf.document["scenes"][0]["nodes"] = [bones["hips"], looking, *shown.values()]
-    space = rotation.conjugate(rotation.angles_of_gaze(motion.gaze))
-    turned = of_turns(np.stack([space[:, 0], -space[:, 1], np.zeros(len(motion))], axis=1))
+    space = rotation.cyclopean_gaze(rotation.gaze_to_angles(motion.gaze))
+    turned = from_euler_yxz(np.stack([space[:, 0], -space[:, 1], np.zeros(len(motion))], axis=1))
     still = np.zeros((len(motion), 2))
     gltf.animate(
         {

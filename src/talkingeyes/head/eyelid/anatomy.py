@@ -15,20 +15,20 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.rotation import direction_of_angles
+from talkingeyes.core.rotation import angles_to_direction
 from talkingeyes.head.eyelid.construction import LOWER, UPPER
-from talkingeyes.head.eyelid.region import TEMPORAL, Region, elevation
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, elevation
 
 SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
 CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt(CORNEA_RADIUS_M**2 - IRIS_RADIUS_M**2))
 IRIS_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2))
-LID_M = 0.0008  # a lid's least distance from the eyeball, where it is not nearer at rest
-UPPER_TRAVEL = 0.9
+LID_CLEARANCE_M = 0.0008  # a lid's least distance from the eyeball, where it is not nearer at rest
+UPPER_CLOSURE_SHARE = 0.9
 JITTER_RAD = np.radians(1.2)
 
 
 @dataclass(frozen=True)
-class Person:
+class EyelidParameters:
     """What differs between people, and between the eyes of one: gains by which lids follow small turns of the eye, the
     angles at which the upper lid's lift and fall saturate, how much lower it rests than the head's."""
 
@@ -40,10 +40,10 @@ class Person:
     fall_rad: float = float(np.radians(75.0))
 
 
-def draw_person(random: np.random.Generator) -> Person:
+def sample_eyelid_parameters(random: np.random.Generator) -> EyelidParameters:
     """An eye of somebody: gains within a tenth of the mean, the upper lid up to a few degrees lower or higher."""
     down, up, lower = np.clip(random.normal(1.0, [0.04, 0.06, 0.08]), 0.85, 1.15)
-    return Person(
+    return EyelidParameters(
         upper_down=float(down),
         upper_up=float(0.88 * up),
         lower=float(0.35 * lower),
@@ -53,36 +53,38 @@ def draw_person(random: np.random.Generator) -> Person:
     )
 
 
-def upper_turn_rad(pitch_rad: Float[ndarray, "*N"], person: Person) -> Float[ndarray, "*N"]:
+def upper_lid_rotation_rad(
+    pitch_rad: Float[ndarray, "*N"], eyelid_parameters: EyelidParameters
+) -> Float[ndarray, "*N"]:
     """How far the upper lid turns upwards with an eye at a pitch: saturating, less upwards than downwards."""
     up, down = np.maximum(pitch_rad, 0.0), np.maximum(-pitch_rad, 0.0)
-    lifted = person.upper_up * person.lift_rad * np.tanh(up / person.lift_rad)
-    fallen = person.upper_down * person.fall_rad * np.tanh(down / person.fall_rad)
-    return np.asarray(lifted - fallen - person.droop_rad)
+    lifted = eyelid_parameters.upper_up * eyelid_parameters.lift_rad * np.tanh(up / eyelid_parameters.lift_rad)
+    fallen = eyelid_parameters.upper_down * eyelid_parameters.fall_rad * np.tanh(down / eyelid_parameters.fall_rad)
+    return np.asarray(lifted - fallen - eyelid_parameters.droop_rad)
 
 
-def lids(
-    region: Region,
+def lid_points(
+    region: EyelidRegion,
     angles_rad: Float[ndarray, "T 2"],
     lid: Float[ndarray, " T"],
-    person: Person,
+    eyelid_parameters: EyelidParameters,
     jitter_rad: Float[ndarray, " T"],
 ) -> Float[ndarray, "T N 3"]:
     """All points of a region, in its coordinates, at gazes (yaw, pitch in the head) and closures."""
-    upper, lower = _turns(region, angles_rad[:, 1], lid, person, jitter_rad)
+    upper, lower = _turns(region, angles_rad[:, 1], lid, eyelid_parameters, jitter_rad)
     turned = _turned(region.points, region.upper_share * upper + region.lower_share * lower)
-    gaze = direction_of_angles(angles_rad) * TEMPORAL[region.eye]
+    gaze = angles_to_direction(angles_rad) * TEMPORAL_AXES[region.eye]
     ahead = np.array([0.0, 0.0, 1.0])
     distance = np.linalg.norm(region.points, axis=-1)
-    clearance = np.minimum(distance - surface_m(region.points / distance[:, None], ahead), LID_M)
+    clearance = np.minimum(distance - eyeball_radius_m(region.points / distance[:, None], ahead), LID_CLEARANCE_M)
     moved = (region.upper_share + region.lower_share) > 0
     reach = np.linalg.norm(turned, axis=-1, keepdims=True)
     unit = turned / reach
-    least = surface_m(unit, gaze[:, None, :])[..., None] + clearance[:, None]
+    least = eyeball_radius_m(unit, gaze[:, None, :])[..., None] + clearance[:, None]
     return np.where(moved[:, None], unit * np.maximum(reach, least), turned)
 
 
-def surface_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"]) -> Float[ndarray, "*N"]:
+def eyeball_radius_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"]) -> Float[ndarray, "*N"]:
     """Distance from the centre to the eyeball's surface: the sclera, or the cornea that stands out around the gaze."""
     cosine = (unit * gaze).sum(axis=-1)
     under = CORNEA_RADIUS_M**2 - CORNEA_CENTRE_M**2 * (1.0 - cosine**2)
@@ -95,7 +97,7 @@ def iris_contour(
 ) -> Float[ndarray, "T K 3"]:
     """The circle of the iris, in head axes around the eye's centre, as somebody draws it."""
     around = np.linspace(0, 2 * np.pi, points, endpoint=False)
-    gaze = direction_of_angles(angles_rad)
+    gaze = angles_to_direction(angles_rad)
     side = np.cross([0.0, 1.0, 0.0], gaze)
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     up = np.cross(gaze, side)
@@ -105,23 +107,23 @@ def iris_contour(
 
 
 def _turns(
-    region: Region,
+    region: EyelidRegion,
     pitch_rad: Float[ndarray, " T"],
     lid: Float[ndarray, " T"],
-    person: Person,
+    eyelid_parameters: EyelidParameters,
     jitter_rad: Float[ndarray, " T"],
 ) -> tuple[Float[ndarray, "T N"], Float[ndarray, "T N"]]:
     """Angles by which the upper and the lower lid turn at each point's place between the corners."""
-    follows = upper_turn_rad(pitch_rad, person) + jitter_rad
+    follows = upper_lid_rotation_rad(pitch_rad, eyelid_parameters) + jitter_rad
     inside = np.clip(region.along, 0.0, 1.0)
     reach = np.sqrt(4.0 * inside * (1.0 - inside))  # the corners are held by their ligaments
     place = region.along[UPPER]
     rest = np.interp(inside, place, elevation(region.upper)) - np.interp(
         inside, region.along[LOWER], elevation(region.lower)
     )
-    upper, lower = follows[:, None] * reach, (person.lower * pitch_rad)[:, None] * reach
+    upper, lower = follows[:, None] * reach, (eyelid_parameters.lower * pitch_rad)[:, None] * reach
     closing = lid[:, None] * np.maximum(np.maximum(rest, 0.0) + upper - lower, 0.0)
-    return upper - UPPER_TRAVEL * closing, lower + (1.0 - UPPER_TRAVEL) * closing
+    return upper - UPPER_CLOSURE_SHARE * closing, lower + (1.0 - UPPER_CLOSURE_SHARE) * closing
 
 
 def _turned(points: Float[ndarray, "N 3"], angle_rad: Float[ndarray, "T N"]) -> Float[ndarray, "T N 3"]:

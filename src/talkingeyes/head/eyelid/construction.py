@@ -25,7 +25,7 @@ MIDDLE = slice(4, 11)  # of a lid: where its opening is measured, away from the 
 
 
 @dataclass(frozen=True)
-class Labels:
+class LabelledPostures:
     """N postures of one eye: gaze from the iris contour, and the upper, lower and brow-anchor curve joined.
 
     `held` are postures of a gaze held with open eyes, `shut` those with closed lids; the others are anything.
@@ -36,13 +36,13 @@ class Labels:
     held: Bool[ndarray, " N"]
     shut: Bool[ndarray, " N"]
 
-    def at(self, rows: ndarray) -> Labels:
+    def at(self, rows: ndarray) -> LabelledPostures:
         """The postures of a mask or of indices."""
-        return Labels(self.angles_rad[rows], self.curves[rows], self.held[rows], self.shut[rows])
+        return LabelledPostures(self.angles_rad[rows], self.curves[rows], self.held[rows], self.shut[rows])
 
 
 @dataclass(frozen=True)
-class Explained:
+class ExplainedVariance:
     """Share of the variance of the coordinates that stage one, and both stages, reconstruct."""
 
     stage_one: float
@@ -59,22 +59,22 @@ class EyelidModel:
     blink: Float[ndarray, "P 3"]
     mean_blink: float  # v of the mean of the labels: what stage one, which knows no blinks, reconstructs
 
-    def gaze_alone(self, angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N P 3"]:
+    def gaze_only_curves(self, angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N P 3"]:
         """Stage one: the curves that gaze alone gives."""
         return np.asarray(self.rest + np.tensordot(predictors(angles_rad) - self.centre, self.weights, axes=1))
 
     def curves(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N P 3"]:
         """The curves at a gaze and a closure as in `Motion.lid`."""
         blink = self.component(angles_rad, lid)[..., None, None] * self.blink
-        return np.asarray(self.gaze_alone(angles_rad) + blink)
+        return np.asarray(self.gaze_only_curves(angles_rad) + blink)
 
     def component(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
         """The weight v of the blink component: less is needed to shut an eye that already looks down."""
-        return np.asarray(lid * opening(self.gaze_alone(angles_rad)) / -opening(self.blink))
+        return np.asarray(lid * opening(self.gaze_only_curves(angles_rad)) / -opening(self.blink))
 
     def lid(self, angles_rad: Float[ndarray, "*N 2"], curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
         """The closure that comes nearest to curves at a known gaze; the inverse of `curves`."""
-        left = curves - self.gaze_alone(angles_rad)
+        left = curves - self.gaze_only_curves(angles_rad)
         weight = (left * self.blink).sum(axis=(-2, -1)) / (self.blink**2).sum()
         return np.asarray(weight / self.component(angles_rad, np.ones_like(weight)))
 
@@ -93,7 +93,7 @@ def opening(curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
     return np.asarray(gap.mean(axis=-1))
 
 
-def construct(labels: Labels) -> EyelidModel:
+def fit_eyelid_model(labels: LabelledPostures) -> EyelidModel:
     """Both stages from labelled postures. Raises InputError if they do not determine them."""
     if len(labels.curves) < 7 or not labels.held.any() or not labels.shut.any():
         raise InputError(
@@ -121,12 +121,12 @@ def construct(labels: Labels) -> EyelidModel:
     )
 
 
-def explained(model: EyelidModel, labels: Labels) -> Explained:
+def explained_variance(model: EyelidModel, labels: LabelledPostures) -> ExplainedVariance:
     """Variance explained on postures, training or held out. Stage two takes the score that fits each posture best."""
     around = labels.curves - labels.curves.mean(axis=0)
     total = (around**2).sum()
-    left = labels.curves - model.gaze_alone(labels.angles_rad)
+    left = labels.curves - model.gaze_only_curves(labels.angles_rad)
     score = (left * model.blink).sum(axis=(1, 2)) / (model.blink**2).sum()
     one = left - model.mean_blink * model.blink
     both = left - score[:, None, None] * model.blink
-    return Explained(float(1 - (one**2).sum() / total), float(1 - (both**2).sum() / total))
+    return ExplainedVariance(float(1 - (one**2).sum() / total), float(1 - (both**2).sum() / total))

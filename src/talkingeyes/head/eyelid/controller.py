@@ -12,10 +12,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import angles_of_direction, matrices
+from talkingeyes.core.rotation import direction_to_angles, rotvec_to_matrix
 
 
-def aim(
+def aim_eyes(
     target: Float[ndarray, "*N 4"],
     eyes: Float[ndarray, "2 3"],
     head: Float[ndarray, "*N 3"],
@@ -34,16 +34,16 @@ def aim(
     weight = target[..., 3:]
     sign = np.where(weight < 0, -1.0, 1.0)  # (-x, -w) is the same point as (x, w)
     moved = sign * (target[..., :3] - weight * translation)
-    in_head = np.einsum("...ji,...j->...i", matrices(head), moved)
+    in_head = np.einsum("...ji,...j->...i", rotvec_to_matrix(head), moved)
     sight = in_head[..., None, :] - (sign * weight)[..., None, :] * eyes
     length = np.linalg.norm(sight, axis=-1, keepdims=True)
     if (length < 1e-9).any():
         raise InputError("target: should be a point outside the eyes or a direction, got the centre of an eye or zeros")
-    angles = angles_of_direction(sight / length)
+    angles = direction_to_angles(sight / length)
     middle = angles.mean(axis=-2, keepdims=True)
     return np.asarray(middle + vergence_gain * (angles - middle))
 
 
-def vergence_rad(angles_rad: Float[ndarray, "*N 2 2"]) -> Float[ndarray, "*N"]:
+def vergence_angle_rad(angles_rad: Float[ndarray, "*N 2 2"]) -> Float[ndarray, "*N"]:
     """Angle by which the lines of sight converge: positive for near targets."""
     return np.asarray(angles_rad[..., 1, 0] - angles_rad[..., 0, 0])

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.rotation import angles_of_direction
+from talkingeyes.core.rotation import direction_to_angles
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Circle:
     @property
     def angles_rad(self) -> Float[ndarray, " 2"]:
         """Direction of the normal as (yaw, pitch): the paper's a1 (azimuth) and a2 (elevation)."""
-        return angles_of_direction(self.normal)
+        return direction_to_angles(self.normal)
 
 
-def resampled(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]:
+def resample_curve(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]:
     """`count` points at equal steps of length along a polyline, its ends included."""
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -40,7 +40,7 @@ def resampled(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]
     return np.stack([np.interp(at, along, channel) for channel in curve.T], axis=-1)
 
 
-def fitted_circle(contour: Float[ndarray, "K 3"]) -> Circle:
+def fit_circle(contour: Float[ndarray, "K 3"]) -> Circle:
     """The circle through a contour: its plane by singular vectors, centre and radius by linear least squares (Kasa)."""
     if len(contour) < 3 or not np.isfinite(contour).all():
         raise InputError(f"iris contour: should be at least 3 finite points, got {len(contour)}")

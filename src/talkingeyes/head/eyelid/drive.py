@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.rotation import angles_of_gaze
-from talkingeyes.head.eyelid.anatomy import Person
-from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, construct, predictors
+from talkingeyes.core.rotation import gaze_to_angles
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
+from talkingeyes.head.eyelid.construction import LOWER, POINTS, UPPER, fit_eyelid_model, predictors
 from talkingeyes.head.eyelid.labels import posture_grid
-from talkingeyes.head.eyelid.region import TEMPORAL, Region, region
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, region
 from talkingeyes.head.model import HeadModel, Landmarks
 
 SIDES = ("left", "right")
@@ -49,13 +49,13 @@ def lid_landmarks(model: HeadModel) -> Landmarks:
     )
 
 
-def with_eyelids(model: HeadModel, person: Person) -> HeadModel:
+def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadModel:
     """The head with the Eyelid model of both eyes, built on its own lids, among its shapes."""
     shapes = []
     for eye in range(2):
         around = region(model, eye)
-        built = construct(posture_grid(around, person))
-        moved = np.concatenate([built.weights, built.blink[None]]) * TEMPORAL[eye]
+        built = fit_eyelid_model(posture_grid(around, eyelid_parameters))
+        moved = np.concatenate([built.weights, built.blink[None]]) * TEMPORAL_AXES[eye]
         if f"{SCULPTED[0]}Left" in model.expression_names:
             shapes.append(_mixture(model, around, moved[:, :POINTS]))
         else:
@@ -69,7 +69,7 @@ def with_eyelids(model: HeadModel, person: Person) -> HeadModel:
     )
 
 
-def _mixture(model: HeadModel, around: Region, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
+def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
     """Mixtures of the sculpted lid shapes of an eye whose lid curves rise and fall as `curves` do, in head axes.
 
     Heights alone: they open and close the eye, and depth follows from the sculpted skin.
@@ -88,7 +88,7 @@ def eyelid_weights(
     model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]
 ) -> dict[str, Float[ndarray, " T"]]:
     """Weights of the ten shapes at gazes and closures (`Motion.gaze`, `Motion.lid`)."""
-    inputs = predictors(angles_of_gaze(gaze)) - AHEAD
+    inputs = predictors(gaze_to_angles(gaze)) - AHEAD
     first = model.shape(LID_SHAPES[0])
     weights: dict[str, Float[ndarray, " T"]] = {}
     for eye, side in enumerate(SIDES):

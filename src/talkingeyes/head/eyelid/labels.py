@@ -13,53 +13,57 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.head.eyelid.anatomy import JITTER_RAD, Person, iris_contour, lids
-from talkingeyes.head.eyelid.construction import POINTS, Labels
-from talkingeyes.head.eyelid.curves import fitted_circle
-from talkingeyes.head.eyelid.region import Region
+from talkingeyes.head.eyelid.anatomy import JITTER_RAD, EyelidParameters, iris_contour, lid_points
+from talkingeyes.head.eyelid.construction import POINTS, LabelledPostures
+from talkingeyes.head.eyelid.curves import fit_circle
+from talkingeyes.head.eyelid.region import EyelidRegion
 
 HELD_RAD = np.radians([[yaw, pitch] for pitch in (18.0, 0.0, -28.0) for yaw in (-30.0, 0.0, 30.0)])
-SHUT, FREE = 1, 24
+CLOSED_POSTURES, SPEECH_POSTURES = 1, 24
 FREE_SPREAD_RAD, FREE_LIMITS_RAD = np.radians([9.0, 7.0]), np.radians([[-30.0, -25.0], [30.0, 18.0]])
 BLINKS, REST_SPREAD = 0.15, 0.06  # share of speech spent in blinks (26 a minute), spread of the lid's rest
-DRAWN_M = 0.0003  # how far a hand-drawn curve is off
+LABEL_NOISE_M = 0.0003  # how far a hand-drawn curve is off
 IRIS_POINTS = 16
-APART_RAD = np.radians(2.0)
+HELD_OUT_DISTANCE_RAD = np.radians(2.0)
 
 Random = np.random.Generator
-Lids = Callable[[ndarray, ndarray, Random], ndarray]  # angles (N, 2) and closures (N,) to curves (N, P, 3) of a region
+LidCurveFunction = Callable[
+    [ndarray, ndarray, Random], ndarray
+]  # angles (N, 2) and closures (N,) to curves (N, P, 3) of a region
 
 
-def anatomical(region: Region, person: Person) -> Lids:
+def anatomical_lid_curves(region: EyelidRegion, eyelid_parameters: EyelidParameters) -> LidCurveFunction:
     """Lids that move as `anatomy` says, with the unrest of a lid on a still eye in each posture."""
 
     def curves(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], random: Random) -> Float[ndarray, "N P 3"]:
         jitter = random.normal(0.0, JITTER_RAD, len(lid))
-        return lids(region, angles_rad, lid, person, jitter)[:, :POINTS]
+        return lid_points(region, angles_rad, lid, eyelid_parameters, jitter)[:, :POINTS]
 
     return curves
 
 
-def paper_postures(shown: Lids, random: Random) -> Labels:
+def paper_postures(lid_curves: LidCurveFunction, random: Random) -> LabelledPostures:
     """The paper's training set: 9 held gazes, closed lids, 24 postures of speech."""
-    free, lid = _free(FREE, random)
-    angles = np.concatenate([HELD_RAD, np.zeros((SHUT, 2)), free])
-    closures = np.concatenate([np.zeros(len(HELD_RAD)), np.ones(SHUT), lid])
+    free, lid = _sample_speech_postures(SPEECH_POSTURES, random)
+    angles = np.concatenate([HELD_RAD, np.zeros((CLOSED_POSTURES, 2)), free])
+    closures = np.concatenate([np.zeros(len(HELD_RAD)), np.ones(CLOSED_POSTURES), lid])
     place = np.arange(len(angles))
-    held, shut = place < len(HELD_RAD), (place >= len(HELD_RAD)) & (place < len(HELD_RAD) + SHUT)
-    return Labels(*_drawn(shown, angles, closures, random), held=held, shut=shut)
+    held, shut = place < len(HELD_RAD), (place >= len(HELD_RAD)) & (place < len(HELD_RAD) + CLOSED_POSTURES)
+    return LabelledPostures(*_label(lid_curves, angles, closures, random), held=held, shut=shut)
 
 
-def held_out_postures(shown: Lids, seen_rad: Float[ndarray, "K 2"], count: int, random: Random) -> Labels:
+def held_out_postures(
+    lid_curves: LidCurveFunction, training_angles_rad: Float[ndarray, "K 2"], count: int, random: Random
+) -> LabelledPostures:
     """Postures of speech whose gaze lies at least APART_RAD from every gaze that was seen in training."""
-    angles, lid = _free(20 * count, random)
-    away = np.linalg.norm(angles[:, None] - seen_rad, axis=-1).min(axis=1) >= APART_RAD
+    angles, lid = _sample_speech_postures(20 * count, random)
+    away = np.linalg.norm(angles[:, None] - training_angles_rad, axis=-1).min(axis=1) >= HELD_OUT_DISTANCE_RAD
     rows = np.flatnonzero(away)[:count]
     none = np.zeros(len(rows), bool)
-    return Labels(*_drawn(shown, angles[rows], lid[rows], random), held=none, shut=none)
+    return LabelledPostures(*_label(lid_curves, angles[rows], lid[rows], random), held=none, shut=none)
 
 
-def posture_grid(region: Region, person: Person) -> Labels:
+def posture_grid(region: EyelidRegion, eyelid_parameters: EyelidParameters) -> LabelledPostures:
     """Gazes in rows and columns with open lids, and closures at gaze ahead, exact, with all points of the region.
 
     What drives a head: half-shut lids follow gaze less, and would weaken the first stage if they were shown with it.
@@ -68,20 +72,20 @@ def posture_grid(region: Region, person: Person) -> Labels:
     gazes, closing = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), np.linspace(0.25, 1, 4)
     angles = np.concatenate([gazes, np.zeros((len(closing), 2))])
     closures = np.concatenate([np.zeros(len(gazes)), closing])
-    points = lids(region, angles, closures, person, np.zeros(len(angles)))
-    return Labels(angles, points, held=closures == 0.0, shut=closures == 1.0)
+    points = lid_points(region, angles, closures, eyelid_parameters, np.zeros(len(angles)))
+    return LabelledPostures(angles, points, held=closures == 0.0, shut=closures == 1.0)
 
 
-def _free(count: int, random: Random) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
+def _sample_speech_postures(count: int, random: Random) -> tuple[Float[ndarray, "N 2"], Float[ndarray, " N"]]:
     angles = np.clip(random.normal(0.0, FREE_SPREAD_RAD, (count, 2)), *FREE_LIMITS_RAD)
     rest = np.clip(random.normal(0.0, REST_SPREAD, count), -0.2, 0.3)
     return angles, np.where(random.random(count) < BLINKS, random.uniform(0.3, 1.0, count), rest)
 
 
-def _drawn(
-    shown: Lids, angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], random: Random
+def _label(
+    lid_curves: LidCurveFunction, angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], random: Random
 ) -> tuple[Float[ndarray, "N 2"], Float[ndarray, "N P 3"]]:
-    exact = shown(angles_rad, lid, random)
-    curves = exact + random.normal(0.0, DRAWN_M / np.sqrt(3), exact.shape)
-    contours = iris_contour(angles_rad, IRIS_POINTS, random, DRAWN_M / np.sqrt(3))
-    return np.stack([fitted_circle(contour).angles_rad for contour in contours]), curves
+    exact = lid_curves(angles_rad, lid, random)
+    curves = exact + random.normal(0.0, LABEL_NOISE_M / np.sqrt(3), exact.shape)
+    contours = iris_contour(angles_rad, IRIS_POINTS, random, LABEL_NOISE_M / np.sqrt(3))
+    return np.stack([fit_circle(contour).angles_rad for contour in contours]), curves

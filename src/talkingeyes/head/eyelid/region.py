@@ -17,16 +17,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.head.eyelid.construction import ANCHOR, LOWER, UPPER
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
-REACH_M = 0.045  # skin farther from the eye than this is none of its lids
+MAX_LID_DISTANCE_M = 0.045  # skin farther from the eye than this is none of its lids
 ANCHOR_HEIGHT_M, CHEEK_DEPTH_M = 0.017, 0.015  # from the eye's centre to where the skin no longer follows a lid
 EYEBALL_M = 0.0125
 DIRECTIONS = 180
 SKIN = [PARTS.index("skin"), PARTS.index("brow")]
-TEMPORAL = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # from head axes to those of the left and right region
+TEMPORAL_AXES = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # from head axes to those of the left and right region
 
 
 @dataclass(frozen=True)
-class Region:
+class EyelidRegion:
     """One eye of a head: its curves as points of the surface, and the vertices around that lids may move.
 
     `points` are those of the curves, then those of the vertices; `along` runs from 0 at the inner to 1 at the outer
@@ -51,12 +51,14 @@ class Region:
         return self.points[LOWER]
 
 
-def region(model: HeadModel, eye: int) -> Region:
+def region(model: HeadModel, eye: int) -> EyelidRegion:
     """The lids of one eye. Raises InputError if the mesh has no skin around it."""
-    centre, axes = model.eye_centres[eye], TEMPORAL[eye]
+    centre, axes = model.eye_centres[eye], TEMPORAL_AXES[eye]
     local = (model.template - centre) * axes
     skin = model.faces[np.isin(model.parts, SKIN)]
-    near = (np.linalg.norm(local[skin], axis=-1) < REACH_M).all(axis=1) & (local[skin][..., 2] > 0).all(axis=1)
+    near = (np.linalg.norm(local[skin], axis=-1) < MAX_LID_DISTANCE_M).all(axis=1) & (local[skin][..., 2] > 0).all(
+        axis=1
+    )
     if near.sum() < DIRECTIONS // 4:
         raise InputError(f"head {model.name}: should have skin in front of both eyes, got {near.sum()} triangles")
     around = skin[near]
@@ -65,7 +67,7 @@ def region(model: HeadModel, eye: int) -> Region:
     vertices = np.unique(around)
     points = np.concatenate([curves.of(local), local[vertices]])
     along, upper, lower = _shares(points)
-    return Region(eye, centre, curves, vertices, points, along, upper, lower)
+    return EyelidRegion(eye, centre, curves, vertices, points, along, upper, lower)
 
 
 def _contour(local: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Landmarks:

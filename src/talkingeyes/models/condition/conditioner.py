@@ -15,24 +15,24 @@ from jaxtyping import Float, Int
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.core.settings import PartSettings, Role
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
-CONDITIONERS = Role(
+CONDITIONERS = ComponentRegistry(
     "condition",
     {
-        "speaker": "talkingeyes.models.condition.speaker:SpeakerTable",
-        "reference": "talkingeyes.models.condition.reference:ReferenceStyle",
+        "speaker": "talkingeyes.models.condition.speaker:SpeakerEmbedding",
+        "reference": "talkingeyes.models.condition.reference:StyleEncoder",
         "partner": "talkingeyes.models.condition.partner:PartnerSpeech",
     },
-    ("needs", "learn_from", "forward"),
+    ("required_inputs", "fit_statistics", "forward"),
 )
-ConditionSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(CONDITIONERS.read)]
+ConditionSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(CONDITIONERS.parse)]
 
-Need = Literal["speaker", "reference", "partner", "sound"]
+InputName = Literal["speaker", "reference", "partner", "sound"]
 
 
 @dataclass(frozen=True)
-class Given:
+class ConditioningInputs:
     """What B windows of T frames come with. None: nothing; a row of NaN (speaker -1): nothing for this window.
 
     `speaker` is a number in the list of the training speakers (their mirror images come after them), `reference` head
@@ -45,17 +45,17 @@ class Given:
     partner: Float[Tensor, "B T C"] | None = None
     sound: Float[Tensor, "B N"] | None = None
 
-    def to(self, device: torch.device) -> Given:
+    def to(self, device: torch.device) -> ConditioningInputs:
         """The same on a device."""
         found = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Given(**{name: None if each is None else each.to(device) for name, each in found.items()})
+        return ConditioningInputs(**{name: None if each is None else each.to(device) for name, each in found.items()})
 
 
-NOTHING = Given()
+NO_CONDITIONING = ConditioningInputs()
 
 
 @dataclass(frozen=True)
-class Known:
+class ConditioningSpec:
     """What a conditioner is made for: the channels of the embedding, and the training speakers by number."""
 
     channels: tuple[str, ...]
@@ -63,7 +63,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Seen:
+class TrainingStatistics:
     """The train split: statistics of the speech embedding, and motions (head and eye-in-head, radians)."""
 
     mean: Float[Tensor, " C"]
@@ -72,14 +72,14 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Told:
+class ConditionFeatures:
     """What the head's and the gaze's generator are told of B windows: vectors, a row a frame or one for all frames."""
 
     head: Float[Tensor, "B _ S"]
     gaze: Float[Tensor, "B _ S"]
 
     @classmethod
-    def alike(cls, both: Float[Tensor, "B _ S"]) -> Told:
+    def shared(cls, both: Float[Tensor, "B _ S"]) -> ConditionFeatures:
         """The same for both."""
         return cls(both, both)
 
@@ -88,21 +88,21 @@ class Told:
 class Conditioner(Protocol):
     """The role: a torch module made as `Class(settings, width, known)`, `width` that of the speech features."""
 
-    configured_by: Any
+    settings_class: Any
     # What must be given; a model that needs nothing pays for nothing.
-    needs: tuple[Need, ...]
+    required_inputs: tuple[InputName, ...]
 
-    def learn_from(self, seen: Seen) -> None:
+    def fit_statistics(self, statistics: TrainingStatistics) -> None:
         """Take the statistics of the train split."""
         ...
 
-    def forward(self, given: Given, rows: int) -> Told:
+    def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """What stands beside the speech features of so many windows."""
         ...
 
 
-def told_nothing(rows: int, share: float, training: bool, device: torch.device) -> Tensor:
+def condition_dropout_mask(batch_size: int, probability: float, training: bool, device: torch.device) -> Tensor:
     """Which windows of a training batch are told nothing, so that a model can also do without (a bool a row)."""
-    if not training or not share:
-        return torch.zeros(rows, dtype=torch.bool, device=device)
-    return torch.rand(rows, device=device) < share
+    if not training or not probability:
+        return torch.zeros(batch_size, dtype=torch.bool, device=device)
+    return torch.rand(batch_size, device=device) < probability

@@ -8,12 +8,18 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told
-from talkingeyes.models.speech import SpeechInput, SpeechSettings
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.condition.conditioner import (
+    ConditionFeatures,
+    ConditioningInputs,
+    ConditioningSpec,
+    InputName,
+    TrainingStatistics,
+)
+from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
 
 
-class PartnerSpeechSettings(PartSettings):
+class PartnerSpeechSettings(ComponentSettings):
     """How the partner is heard: a SpeechSettings as wide as that of one's own speech."""
 
     kind: Literal["partner"]
@@ -26,22 +32,24 @@ class PartnerSpeechSettings(PartSettings):
 class PartnerSpeech(nn.Module):
     """Features of the partner's speech, as wide as one's own; zero where there is no partner."""
 
-    configured_by = PartnerSpeechSettings
-    needs: tuple[Need, ...] = ("partner",)
+    settings_class = PartnerSpeechSettings
+    required_inputs: tuple[InputName, ...] = ("partner",)
 
-    def __init__(self, settings: PartnerSpeechSettings, width: int, known: Known) -> None:
+    def __init__(self, settings: PartnerSpeechSettings, width: int, spec: ConditioningSpec) -> None:
         super().__init__()
-        own = SpeechSettings(width=width, **settings.model_dump(exclude={"kind"}))
-        self.speech = SpeechInput(own, known.channels)
+        own = SpeechProjectionSettings(width=width, **settings.model_dump(exclude={"kind"}))
+        self.speech = SpeechProjection(own, spec.channels)
 
-    def learn_from(self, seen: Seen) -> None:
+    def fit_statistics(self, statistics: TrainingStatistics) -> None:
         """Both channels are heard in the same units."""
-        self.speech.standardise_by(seen.mean, seen.std)
+        self.speech.standardise_by(statistics.mean, statistics.std)
 
-    def forward(self, given: Given, rows: int) -> Told:
+    def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """A row a frame."""
-        if given.partner is None:
-            return Told.alike(self.speech.mean.new_zeros(rows, 1, self.speech.stack.enter.out_features))
-        missing = given.partner.isnan().flatten(1).any(1)
-        heard: Tensor = self.speech(given.partner.nan_to_num())
-        return Told.alike(torch.where(missing[:, None, None], 0.0, heard))
+        if conditioning.partner is None:
+            return ConditionFeatures.shared(
+                self.speech.mean.new_zeros(batch_size, 1, self.speech.stack.input_projection.out_features)
+            )
+        missing = conditioning.partner.isnan().flatten(1).any(1)
+        partner_features: Tensor = self.speech(conditioning.partner.nan_to_num())
+        return ConditionFeatures.shared(torch.where(missing[:, None, None], 0.0, partner_features))

@@ -14,64 +14,73 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.condition.conditioner import (
+    ConditionFeatures,
+    ConditioningInputs,
+    ConditioningSpec,
+    InputName,
+    TrainingStatistics,
+    condition_dropout_mask,
+)
 
-MOTION = 9
-DESCRIBED = 3 * MOTION
-FARTHEST = 3.0  # deviations: nobody's style is read as stranger than that
-SMALLEST = 1e-4  # radians: what moves less is still
+MOTION_DIM = 9
+STATISTICS_DIM = 3 * MOTION_DIM
+MAX_DEVIATION = 3.0  # deviations: nobody's style is read as stranger than that
+MIN_SPREAD_RAD = 1e-4  # radians: what moves less is still
 
 
-class ReferenceStyleSettings(PartSettings):
+class StyleEncoderSettings(ComponentSettings):
     """The encoder of styles."""
 
     kind: Literal["reference"]
     # Numbers of a style.
-    numbers: Annotated[int, Field(gt=0)]
+    style_dim: Annotated[int, Field(gt=0)]
     # Share of the training windows that are given no reference.
-    hidden: Annotated[float, Field(ge=0, lt=1)]
+    condition_dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
-class ReferenceStyle(nn.Module):
+class StyleEncoder(nn.Module):
     """A vector of each reference, or a learnt one where there is none."""
 
     mean: Tensor
     std: Tensor
 
-    configured_by = ReferenceStyleSettings
-    needs: tuple[Need, ...] = ("reference",)
+    settings_class = StyleEncoderSettings
+    required_inputs: tuple[InputName, ...] = ("reference",)
 
-    def __init__(self, settings: ReferenceStyleSettings, width: int, known: Known) -> None:
+    def __init__(self, settings: StyleEncoderSettings, width: int, spec: ConditioningSpec) -> None:
         super().__init__()
         self.settings = settings
-        self.register_buffer("mean", torch.zeros(DESCRIBED))
-        self.register_buffer("std", torch.ones(DESCRIBED))
-        self.style = nn.Linear(DESCRIBED, settings.numbers)
-        self.vector = nn.Linear(settings.numbers, width)
-        self.nobody = nn.Parameter(torch.zeros(width))
+        self.register_buffer("mean", torch.zeros(STATISTICS_DIM))
+        self.register_buffer("std", torch.ones(STATISTICS_DIM))
+        self.style = nn.Linear(STATISTICS_DIM, settings.style_dim)
+        self.vector = nn.Linear(settings.style_dim, width)
+        self.null_embedding = nn.Parameter(torch.zeros(width))
 
-    def learn_from(self, seen: Seen) -> None:
+    def fit_statistics(self, statistics: TrainingStatistics) -> None:
         """In what, and by how much, the motions of the train split differ."""
-        described = torch.stack([described_motion(each[None])[0] for each in seen.motions])
-        std = described.std(0, correction=0)
-        self.mean.copy_(described.mean(0))
-        self.std.copy_(torch.where(std > SMALLEST, std, torch.inf))
+        motion_features = torch.stack([motion_statistics(each[None])[0] for each in statistics.motions])
+        std = motion_features.std(0, correction=0)
+        self.mean.copy_(motion_features.mean(0))
+        self.std.copy_(torch.where(std > MIN_SPREAD_RAD, std, torch.inf))
 
-    def forward(self, given: Given, rows: int) -> Told:
+    def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """The vector of each window's reference."""
-        if given.reference is None:
-            return Told.alike(self.nobody.expand(rows, 1, -1))
-        missing = given.reference.isnan().flatten(1).any(1)
-        described = (described_motion(given.reference.nan_to_num()) - self.mean) / self.std
-        described = described.clamp(-FARTHEST, FARTHEST)
-        found = self.vector(self.style(described).tanh())
-        hidden = missing | told_nothing(len(missing), self.settings.hidden, self.training, missing.device)
-        return Told.alike(torch.where(hidden[:, None], self.nobody, found)[:, None])
+        if conditioning.reference is None:
+            return ConditionFeatures.shared(self.null_embedding.expand(batch_size, 1, -1))
+        missing = conditioning.reference.isnan().flatten(1).any(1)
+        motion_features = (motion_statistics(conditioning.reference.nan_to_num()) - self.mean) / self.std
+        motion_features = motion_features.clamp(-MAX_DEVIATION, MAX_DEVIATION)
+        found = self.vector(self.style(motion_features).tanh())
+        condition_dropout = missing | condition_dropout_mask(
+            len(missing), self.settings.condition_dropout, self.training, missing.device
+        )
+        return ConditionFeatures.shared(torch.where(condition_dropout[:, None], self.null_embedding, found)[:, None])
 
 
-def described_motion(motion: Float[Tensor, "B R 9"]) -> Float[Tensor, "B 27"]:
+def motion_statistics(motion: Float[Tensor, "B R 9"]) -> Float[Tensor, "B 27"]:
     """Where each number rests, and the logarithms of how far and how fast it moves."""
-    wide = motion.std(1, correction=0).clamp(min=SMALLEST).log()
-    fast = motion.diff(dim=1).abs().mean(1).clamp(min=SMALLEST / 10).log()
+    wide = motion.std(1, correction=0).clamp(min=MIN_SPREAD_RAD).log()
+    fast = motion.diff(dim=1).abs().mean(1).clamp(min=MIN_SPREAD_RAD / 10).log()
     return torch.cat([motion.mean(1), wide, fast], dim=1)

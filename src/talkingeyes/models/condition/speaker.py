@@ -13,14 +13,21 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings, Settings
-from talkingeyes.models.condition.conditioner import Given, Known, Need, Seen, Told, told_nothing
+from talkingeyes.core.settings import ComponentSettings, Settings
+from talkingeyes.models.condition.conditioner import (
+    ConditionFeatures,
+    ConditioningInputs,
+    ConditioningSpec,
+    InputName,
+    TrainingStatistics,
+    condition_dropout_mask,
+)
 
 # Standard deviation of the vectors that learning starts from.
-START = 0.3
+INIT_STD = 0.3
 
 
-class EmphasisSettings(Settings):
+class EmbeddingScaleSettings(Settings):
     """How many times as far from the mean of all as it was learnt a vector is in use: people learnt from a few clips
     each come out too much alike, by how much is not the same for their heads and for where they look (docs/log.md). As
     a guidance scale (Ho & Salimans 2022), with everybody for nobody."""
@@ -29,42 +36,52 @@ class EmphasisSettings(Settings):
     gaze: Annotated[float, Field(gt=0)]
 
 
-class SpeakerTableSettings(PartSettings):
+class SpeakerEmbeddingSettings(ComponentSettings):
     """The table."""
 
     kind: Literal["speaker"]
     # Share of the training windows that are not told who moves.
-    hidden: Annotated[float, Field(ge=0, lt=1)]
-    emphasis: EmphasisSettings
+    condition_dropout: Annotated[float, Field(ge=0, lt=1)]
+    embedding_scale: EmbeddingScaleSettings
 
 
-class SpeakerTable(nn.Module):
+class SpeakerEmbedding(nn.Module):
     """A vector a speaker: what his mirror image has too, and what it has turned round. The last is for nobody."""
 
-    configured_by = SpeakerTableSettings
-    needs: tuple[Need, ...] = ("speaker",)
+    settings_class = SpeakerEmbeddingSettings
+    required_inputs: tuple[InputName, ...] = ("speaker",)
 
-    def __init__(self, settings: SpeakerTableSettings, width: int, known: Known) -> None:
+    def __init__(self, settings: SpeakerEmbeddingSettings, width: int, spec: ConditioningSpec) -> None:
         super().__init__()
-        self.hidden, self.emphasis, self.speakers = settings.hidden, settings.emphasis, len(known.speakers)
-        self.upright, self.leaning = (nn.Embedding(self.speakers + 1, width) for _ in range(2))
-        for table in (self.upright, self.leaning):
-            nn.init.normal_(table.weight, std=START)
+        self.condition_dropout, self.embedding_scale, self.speakers = (
+            settings.condition_dropout,
+            settings.embedding_scale,
+            len(spec.speakers),
+        )
+        self.symmetric, self.antisymmetric = (nn.Embedding(self.speakers + 1, width) for _ in range(2))
+        for table in (self.symmetric, self.antisymmetric):
+            nn.init.normal_(table.weight, std=INIT_STD)
 
-    def learn_from(self, seen: Seen) -> None:
+    def fit_statistics(self, statistics: TrainingStatistics) -> None:
         """There is nothing to measure."""
 
-    def forward(self, given: Given, rows: int) -> Told:
+    def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
         """The vector of each window's speaker."""
-        device = self.upright.weight.device
-        who = torch.full((rows,), -1, device=device) if given.speaker is None else given.speaker
-        nobody = told_nothing(len(who), self.hidden, self.training, device) | (who < 0)
-        side = torch.where(nobody, 0.0, torch.where(who < self.speakers, 1.0, -1.0))
-        index = torch.where(nobody, self.speakers, who % self.speakers)
-        found: Tensor = self.upright(index) + side[:, None] * self.leaning(index)
+        device = self.symmetric.weight.device
+        speaker_index = (
+            torch.full((batch_size,), -1, device=device) if conditioning.speaker is None else conditioning.speaker
+        )
+        unconditional = condition_dropout_mask(len(speaker_index), self.condition_dropout, self.training, device) | (
+            speaker_index < 0
+        )
+        side = torch.where(unconditional, 0.0, torch.where(speaker_index < self.speakers, 1.0, -1.0))
+        index = torch.where(unconditional, self.speakers, speaker_index % self.speakers)
+        found: Tensor = self.symmetric(index) + side[:, None] * self.antisymmetric(index)
         if self.training:
-            return Told.alike(found[:, None])
-        everybody = torch.where(nobody[:, None], found, self.upright.weight[:-1].mean(0))
-        own = found - everybody
-        head, gaze = ((everybody + size * own)[:, None] for size in (self.emphasis.head, self.emphasis.gaze))
-        return Told(head, gaze)
+            return ConditionFeatures.shared(found[:, None])
+        mean_embedding = torch.where(unconditional[:, None], found, self.symmetric.weight[:-1].mean(0))
+        own = found - mean_embedding
+        head, gaze = (
+            (mean_embedding + size * own)[:, None] for size in (self.embedding_scale.head, self.embedding_scale.gaze)
+        )
+        return ConditionFeatures(head, gaze)

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 
-JAW = 3
+JAW_DIM = 3
 SIDES = ("Left", "Right")
 
 
@@ -28,7 +28,7 @@ class FaceBasis:
     @property
     def numbers(self) -> int:
         """Of one frame: expression and jaw."""
-        return len(self.expression_names) + JAW
+        return len(self.expression_names) + JAW_DIM
 
     @classmethod
     def of(cls, content: Any) -> FaceBasis:
@@ -39,15 +39,15 @@ class FaceBasis:
         """As JSON can say it."""
         return asdict(self) | {"expression_names": list(self.expression_names)}
 
-    def require(self, other: FaceBasis, what: str, mend: str) -> None:
+    def require_match(self, other: FaceBasis, what: str, hint: str) -> None:
         """Raises InputError (one line) unless `what`, which has this basis, is of the head `other`."""
         if self != other:
             raise InputError(
                 f"{what}: should be of the head {other.head_model} ({len(other.expression_names)} shapes), "
-                f"got {self.head_model} ({len(self.expression_names)}); {mend}"
+                f"got {self.head_model} ({len(self.expression_names)}); {hint}"
             )
 
-    def joined(self, expression: Float[ndarray, "T C"], jaw: Float[ndarray, "T 3"]) -> Float[ndarray, "T F"]:
+    def to_vector(self, expression: Float[ndarray, "T C"], jaw: Float[ndarray, "T 3"]) -> Float[ndarray, "T F"]:
         """The numbers of frames."""
         return np.concatenate([expression, jaw], axis=-1).astype(np.float32)
 
@@ -62,7 +62,7 @@ class FaceBasis:
             )
         order = [self.expression_names.index(_other_side(name)) for name in self.expression_names]
         sign = np.array([1, -1, -1], face.dtype)
-        return np.concatenate([face[..., order], face[..., -JAW:] * sign], axis=-1)
+        return np.concatenate([face[..., order], face[..., -JAW_DIM:] * sign], axis=-1)
 
 
 def _other_side(name: str) -> str:

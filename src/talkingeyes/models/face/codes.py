@@ -16,59 +16,61 @@ from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
-from talkingeyes.models.face.regression import AutoregressionSettings, HistoryDecoder, mixed
+from talkingeyes.models.face.regression import AutoregressionSettings, AutoregressiveDecoder, mix_history
 from talkingeyes.models.face.vqvae import FaceVQVAE
-from talkingeyes.models.layers.transformer import shifted
+from talkingeyes.models.layers.transformer import shift_right
 
 
-class CodesFaceSettings(AutoregressionSettings):
+class AutoregressiveCodesFaceSettings(AutoregressionSettings):
     """Nothing more."""
 
     kind: Literal["codes"]
 
 
-class CodesFace(nn.Module):
+class AutoregressiveCodesFace(nn.Module):
     """The codes of the next frame from those before it and the speech."""
 
-    configured_by = CodesFaceSettings
+    settings_class = AutoregressiveCodesFaceSettings
 
-    def __init__(self, settings: CodesFaceSettings, speech: int, numbers: int, prior: FaceAutoencoder | None) -> None:
+    def __init__(
+        self, settings: AutoregressiveCodesFaceSettings, speech: int, face_dim: int, prior: FaceAutoencoder | None
+    ) -> None:
         super().__init__()
         if not isinstance(prior, FaceVQVAE) or prior.settings.layout != "frames":
             raise InputError("model.prior: should be a codebook with layout frames for a face of codes")
         self.settings, self.prior = settings, prior
-        self.decoder = HistoryDecoder(settings, speech, prior.predicted, prior.predicted)
+        self.decoder = AutoregressiveDecoder(settings, speech, prior.predicted_dim, prior.predicted_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
         """The prior has statistics of its own."""
 
-    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """L1 between latents, of expression and of jaw; the history are true codes, a share of them its own."""
         true = self.prior.latents(face)
-        first = self._history(self.prior.through(true))
+        first = self._history(self.prior.decoder_inputs(true))
         with torch.no_grad():
-            own = self._history(self.prior.through(self.decoder(speech, first)))
-        latents = self.decoder(speech, mixed(first, own, self.settings.own_history))
-        again = self.prior.decode(self.prior.through(latents))
+            own = self._history(self.prior.decoder_inputs(self.decoder(speech, first)))
+        latents = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
+        reconstructed = self.prior.decode(self.prior.decoder_inputs(latents))
         return {
             "latent": F.l1_loss(latents.float(), true),
-            **reconstruction(self.prior.normal(again), self.prior.normal(face)),
+            **reconstruction(self.prior.normal(reconstructed), self.prior.normal(face)),
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """Frame after frame; at temperature 0 one face for all seeds."""
         rows = len(seeds) if temperature else 1
-        noise = self.prior.noise(seeds[:rows], speech.shape[1], slow_frames=1)
-        steps = self.decoder.start(speech.expand(rows, -1, -1))
-        before = torch.zeros((rows, self.prior.predicted), device=speech.device)
+        noise = self.prior.noise(seeds[:rows], speech.shape[1], correlation_frames=1)
+        decoding = self.decoder.start(speech.expand(rows, -1, -1))
+        previous = torch.zeros((rows, self.prior.predicted_dim), device=speech.device)
         values = []
         for position in range(speech.shape[1]):
-            latents = steps.next(position, before)[:, None]
-            drawn = self.prior.drawn(latents, noise[:, position : position + 1], temperature)
+            latents = decoding.decode_step(position, previous)[:, None]
+            drawn = self.prior.sample_decoder_inputs(latents, noise[:, position : position + 1], temperature)
             values.append(drawn)
-            before = (drawn / self.prior.latent_scale)[:, 0]
+            previous = (drawn / self.prior.latent_scale)[:, 0]
         return self.prior.decode(torch.cat(values, dim=1)).expand(len(seeds), -1, -1)
 
     def _history(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
         """Code values before each frame, in units of the latents."""
-        return shifted(values.detach() / self.prior.latent_scale, torch.zeros_like(values[:, :1]))
+        return shift_right(values.detach() / self.prior.latent_scale, torch.zeros_like(values[:, :1]))

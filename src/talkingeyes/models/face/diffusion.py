@@ -17,12 +17,12 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
-from talkingeyes.models.layers.normal import Normal
+from talkingeyes.models.layers.normal import MotionNormaliser
 
 
-class DiffusionFaceSettings(PartSettings):
+class DiffusionFaceSettings(ComponentSettings):
     """The network and how it is sampled."""
 
     kind: Literal["diffusion"]
@@ -30,8 +30,8 @@ class DiffusionFaceSettings(PartSettings):
     layers: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # Steps of noise in training, and how many of them generation takes.
-    noise_steps: Annotated[int, Field(gt=1)]
-    sampled_steps: Annotated[int, Field(gt=0)]
+    diffusion_steps: Annotated[int, Field(gt=1)]
+    sampling_steps: Annotated[int, Field(gt=0)]
     # 1: noise is drawn anew at every step, as in DDPM; 0: only at the start, as in DDIM.
     eta: Annotated[float, Field(ge=0, le=1)]
 
@@ -39,34 +39,34 @@ class DiffusionFaceSettings(PartSettings):
 class DiffusionFace(nn.Module):
     """A recurrent network that cleans faces."""
 
-    kept: Tensor
-    configured_by = DiffusionFaceSettings
+    alpha_bar: Tensor
+    settings_class = DiffusionFaceSettings
 
     def __init__(
-        self, settings: DiffusionFaceSettings, speech: int, numbers: int, prior: FaceAutoencoder | None
+        self, settings: DiffusionFaceSettings, speech: int, face_dim: int, prior: FaceAutoencoder | None
     ) -> None:
         super().__init__()
-        self.settings, self.normal = settings, Normal(numbers)
-        self.enter = nn.Linear(numbers, settings.width)
-        self.hear = nn.Linear(speech, settings.width)
-        self.when = nn.Linear(settings.width, settings.width)
+        self.settings, self.normal = settings, MotionNormaliser(face_dim)
+        self.input_projection = nn.Linear(face_dim, settings.width)
+        self.speech_projection = nn.Linear(speech, settings.width)
+        self.time_projection = nn.Linear(settings.width, settings.width)
         dropout = settings.dropout if settings.layers > 1 else 0.0
         self.recurrent = nn.GRU(2 * settings.width, settings.width, settings.layers, batch_first=True, dropout=dropout)
-        self.out = nn.Linear(settings.width, numbers)
-        self.register_buffer("kept", _cosine(settings.noise_steps))
+        self.out = nn.Linear(settings.width, face_dim)
+        self.register_buffer("alpha_bar", _cosine_schedule(settings.diffusion_steps))
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
         """Set what faces are centred on and divided by."""
         self.normal.set(mean, scale)
 
-    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """L1 of the cleaned expression and jaw, at a random step of noise a row."""
         true = self.normal(face)
         draw = torch.rand(len(true), device=true.device)
-        step = (draw * self.settings.noise_steps).long() + 1
-        kept = self.kept[step][:, None, None]
-        noisy = kept.sqrt() * true + (1 - kept).sqrt() * torch.randn_like(true)
-        return reconstruction(self._clean(noisy, step, speech), true)
+        step = (draw * self.settings.diffusion_steps).long() + 1
+        alpha_bar = self.alpha_bar[step][:, None, None]
+        noisy = alpha_bar.sqrt() * true + (1 - alpha_bar).sqrt() * torch.randn_like(true)
+        return reconstruction(self._denoise(noisy, step, speech), true)
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """From noise to a face, a seed a row; `temperature` scales all noise."""
@@ -77,16 +77,18 @@ class DiffusionFace(nn.Module):
             drawn = torch.stack([torch.randn(size, generator=each) for each in generators])
             return temperature * drawn.to(speech)
 
-        heard = speech.expand(len(seeds), -1, -1)
-        taken = torch.linspace(self.settings.noise_steps, 0, self.settings.sampled_steps + 1).round().long().tolist()
+        speech_features = speech.expand(len(seeds), -1, -1)
+        timesteps = (
+            torch.linspace(self.settings.diffusion_steps, 0, self.settings.sampling_steps + 1).round().long().tolist()
+        )
         x = noise()
-        for now, then in pairwise(taken):
-            clean = self._clean(x, torch.full((len(seeds),), now, device=x.device), heard)
-            stirred = noise() if self.settings.eta and then else torch.zeros_like(x)
-            x = self._less_noisy(x, clean, now, then, stirred)
-        return self.normal.back(x)
+        for now, then in pairwise(timesteps):
+            clean = self._denoise(x, torch.full((len(seeds),), now, device=x.device), speech_features)
+            fresh_noise = noise() if self.settings.eta and then else torch.zeros_like(x)
+            x = self._ddim_step(x, clean, now, then, fresh_noise)
+        return self.normal.denormalise(x)
 
-    def _less_noisy(
+    def _ddim_step(
         self,
         x: Float[Tensor, "B T F"],
         clean: Float[Tensor, "B T F"],
@@ -95,30 +97,34 @@ class DiffusionFace(nn.Module):
         noise: Float[Tensor, "B T F"],
     ) -> Float[Tensor, "B T F"]:
         """Eq. 12 of Song et al.: from step `now` to step `then`."""
-        a_now, a_then = self.kept[now], self.kept[then]
+        a_now, a_then = self.alpha_bar[now], self.alpha_bar[then]
         direction = (x - a_now.sqrt() * clean) / (1 - a_now).sqrt()
         if then == 0:
             return clean
         sigma = self.settings.eta * ((1 - a_then) / (1 - a_now) * (1 - a_now / a_then)).sqrt()
         return a_then.sqrt() * clean + (1 - a_then - sigma.square()).clamp(min=0).sqrt() * direction + sigma * noise
 
-    def _clean(
+    def _denoise(
         self, noisy: Float[Tensor, "B T F"], step: Int[Tensor, " B"], speech: Float[Tensor, "B T S"]
     ) -> Float[Tensor, "B T F"]:
-        when = self.when(_waves(step / self.settings.noise_steps, self.settings.width))[:, None]
-        x = torch.cat([self.enter(noisy) + when, self.hear(speech) + when], dim=-1)
+        time_projection = self.time_projection(
+            _time_embedding(step / self.settings.diffusion_steps, self.settings.width)
+        )[:, None]
+        x = torch.cat(
+            [self.input_projection(noisy) + time_projection, self.speech_projection(speech) + time_projection], dim=-1
+        )
         out: Tensor = self.out(self.recurrent(x)[0])
         return out
 
 
-def _cosine(steps: int) -> Float[Tensor, " N"]:
+def _cosine_schedule(steps: int) -> Float[Tensor, " N"]:
     """Share of the signal that is kept (alpha bar) at steps 0 to `steps`."""
     at = torch.arange(steps + 1) / steps
     curve = torch.cos((at + 0.008) / 1.008 * math.pi / 2).square()
     return (curve / curve[0]).clamp(1e-4, 1.0)
 
 
-def _waves(time: Float[Tensor, " B"], width: int) -> Float[Tensor, "B W"]:
+def _time_embedding(time: Float[Tensor, " B"], width: int) -> Float[Tensor, "B W"]:
     """Sines and cosines of a time between 0 and 1."""
     angles = time[:, None] * 100.0 ** (torch.arange(width // 2, device=time.device) / (width // 2)) * math.pi
     return torch.cat([angles.sin(), angles.cos()], dim=-1)

@@ -12,19 +12,19 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.core.settings import PartSettings, Role
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
-FACE_GENERATORS = Role(
+FACE_GENERATORS = ComponentRegistry(
     "face generator",
     {
         "latent": "talkingeyes.models.face.latent:LatentFace",
         "diffusion": "talkingeyes.models.face.diffusion:DiffusionFace",
         "regression": "talkingeyes.models.face.regression:RegressionFace",
-        "codes": "talkingeyes.models.face.codes:CodesFace",
+        "codes": "talkingeyes.models.face.codes:AutoregressiveCodesFace",
     },
-    ("normalise_by", "terms", "sample"),
+    ("normalise_by", "loss_terms", "sample"),
 )
-FacePartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(FACE_GENERATORS.read)]
+FaceComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(FACE_GENERATORS.parse)]
 
 
 class FaceGenerator(Protocol):
@@ -34,13 +34,13 @@ class FaceGenerator(Protocol):
     autoencoder that conf/model/ names, or None.
     """
 
-    configured_by: Any
+    settings_class: Any
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
         """Take the statistics of faces in the train split; one with a prior needs none."""
         ...
 
-    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Named terms of the loss for true faces."""
         ...
 

@@ -1,7 +1,7 @@
 """Stage 2 of ProbTalk3D (section 3.3.2, eq. 5): speech and style to the latents of a frozen motion autoencoder.
 
 A convolution and transformer layers predict all frames at once; the prior draws codes (or from its Gaussian, in the
-VAE variant) and decodes them. With `slow_frames` 1 codes are drawn anew at every frame, as in the paper.
+VAE variant) and decodes them. With `correlation_frames` 1 codes are drawn anew at every frame, as in the paper.
 """
 
 from __future__ import annotations
@@ -14,48 +14,48 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
 
 
-class LatentFaceSettings(PartSettings):
+class LatentFaceSettings(ComponentSettings):
     """The network, and how slowly the noise of a draw changes."""
 
     kind: Literal["latent"]
     transformer: WindowTransformerSettings
-    slow_frames: Annotated[int, Field(gt=0)]
+    correlation_frames: Annotated[int, Field(gt=0)]
 
 
 class LatentFace(nn.Module):
     """z^a of speech, as near as it gets to z^m of the face."""
 
-    configured_by = LatentFaceSettings
+    settings_class = LatentFaceSettings
 
-    def __init__(self, settings: LatentFaceSettings, speech: int, numbers: int, prior: FaceAutoencoder | None) -> None:
+    def __init__(self, settings: LatentFaceSettings, speech: int, face_dim: int, prior: FaceAutoencoder | None) -> None:
         super().__init__()
         if prior is None:
             raise InputError("model.prior: should name an autoencoder of conf/pretrain/ for a latent face, got null")
         self.settings, self.prior = settings, prior
         self.transformer = WindowTransformer(settings.transformer, speech)
-        self.out = nn.Linear(settings.transformer.width, prior.predicted)
+        self.out = nn.Linear(settings.transformer.width, prior.predicted_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
         """The prior has statistics of its own."""
 
-    def terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 5: L1 between latents, of expression and of jaw."""
         latents = self._latents(speech)
-        again = self.prior.decode(self.prior.through(latents))
+        reconstructed = self.prior.decode(self.prior.decoder_inputs(latents))
         return {
             "latent": F.l1_loss(latents.float(), self.prior.latents(face)),
-            **reconstruction(self.prior.normal(again), self.prior.normal(face)),
+            **reconstruction(self.prior.normal(reconstructed), self.prior.normal(face)),
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """All frames at once."""
-        noise = self.prior.noise(seeds, speech.shape[1], self.settings.slow_frames)
-        return self.prior.decode(self.prior.drawn(self._latents(speech), noise, temperature))
+        noise = self.prior.noise(seeds, speech.shape[1], self.settings.correlation_frames)
+        return self.prior.decode(self.prior.sample_decoder_inputs(self._latents(speech), noise, temperature))
 
     def _latents(self, speech: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:
         out: Tensor = self.out(self.transformer(speech))

@@ -16,16 +16,16 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.physiology.face import FEELINGS
+from talkingeyes.physiology.face import EMOTION_EXPRESSIONS
 
-EMOTIONS = tuple(FEELINGS)
+EMOTIONS = tuple(EMOTION_EXPRESSIONS)
 INTENSITIES = (1, 2, 3)
 NEUTRAL = "neutral"
 StyleInput = Literal["speaker", "emotion", "intensity"]
 
 
 @dataclass(frozen=True)
-class Style:
+class FaceStyle:
     """`speaker` None: the mean of all; `intensity` 0 is for neutral alone. Raises InputError, with the choices."""
 
     speaker: str | None
@@ -46,7 +46,7 @@ class StyleKey:
     """From `onset_s` on the style is this."""
 
     onset_s: float
-    style: Style
+    style: FaceStyle
 
 
 @dataclass(frozen=True)
@@ -76,35 +76,35 @@ class StyleVocabulary:
         }
         return [column for name in inputs for column in ranges[name]]
 
-    def vector(self, style: Style) -> Float[ndarray, " D"]:
+    def style_vector(self, style: FaceStyle) -> Float[ndarray, " D"]:
         """C of a style. Raises InputError for a speaker whom the model does not know."""
         if style.speaker is not None and style.speaker not in self.speakers:
             raise InputError(
                 f"speaker: should be one of {', '.join(self.speakers)} or none for their mean, got {style.speaker}"
             )
-        vector = np.zeros(self.numbers, np.float32)
+        style_vector = np.zeros(self.numbers, np.float32)
         if style.speaker is None:
-            vector[: len(self.speakers)] = 1 / len(self.speakers)
+            style_vector[: len(self.speakers)] = 1 / len(self.speakers)
         else:
-            vector[self.speakers.index(style.speaker)] = 1
-        vector[len(self.speakers) + EMOTIONS.index(style.emotion)] = 1
+            style_vector[self.speakers.index(style.speaker)] = 1
+        style_vector[len(self.speakers) + EMOTIONS.index(style.emotion)] = 1
         if style.intensity:
-            vector[len(self.speakers) + len(EMOTIONS) + style.intensity - 1] = 1
-        return vector
+            style_vector[len(self.speakers) + len(EMOTIONS) + style.intensity - 1] = 1
+        return style_vector
 
-    def along(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
+    def per_frame(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
         """C of every frame: each key from its onset on, blended in over `fade_s`; before the first key, the first."""
         if not keys:
             raise InputError("style: should have at least one key, got none")
         times_s = np.arange(frames) / fps
         ordered = sorted(keys, key=lambda key: key.onset_s)
-        found = np.repeat(self.vector(ordered[0].style)[None], frames, axis=0)
+        style_vectors = np.repeat(self.style_vector(ordered[0].style)[None], frames, axis=0)
         for key in ordered[1:]:
             share = np.clip((times_s - key.onset_s) / fade_s, 0, 1)[:, None].astype(np.float32)
-            found = (1 - share) * found + share * self.vector(key.style)
-        return found
+            style_vectors = (1 - share) * style_vectors + share * self.style_vector(key.style)
+        return style_vectors
 
-    def style_of(self, clip: Clip) -> Style:
+    def style_of(self, clip: Clip) -> FaceStyle:
         """Of a speaker who is not known, the mean of all; of a clip whose emotion nobody said (a video), neutral."""
         speaker = clip.speaker if clip.speaker in self.speakers else None
-        return Style(speaker, clip.emotion or NEUTRAL, clip.intensity)
+        return FaceStyle(speaker, clip.emotion or NEUTRAL, clip.intensity)

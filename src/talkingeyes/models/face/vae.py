@@ -10,50 +10,50 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
-from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coded, reconstruction
-from talkingeyes.models.layers.conditional_vae import Gaussian
-from talkingeyes.models.layers.slow_noise import slow_normal
+from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
+from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
+from talkingeyes.models.layers.slow_noise import correlated_normal
 
-LOG_VARIANCE = 10.0  # the most, either way
+MAX_LOG_VARIANCE = 10.0  # the most, either way
 
 
-class FaceVAESettings(AutoencoderSettings):
+class FaceVAESettings(FaceAutoencoderSettings):
     """Nothing but the sizes."""
 
     kind: Literal["vae"]
 
 
-class FaceVAE(Coded):
+class FaceVAE(FaceAutoencoderBase):
     """E, the Gaussian and D."""
 
-    configured_by = FaceVAESettings
+    settings_class = FaceVAESettings
 
-    def __init__(self, settings: FaceVAESettings, numbers: int) -> None:
-        super().__init__(settings, numbers, 2 * settings.latent)
-        self.settings, self.predicted = settings, 2 * settings.latent
+    def __init__(self, settings: FaceVAESettings, face_dim: int) -> None:
+        super().__init__(settings, face_dim, 2 * settings.latent)
+        self.settings, self.predicted_dim = settings, 2 * settings.latent
 
-    def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 4 with the divergence from N(0, I) in place of the quantisation."""
-        posterior = _gaussian(self.coder.encode(face))
-        again = self.coder.decode(posterior.draw())
-        return {"divergence": posterior.divergence(), **reconstruction(self.normal(again), self.normal(face))}
+        posterior = _gaussian(self.encoder_decoder.encode(face))
+        reconstructed = self.encoder_decoder.decode(posterior.rsample())
+        return {"divergence": posterior.divergence(), **reconstruction(self.normal(reconstructed), self.normal(face))}
 
-    def measure(self, face: Float[Tensor, "B T F"]) -> None:
+    def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
         """The prior is N(0, I): latents have a unit already."""
 
     def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:
         """Mean and log-variance."""
-        return self.coder.encode(face)
+        return self.encoder_decoder.encode(face)
 
-    def through(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
+    def decoder_inputs(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
         """A reparameterised draw."""
-        return _gaussian(latents).draw()
+        return _gaussian(latents).rsample()
 
-    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
+    def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
         """A number for each of the latent."""
-        return slow_normal(seeds, frames, self.settings.latent, slow_frames)
+        return correlated_normal(seeds, frames, self.settings.latent, correlation_frames)
 
-    def drawn(
+    def sample_decoder_inputs(
         self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
         """The mean and `temperature` times the deviation."""
@@ -62,9 +62,9 @@ class FaceVAE(Coded):
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
         """D of latents."""
-        return self.coder.decode(values)
+        return self.encoder_decoder.decode(values)
 
 
-def _gaussian(encoded: Float[Tensor, "B T Z"]) -> Gaussian:
-    mean, log_variance = encoded.float().chunk(2, dim=-1)
-    return Gaussian(mean, log_variance.clamp(-LOG_VARIANCE, LOG_VARIANCE))
+def _gaussian(encoder_output: Float[Tensor, "B T Z"]) -> DiagonalGaussian:
+    mean, log_variance = encoder_output.float().chunk(2, dim=-1)
+    return DiagonalGaussian(mean, log_variance.clamp(-MAX_LOG_VARIANCE, MAX_LOG_VARIANCE))

@@ -16,111 +16,111 @@ from jaxtyping import Float, Int
 from pydantic import model_validator
 from torch import Tensor
 
-from talkingeyes.core.settings import out_of_bounds
-from talkingeyes.models.face.autoencoder import AutoencoderSettings, Coded, reconstruction
+from talkingeyes.core.settings import bounds_error
+from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
-from talkingeyes.models.layers.slow_noise import gumbel_of, slow_normal
+from talkingeyes.models.layers.slow_noise import correlated_normal, normal_to_gumbel
 
-Layout = Literal["frames", "channels"]
+CodeLayout = Literal["frames", "channels"]
 
 
-class FaceVQVAESettings(AutoencoderSettings):
+class FaceVQVAESettings(FaceAutoencoderSettings):
     """The codebook, and what a code stands for."""
 
     kind: Literal["vq"]
-    layout: Layout
+    layout: CodeLayout
     quantiser: AnyQuantiserSettings
 
     @model_validator(mode="after")
     def _whole_codes(self) -> FaceVQVAESettings:
         if self.latent % self.quantiser.width:
-            raise out_of_bounds(f"latent should be a multiple of quantiser.width, {self.quantiser.width}", self.latent)
+            raise bounds_error(f"latent should be a multiple of quantiser.width, {self.quantiser.width}", self.latent)
         return self
 
 
-def cut(latents: Float[Tensor, "B T L"], layout: Layout, width: int) -> Float[Tensor, "B N C"]:
+def split_codes(latents: Float[Tensor, "B T L"], layout: CodeLayout, width: int) -> Float[Tensor, "B N C"]:
     """Latents in pieces as wide as a code."""
     ordered = latents if layout == "frames" else latents.transpose(1, 2)
     return ordered.reshape(len(latents), -1, width)
 
 
-def joined(pieces: Float[Tensor, "B N C"], layout: Layout, latent: int) -> Float[Tensor, "B T L"]:
-    """The inverse of `cut`."""
+def merge_codes(pieces: Float[Tensor, "B N C"], layout: CodeLayout, latent: int) -> Float[Tensor, "B T L"]:
+    """The inverse of `split_codes`."""
     if layout == "frames":
         return pieces.reshape(len(pieces), -1, latent)
     return pieces.reshape(len(pieces), latent, -1).transpose(1, 2)
 
 
-class FaceVQVAE(Coded):
-    """E, the codebook and D. `spread`: mean squared distance of the training latents from their codes, the unit of
-    temperatures; `latent_scale`: their root mean square, the unit of what stage 2 predicts."""
+class FaceVQVAE(FaceAutoencoderBase):
+    """E, the codebook and D. `temperature_scale`: mean squared distance of the training latents from their codes, the
+    unit of temperatures; `latent_scale`: their root mean square, the unit of what stage 2 predicts."""
 
-    spread: Tensor
+    temperature_scale: Tensor
     latent_scale: Tensor
-    configured_by = FaceVQVAESettings
+    settings_class = FaceVQVAESettings
 
-    def __init__(self, settings: FaceVQVAESettings, numbers: int) -> None:
-        super().__init__(settings, numbers, settings.latent)
-        self.settings, self.predicted = settings, settings.latent
+    def __init__(self, settings: FaceVQVAESettings, face_dim: int) -> None:
+        super().__init__(settings, face_dim, settings.latent)
+        self.settings, self.predicted_dim = settings, settings.latent
         self.quantiser = make_quantiser(settings.quantiser)
-        self.register_buffer("spread", torch.ones(()))
+        self.register_buffer("temperature_scale", torch.ones(()))
         self.register_buffer("latent_scale", torch.ones(()))
 
-    def terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+    def loss_terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 4: quantisation, expression and jaw."""
-        quantised = self.quantiser(self._cut(self.coder.encode(face)))
-        again = self.coder.decode(self._joined(quantised.values))
+        quantised = self.quantiser(self._split_codes(self.encoder_decoder.encode(face)))
+        reconstructed = self.encoder_decoder.decode(self._merge_codes(quantised.values))
         beta = self.settings.quantiser.commitment
         return {
             "quantisation": beta * quantised.commitment,
-            **reconstruction(self.normal(again), self.normal(face)),
+            **reconstruction(self.normal(reconstructed), self.normal(face)),
         }
 
     @torch.no_grad()
-    def measure(self, face: Float[Tensor, "B T F"]) -> None:
+    def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
         """Take the units of temperatures and of latents from faces, once, when stage 1 is trained."""
-        latents = self.coder.encode(face)
-        pieces = self._cut(latents)
-        self.spread.copy_((pieces - self.quantiser(pieces).values).square().sum(-1).mean())
+        latents = self.encoder_decoder.encode(face)
+        pieces = self._split_codes(latents)
+        self.temperature_scale.copy_((pieces - self.quantiser(pieces).values).square().sum(-1).mean())
         self.latent_scale.copy_(latents.square().mean().sqrt())
 
     def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T L"]:
         """z^m of eq. 5."""
-        return self.coder.encode(face) / self.latent_scale
+        return self.encoder_decoder.encode(face) / self.latent_scale
 
-    def through(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
+    def decoder_inputs(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
         """Nearest codes, straight through."""
-        return self._joined(self.quantiser(self._cut(latents * self.latent_scale)).values)
+        return self._merge_codes(self.quantiser(self._split_codes(latents * self.latent_scale)).values)
 
-    def noise(self, seeds: list[int], frames: int, slow_frames: int) -> Float[Tensor, "S T M"]:
+    def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
         """One number for each code at each place of a frame."""
         places = self.settings.latent // self.settings.quantiser.width
-        return slow_normal(seeds, frames, places * self.settings.quantiser.codes, slow_frames)
+        return correlated_normal(seeds, frames, places * self.settings.quantiser.codes, correlation_frames)
 
-    def drawn(
+    def sample_decoder_inputs(
         self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
         """The values of drawn codes."""
-        return self._joined(self.quantiser.codebook[self.codes(latents, noise, temperature)])
+        return self._merge_codes(self.quantiser.codebook[self.codes(latents, noise, temperature)])
 
     def codes(
         self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Int[Tensor, "S N"]:
-        """Codes by a softmax over minus squared distances, in units of `temperature` times `spread` (section 3.3.3):
-        the largest of the logits plus Gumbel noise."""
-        distances = self.quantiser.distances(self._cut(latents * self.latent_scale))
+        """Codes by a softmax over minus squared distances, in units of `temperature` times `temperature_scale` (section
+        3.3.3): the largest of the logits plus Gumbel noise."""
+        distances = self.quantiser.distances(self._split_codes(latents * self.latent_scale))
         if temperature == 0:
             return distances.argmin(-1).expand(len(noise), -1)
-        logits = -distances / (temperature * self.spread)
-        gumbel = gumbel_of(noise.to(logits)).reshape(len(noise), -1, logits.shape[-1])
+        logits = -distances / (temperature * self.temperature_scale)
+        gumbel = normal_to_gumbel(noise.to(logits)).reshape(len(noise), -1, logits.shape[-1])
         return (logits + gumbel).argmax(-1)
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
         """D of code values."""
-        return self.coder.decode(values)
+        return self.encoder_decoder.decode(values)
 
-    def _cut(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B N C"]:
-        return cut(latents, self.settings.layout, self.settings.quantiser.width)
+    def _split_codes(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B N C"]:
+        return split_codes(latents, self.settings.layout, self.settings.quantiser.width)
 
-    def _joined(self, pieces: Float[Tensor, "B N C"]) -> Float[Tensor, "B T L"]:
-        return joined(pieces, self.settings.layout, self.settings.latent)
+    def _merge_codes(self, pieces: Float[Tensor, "B N C"]) -> Float[Tensor, "B T L"]:
+        return merge_codes(pieces, self.settings.layout, self.settings.latent)

@@ -27,7 +27,7 @@ from pydantic import Field
 from talkingeyes.core.settings import Settings
 
 
-class CanonicalSettings(Settings):
+class CanonicalCorrelationSettings(Settings):
     """How gaze is related to speech and head."""
 
     # Principal components of the speech features.
@@ -35,12 +35,12 @@ class CanonicalSettings(Settings):
     # Frames before (negative) and after a frame at which speech and head are looked at.
     lags_frames: tuple[int, ...] = Field(min_length=1)
     # Frames of a stretch of gaze: so many before and after a frame.
-    stretch_frames: Annotated[int, Field(ge=0)]
+    context_frames: Annotated[int, Field(ge=0)]
     # Random Fourier features, and the width of their kernel in units of the spread of what they see.
-    fourier: Annotated[int, Field(gt=0)]
+    fourier_features: Annotated[int, Field(gt=0)]
     kernel_width: Annotated[float, Field(gt=0)]
     # Canonical components that are kept.
-    components: Annotated[int, Field(gt=0)]
+    canonical_components: Annotated[int, Field(gt=0)]
     # Added to both covariances, as a share of the mean variance.
     ridge: Annotated[float, Field(gt=0)]
 
@@ -55,7 +55,7 @@ class Example:
 
 
 @dataclass(frozen=True)
-class Lift:
+class FeatureMap:
     """From speech and head to the features that gaze is related to."""
 
     speech_basis: Float[ndarray, "C P"]
@@ -66,38 +66,45 @@ class Lift:
 
 
 @dataclass(frozen=True)
-class Canonical:
+class CanonicalCorrelation:
     """The relation that was found: gaze stretches are `offset + (features - centre) @ weights`."""
 
-    lift: Lift
+    feature_map: FeatureMap
     centre: Float[ndarray, " X"]
     weights: Float[ndarray, "X Y"]
     offset: Float[ndarray, " Y"]
     correlations: Float[ndarray, " K"]  # canonical, of the components that are kept
 
 
-def relate(settings: CanonicalSettings, examples: Sequence[Example], seed: int) -> Canonical:
+def fit_canonical_correlation(
+    settings: CanonicalCorrelationSettings, examples: Sequence[Example], seed: int
+) -> CanonicalCorrelation:
     """Find the relation in training motions, read one after the other."""
-    lift = _lift(settings, examples, seed)
+    feature_map = _fit_feature_map(settings, examples, seed)
     moments = _Moments()
     for each in examples:
-        moments.add(features(settings, lift, each.speech, each.head), _stretches(each.gaze, settings.stretch_frames))
+        moments.add(
+            features(settings, feature_map, each.speech, each.head), _gaze_windows(each.gaze, settings.context_frames)
+        )
     found = moments.covariances()
-    whiten_x = _power(_ridged(found.xx, settings.ridge), -0.5)
-    of_y = _ridged(found.yy, settings.ridge)
+    whiten_x = _power(_regularised(found.xx, settings.ridge), -0.5)
+    of_y = _regularised(found.yy, settings.ridge)
     left, correlations, right = np.linalg.svd(whiten_x @ found.xy @ _power(of_y, -0.5), full_matrices=False)
-    kept = slice(min(settings.components, len(correlations)))
+    kept = slice(min(settings.canonical_components, len(correlations)))
     weights = whiten_x @ (left[:, kept] * correlations[kept]) @ right[kept] @ _power(of_y, 0.5)
-    return Canonical(lift, moments.mean_x, weights, moments.mean_y, correlations[kept])
+    return CanonicalCorrelation(feature_map, moments.mean_x, weights, moments.mean_y, correlations[kept])
 
 
-def look(
-    settings: CanonicalSettings, found: Canonical, speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
+def generate_gaze(
+    settings: CanonicalCorrelationSettings,
+    found: CanonicalCorrelation,
+    speech: Float[ndarray, "T C"],
+    head: Float[ndarray, "T 3"],
 ) -> Float[ndarray, "T 2 3"]:
     """Eye-in-head rotation vectors for a standardised speech and a head."""
-    lifted = features(settings, found.lift, speech, head)
+    lifted = features(settings, found.feature_map, speech, head)
     stretches = (found.offset + (lifted - found.centre) @ found.weights).reshape(len(head), -1, 6)
-    reach, frames = settings.stretch_frames, len(head)
+    reach, frames = settings.context_frames, len(head)
     total, count = np.zeros((frames, 6)), np.zeros((frames, 1))
     for at, ahead in enumerate(range(-reach, reach + 1)):
         said, meant = slice(max(0, -ahead), frames - max(0, ahead)), slice(max(0, ahead), frames - max(0, -ahead))
@@ -107,15 +114,20 @@ def look(
 
 
 def features(
-    settings: CanonicalSettings, lift: Lift, speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
+    settings: CanonicalCorrelationSettings,
+    feature_map: FeatureMap,
+    speech: Float[ndarray, "T C"],
+    head: Float[ndarray, "T 3"],
 ) -> Float[ndarray, "T X"]:
     """Lagged speech and head with their random Fourier features."""
-    seen = (_lagged(_seen(lift.speech_basis, speech, head), settings.lags_frames) - lift.mean) / lift.scale
-    waves = np.sqrt(2.0) * np.cos(seen @ lift.frequencies + lift.phases)
-    return np.concatenate([seen, waves], axis=1)
+    frame_features = (
+        _lagged(_frame_features(feature_map.speech_basis, speech, head), settings.lags_frames) - feature_map.mean
+    ) / feature_map.scale
+    waves = np.sqrt(2.0) * np.cos(frame_features @ feature_map.frequencies + feature_map.phases)
+    return np.concatenate([frame_features, waves], axis=1)
 
 
-def _lift(settings: CanonicalSettings, examples: Sequence[Example], seed: int) -> Lift:
+def _fit_feature_map(settings: CanonicalCorrelationSettings, examples: Sequence[Example], seed: int) -> FeatureMap:
     """Principal components of speech, spread of what is seen, and drawn frequencies."""
     moments = _Moments()
     for each in examples:
@@ -124,15 +136,17 @@ def _lift(settings: CanonicalSettings, examples: Sequence[Example], seed: int) -
     basis = axes[:, np.argsort(-variances)[: settings.speech_components]]
     spread = _Moments()
     for each in examples:
-        lagged = _lagged(_seen(basis, each.speech, each.head), settings.lags_frames)
+        lagged = _lagged(_frame_features(basis, each.speech, each.head), settings.lags_frames)
         spread.add(lagged, lagged[:, :1])
     scale = np.sqrt(np.maximum(np.diag(spread.covariances().xx), 1e-12))
     random = np.random.default_rng(seed)
-    frequencies = random.normal(size=(len(scale), settings.fourier)) / (settings.kernel_width * np.sqrt(len(scale)))
-    return Lift(basis, spread.mean_x, scale, frequencies, random.uniform(0, 2 * np.pi, settings.fourier))
+    frequencies = random.normal(size=(len(scale), settings.fourier_features)) / (
+        settings.kernel_width * np.sqrt(len(scale))
+    )
+    return FeatureMap(basis, spread.mean_x, scale, frequencies, random.uniform(0, 2 * np.pi, settings.fourier_features))
 
 
-def _seen(
+def _frame_features(
     basis: Float[ndarray, "C P"], speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
 ) -> Float[ndarray, "T S"]:
     """What is known of a frame: components of speech, the head and how it turns."""
@@ -146,12 +160,12 @@ def _lagged(values: Float[ndarray, "T S"], lags: Sequence[int]) -> Float[ndarray
     return np.concatenate([values[np.clip(place + lag, 0, len(values) - 1)] for lag in lags], axis=1)
 
 
-def _stretches(gaze: Float[ndarray, "T 2 3"], reach: int) -> Float[ndarray, "T Y"]:
+def _gaze_windows(gaze: Float[ndarray, "T 2 3"], reach: int) -> Float[ndarray, "T Y"]:
     """Each frame's gaze with those around it."""
     return _lagged(gaze.reshape(len(gaze), 6).astype(float), range(-reach, reach + 1))
 
 
-def _ridged(covariance: Float[ndarray, "D D"], ridge: float) -> Float[ndarray, "D D"]:
+def _regularised(covariance: Float[ndarray, "D D"], ridge: float) -> Float[ndarray, "D D"]:
     return np.asarray(covariance + ridge * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
 
 

@@ -17,29 +17,34 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import PartSettings
-from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition, uniforms
-from talkingeyes.models.gaze.history import DrawnHistorySettings, NoisyHistory, ScheduledHistory, replaced
-from talkingeyes.models.gaze.signal import gaze_of, signal_of, stays
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.gaze.generator import SEED_OFFSET, GazeCondition, uniform_noise
+from talkingeyes.models.gaze.history import (
+    CodeHistorySettings,
+    NoisyTeacherForcing,
+    ScheduledSampling,
+    replacement_mask,
+)
+from talkingeyes.models.gaze.signal import find_stays, to_gaze_tensor, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.draw import draw
-from talkingeyes.models.layers.nucleus import nucleus
+from talkingeyes.models.layers.draw import sample_categorical
+from talkingeyes.models.layers.nucleus import top_p_filter
 from talkingeyes.models.layers.quantiser import squared_distances
-from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossAttentionWindow, TransformerSettings
 
 
-class CategoricalGazeSettings(PartSettings):
+class CategoricalGazeSettings(ComponentSettings):
     """The decoder over codes."""
 
     kind: Literal["categorical"]
     transformer: TransformerSettings
     # Codes of condition that cross-attention sees before and after its own.
-    condition_back: Annotated[int, Field(ge=0)]
-    condition_ahead: Annotated[int, Field(ge=0)]
+    condition_lookback: Annotated[int, Field(ge=0)]
+    condition_lookahead: Annotated[int, Field(ge=0)]
     # Share of past codes hidden in training, against the mismatch between teacher forcing and free running.
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     # What is seen of the past in training.
-    history: DrawnHistorySettings
+    history: CodeHistorySettings
     # Codes are drawn among the most probable that have this share of the probability together; 1: among all.
     top_p: Annotated[float, Field(gt=0, le=1)]
 
@@ -49,25 +54,25 @@ class _History:
     """What is known before each code: the code before it, the last frame (normalised), how many codes it has stayed."""
 
     before: Int[Tensor, "B N"]
-    held: Float[Tensor, "B N F"]
+    last_frame: Float[Tensor, "B N F"]
     dwell: Int[Tensor, "B N"]
 
 
 @dataclass
-class FreeRun:
+class DecoderState:
     """Between two codes of a free run: what was known before the next one, and the caches of both networks."""
 
     before: Int[Tensor, " B"]
-    held: Float[Tensor, "B F"]
+    last_frame: Float[Tensor, "B F"]
     dwell: Int[Tensor, " B"]
     cache: Cache
-    decoding: Cache
+    decoder_cache: Cache
 
 
 class CategoricalGaze(nn.Module):
     """A distribution over codes and stay (the last index), given history and a condition of speech and head."""
 
-    configured_by = CategoricalGazeSettings
+    settings_class = CategoricalGazeSettings
 
     def __init__(self, settings: CategoricalGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
@@ -78,35 +83,35 @@ class CategoricalGaze(nn.Module):
         width = settings.transformer.width
         self.stay = codebook.settings.quantiser.codes
         self.embed = nn.Embedding(self.stay + 2, width)
-        self.place = nn.Linear(len(codebook.mean) + 1, width)
+        self.state_projection = nn.Linear(len(codebook.mean) + 1, width)
         self.condition = nn.Linear(speech + 3 * self.patch, width)
         self.transformer = CausalTransformer(
-            settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
+            settings.transformer, CrossAttentionWindow(settings.condition_lookback, settings.condition_lookahead)
         )
         self.out = nn.Linear(width, self.stay + 1)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
         """The codebook has statistics of its own."""
 
-    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+    def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Cross-entropy of the codes of true gaze, with true codes as history, or what training shows of them."""
         codes, history = self._encode(condition.head, gaze)
         memory = self.memory(condition)
-        if self.training and isinstance(self.settings.history, NoisyHistory):
-            history = self._near(self.settings.history, codes)
-        if self.training and isinstance(self.settings.history, ScheduledHistory):
-            history = self._mixed(self.settings.history, codes, self._logits(history, memory).detach())
+        if self.training and isinstance(self.settings.history, NoisyTeacherForcing):
+            history = self._noisy_history(self.settings.history, codes)
+        if self.training and isinstance(self.settings.history, ScheduledSampling):
+            history = self._scheduled_history(self.settings.history, codes, self._logits(history, memory).detach())
         return {"gaze_codes": F.cross_entropy(self._logits(history, memory).flatten(0, 1), codes.flatten())}
 
     @torch.no_grad()
-    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Draw code after code; gaze in space is rendered by D_VQ, and the eyes make up for the head."""
         memory = self.memory(condition)
-        uniform = uniforms(seeds, memory.shape[1]).to(memory.device)
+        uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
         run = self.start(len(seeds), memory)
         patches = [self.advance(run, memory[:, [step]], drawn, temperature) for step, drawn in enumerate(uniform.T)]
         signal = torch.cat(patches, dim=1)[:, : condition.speech.shape[1]]
-        return gaze_of(self.codebook.settings.signal, condition.head, signal)
+        return to_gaze_tensor(self.codebook.settings.signal, condition.head, signal)
 
     @property
     def step_frames(self) -> int:
@@ -114,35 +119,37 @@ class CategoricalGaze(nn.Module):
         return self.patch
 
     @property
-    def hears_ahead(self) -> bool:
+    def has_lookahead(self) -> bool:
         """Whether a code depends on speech and head after its own."""
-        return self.settings.condition_ahead > 0
+        return self.settings.condition_lookahead > 0
 
     def stream(self, seed: int, temperature: float) -> CategoricalGazeStream:
         """Code after code what `sample` gives."""
         return CategoricalGazeStream(self, seed, temperature)
 
-    def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> FreeRun:
+    def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> DecoderState:
         """Before the first code. A stream, whose memory is not there yet, adds it to the cache as it comes."""
         before = torch.full((batch,), self.stay + 1, device=self.codebook.mean.device)
-        held = self.codebook.mean.expand(batch, -1)
-        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
-        return FreeRun(before, held, torch.zeros_like(before), cache, decoding)
+        last_frame = self.codebook.mean.expand(batch, -1)
+        cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
+        return DecoderState(before, last_frame, torch.zeros_like(before), cache, decoder_cache)
 
     def advance(
-        self, run: FreeRun, memory: Float[Tensor, "B 1 W"], uniform: Float[Tensor, " B"], temperature: float
+        self, run: DecoderState, memory: Float[Tensor, "B 1 W"], uniform: Float[Tensor, " B"], temperature: float
     ) -> Float[Tensor, "B P F"]:
         """The signal of the next code, drawn by a uniform number; the run moves on."""
-        normal = (run.held - self.codebook.mean) / self.codebook.scale
+        normal = (run.last_frame - self.codebook.mean) / self.codebook.scale
         x = self._query(_History(run.before[:, None], normal[:, None], run.dwell[:, None]))
         first = run.cache.position == 0
         logits = self.out(self.transformer.step(x + memory, run.cache))
-        logits = self._bar_first_stay(logits) if first else logits
-        run.before = draw(nucleus(logits[:, 0], self.settings.top_p, temperature), uniform, temperature)
+        logits = self._mask_first_stay(logits) if first else logits
+        run.before = sample_categorical(
+            top_p_filter(logits[:, 0], self.settings.top_p, temperature), uniform, temperature
+        )
         stay = run.before == self.stay
-        values = self.codebook.values_of(run.before)
-        patch = self.codebook.step(values, stay, None if first else run.held, run.decoding)
-        run.held = patch[:, -1]
+        values = self.codebook.code_values(run.before)
+        patch = self.codebook.step(values, stay, None if first else run.last_frame, run.decoder_cache)
+        run.last_frame = patch[:, -1]
         run.dwell = torch.where(stay, run.dwell + 1, 0)
         return patch
 
@@ -151,7 +158,7 @@ class CategoricalGaze(nn.Module):
         """Codes of true gaze (stays by the tolerance of the codebook) and what was known before each."""
         frames = head.shape[1] // self.patch * self.patch
         name = self.codebook.settings.signal
-        signal = signal_of(name, head[:, :frames], gaze[:, :frames])
+        signal = to_signal_tensor(name, head[:, :frames], gaze[:, :frames])
         stay = stay_mask(self.codebook, signal)
         with torch.autocast(signal.device.type, enabled=False):  # targets and history as generation makes them
             quantised = self.codebook.quantiser(self.codebook.encode(signal))
@@ -173,28 +180,30 @@ class CategoricalGaze(nn.Module):
             torch.cat([torch.zeros_like(dwell[:, :1]), dwell[:, :-1]], dim=1),
         )
 
-    def _near(self, settings: NoisyHistory, codes: Int[Tensor, "B N"]) -> _History:
+    def _noisy_history(self, settings: NoisyTeacherForcing, codes: Int[Tensor, "B N"]) -> _History:
         """The history of codes near the true ones; stays stay."""
-        table, values = self.codebook.quantiser.codebook, self.codebook.values_of(codes)
+        table, values = self.codebook.quantiser.codebook, self.codebook.code_values(codes)
         moved = values + settings.sigma * table.std() * torch.randn_like(values)
         near = torch.where(codes == self.stay, self.stay, squared_distances(moved, table).argmin(-1))
-        return self._history(near, self.codebook.values_of(near))
+        return self._history(near, self.codebook.code_values(near))
 
-    def _mixed(self, settings: ScheduledHistory, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]) -> _History:
+    def _scheduled_history(
+        self, settings: ScheduledSampling, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]
+    ) -> _History:
         """The history of true codes, a share of them replaced by draws of a first pass, as the Gumbel trick draws."""
         drawn = (logits - (-torch.rand_like(logits).clamp(1e-9, 1 - 1e-7).log()).log()).argmax(-1)
-        mixed = torch.where(replaced(settings, self.trained_steps, logits[..., 0]), drawn, codes)
-        return self._history(mixed, self.codebook.values_of(mixed))
+        mixed_codes = torch.where(replacement_mask(settings, self.trained_steps, logits[..., 0]), drawn, codes)
+        return self._history(mixed_codes, self.codebook.code_values(mixed_codes))
 
     def _logits(self, history: _History, memory: Float[Tensor, "B N W"]) -> Float[Tensor, "B N K"]:
         """Of all codes at once."""
-        return self._bar_first_stay(self.out(self.transformer(self._query(history) + memory, memory)))
+        return self._mask_first_stay(self.out(self.transformer(self._query(history) + memory, memory)))
 
-    def memory(self, condition: Condition) -> Float[Tensor, "B N W"]:
+    def memory(self, condition: GazeCondition) -> Float[Tensor, "B N W"]:
         """Speech and head a code; the last patch is filled up by its last frame."""
         speech = condition.speech
         missing = -speech.shape[1] % self.patch
-        both = torch.cat([speech, condition.head_normal], dim=-1)
+        both = torch.cat([speech, condition.normalised_head], dim=-1)
         both = torch.cat([both, both[:, -1:].expand(-1, missing, -1)], dim=1).unflatten(1, (-1, self.patch))
         pooled = both[..., : speech.shape[-1]].mean(2)
         out: Tensor = self.condition(torch.cat([pooled, both[..., speech.shape[-1] :].flatten(2)], dim=-1))
@@ -204,10 +213,12 @@ class CategoricalGaze(nn.Module):
         x = self.embed(history.before)
         if self.training:
             x = x * (torch.rand(x.shape[:2], device=x.device) >= self.settings.history_dropout)[..., None]
-        out: Tensor = x + self.place(torch.cat([history.held, history.dwell[..., None].float().log1p()], dim=-1))
+        out: Tensor = x + self.state_projection(
+            torch.cat([history.last_frame, history.dwell[..., None].float().log1p()], dim=-1)
+        )
         return out
 
-    def _bar_first_stay(self, logits: Float[Tensor, "B N K"]) -> Float[Tensor, "B N K"]:
+    def _mask_first_stay(self, logits: Float[Tensor, "B N K"]) -> Float[Tensor, "B N K"]:
         """Nothing can be held before the first code."""
         barred = torch.zeros_like(logits)
         barred[:, 0, self.stay] = -torch.inf
@@ -221,13 +232,13 @@ class CategoricalGazeStream:
         self._gaze, self._temperature, self._run = gaze, temperature, gaze.start(1)
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
 
-    def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
+    def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
         """The frames of the next code, or of its beginning where the stream ends."""
         gaze, memory = self._gaze, self._gaze.memory(condition)
-        gaze.transformer.remember(memory, self._run.cache)
+        gaze.transformer.append_memory(memory, self._run.cache)
         drawn = torch.rand(1, generator=self._uniform)
         signal = gaze.advance(self._run, memory, drawn, self._temperature)[:, : condition.speech.shape[1]]
-        return gaze_of(gaze.codebook.settings.signal, condition.head, signal)
+        return to_gaze_tensor(gaze.codebook.settings.signal, condition.head, signal)
 
 
 def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tensor, "B N"]:
@@ -235,4 +246,4 @@ def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tenso
     patches = codebook.patches(signal)
     if codebook.stay_tolerance_rad is None:
         return torch.zeros(patches.shape[:2], dtype=torch.bool, device=patches.device)
-    return torch.from_numpy(stays(patches.cpu().numpy(), codebook.stay_tolerance_rad)).to(patches.device)
+    return torch.from_numpy(find_stays(patches.cpu().numpy(), codebook.stay_tolerance_rad)).to(patches.device)

@@ -14,34 +14,35 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.core.settings import PartSettings, Role
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
-GAZE_GENERATORS = Role(
+GAZE_GENERATORS = ComponentRegistry(
     "gaze generator",
     {
         "categorical": "talkingeyes.models.gaze.categorical:CategoricalGaze",
-        "events": "talkingeyes.models.gaze.events:EventGaze",
-        "regressed": "talkingeyes.models.gaze.regressed:RegressedGaze",
+        "events": "talkingeyes.models.gaze.events:PointProcessGaze",
+        "regressed": "talkingeyes.models.gaze.regressed:RegressionGaze",
         "vae": "talkingeyes.models.gaze.vae:VAEGaze",
     },
-    ("normalise_by", "terms", "sample"),
+    ("normalise_by", "loss_terms", "sample"),
 )
-GazePartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(GAZE_GENERATORS.read)]
+GazeComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(GAZE_GENERATORS.parse)]
 
 # Gaze draws must not repeat the numbers that the head drew from the same seed.
 SEED_OFFSET = 1_000_003
 
 
 @dataclass(frozen=True)
-class Condition:
-    """What gaze is generated for. `head` is in radians; `head_normal`, what networks see, in its standard deviations.
+class GazeCondition:
+    """What gaze is generated for. `head` is in radians; `normalised_head`, what networks see, in its standard
+    deviations.
 
-    In training `head_normal` may be a reconstruction of `head`.
+    In training `normalised_head` may be a reconstruction of `head`.
     """
 
     speech: Float[Tensor, "B T S"]
     head: Float[Tensor, "B T 3"]
-    head_normal: Float[Tensor, "B T 3"]
+    normalised_head: Float[Tensor, "B T 3"]
 
 
 class GazeGenerator(Protocol):
@@ -50,17 +51,17 @@ class GazeGenerator(Protocol):
     `codebook` is the frozen prior that conf/model/ names, or None.
     """
 
-    configured_by: Any
+    settings_class: Any
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
         """Take the statistics of eye-in-head in the train split; one with a codebook needs none."""
         ...
 
-    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+    def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Named terms of the loss for true gaze."""
         ...
 
-    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Eye-in-head rotation vectors, a seed a row."""
         ...
 
@@ -69,13 +70,13 @@ class GazeGenerator(Protocol):
 class GazeStream(Protocol):
     """The state of one stream of gaze."""
 
-    def step(self, condition: Condition) -> Float[Tensor, "1 T 2 3"]:
+    def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
         """Eye-in-head of the next `step_frames` frames, or of fewer where the stream ends."""
         ...
 
 
 @runtime_checkable
-class StreamedGaze(Protocol):
+class StreamableGazeGenerator(Protocol):
     """What a gaze generator has besides if it can be played part by part (models/streaming.py)."""
 
     @property
@@ -84,7 +85,7 @@ class StreamedGaze(Protocol):
         ...
 
     @property
-    def hears_ahead(self) -> bool:
+    def has_lookahead(self) -> bool:
         """Whether it depends on what comes after its step, as it is configured; then it has no stream."""
         ...
 
@@ -93,7 +94,7 @@ class StreamedGaze(Protocol):
         ...
 
 
-def uniforms(seeds: list[int], count: int) -> Float[Tensor, "B N"]:
+def uniform_noise(seeds: list[int], count: int) -> Float[Tensor, "B N"]:
     """Uniform numbers, a seed a row: the same for a seed alone or in a batch, and for a prefix."""
     return torch.stack(
         [torch.rand(count, generator=torch.Generator().manual_seed(seed + SEED_OFFSET)) for seed in seeds]

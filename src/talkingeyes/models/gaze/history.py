@@ -20,13 +20,13 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.pace import ramp
 
 
-class CleanHistory(Settings):
+class TeacherForcing(Settings):
     """The true past, as the paper has it."""
 
     kind: Literal["clean"]
 
 
-class NoisyHistory(Settings):
+class NoisyTeacherForcing(Settings):
     """The true past with Gaussian noise on it, drawn for each frame or code."""
 
     kind: Literal["noise"]
@@ -34,30 +34,34 @@ class NoisyHistory(Settings):
     sigma: Annotated[float, Field(gt=0)]
 
 
-class ScheduledHistory(Settings):
+class ScheduledSampling(Settings):
     """A mix of the true past and what the network predicts of it."""
 
     kind: Literal["scheduled"]
     # Share of frames or codes that are predicted, once it has grown to this.
-    share: Annotated[float, Field(gt=0, le=1)]
+    max_fraction: Annotated[float, Field(gt=0, le=1)]
     # Steps of training along which it grows from 0.
-    growth_steps: Annotated[int, Field(gt=0)]
+    ramp_steps: Annotated[int, Field(gt=0)]
 
 
-class FreeHistory(Settings):
+class FreeRunning(Settings):
     """The decoder's own output, frame by frame. A step of training costs as many passes as a window has frames."""
 
     kind: Literal["free"]
     # The gradient goes back through so many frames at most.
-    gradient_frames: Annotated[int, Field(gt=0)]
+    truncation_frames: Annotated[int, Field(gt=0)]
 
 
 # A decoder that draws codes has no gradient to its own output, and can do without `free`.
-DrawnHistorySettings = Annotated[CleanHistory | NoisyHistory | ScheduledHistory, Field(discriminator="kind")]
-HistorySettings = Annotated[CleanHistory | NoisyHistory | ScheduledHistory | FreeHistory, Field(discriminator="kind")]
+CodeHistorySettings = Annotated[TeacherForcing | NoisyTeacherForcing | ScheduledSampling, Field(discriminator="kind")]
+HistorySettings = Annotated[
+    TeacherForcing | NoisyTeacherForcing | ScheduledSampling | FreeRunning, Field(discriminator="kind")
+]
 
 
-def replaced(settings: ScheduledHistory, trained_steps: int, like: Float[Tensor, "B N *F"]) -> Bool[Tensor, "B N"]:
+def replacement_mask(
+    settings: ScheduledSampling, trained_steps: int, like: Float[Tensor, "B N *F"]
+) -> Bool[Tensor, "B N"]:
     """Which frames or codes are the network's own in this step."""
     drawn = torch.rand_like(like[:, :, 0] if like.dim() > 2 else like)
-    return drawn < settings.share * ramp(trained_steps, settings.growth_steps)
+    return drawn < settings.max_fraction * ramp(trained_steps, settings.ramp_steps)

@@ -17,31 +17,37 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.generator import Condition, uniforms
-from talkingeyes.models.gaze.history import FreeHistory, HistorySettings, NoisyHistory, ScheduledHistory, replaced
-from talkingeyes.models.gaze.signal import gaze_of, signal_of
+from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
+from talkingeyes.models.gaze.history import (
+    FreeRunning,
+    HistorySettings,
+    NoisyTeacherForcing,
+    ScheduledSampling,
+    replacement_mask,
+)
+from talkingeyes.models.gaze.signal import to_gaze_tensor, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.draw import draw
+from talkingeyes.models.layers.draw import sample_categorical
 from talkingeyes.models.layers.quantisers import AnyQuantiser
-from talkingeyes.models.layers.transformer import CausalTransformer, CrossWindow, TransformerSettings
+from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttentionWindow, TransformerSettings
 
 
-class RegressedGazeSettings(PartSettings):
+class RegressionGazeSettings(ComponentSettings):
     """The decoder of features."""
 
     kind: Literal["regressed"]
     transformer: TransformerSettings
     # Frames of condition that cross-attention sees before and after its own.
-    condition_back: Annotated[int, Field(ge=0)]
-    condition_ahead: Annotated[int, Field(ge=0)]
+    condition_lookback: Annotated[int, Field(ge=0)]
+    condition_lookahead: Annotated[int, Field(ge=0)]
     # What is seen of the past in training.
     history: HistorySettings
 
 
 @dataclass(frozen=True)
-class _Predicted:
+class _Prediction:
     """Features, the values of the codes that stand for them, and what D_VQ makes of these (radians)."""
 
     features: Float[Tensor, "B T C"]
@@ -49,12 +55,12 @@ class _Predicted:
     signal: Float[Tensor, "B T F"]
 
 
-class RegressedGaze(nn.Module):
+class RegressionGaze(nn.Module):
     """D_cross-modal: queries are embedded past gaze, keys and values the embedded speech and head."""
 
-    configured_by = RegressedGazeSettings
+    settings_class = RegressionGazeSettings
 
-    def __init__(self, settings: RegressedGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
+    def __init__(self, settings: RegressionGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
         if codebook is None:
             raise InputError("model.prior: should name a codebook for regressed gaze, got null")
@@ -65,88 +71,88 @@ class RegressedGaze(nn.Module):
         self.embed = nn.Linear(len(codebook.mean), width)
         self.condition = nn.Linear(speech + 3, width)
         self.transformer = CausalTransformer(
-            settings.transformer, CrossWindow(settings.condition_back, settings.condition_ahead)
+            settings.transformer, CrossAttentionWindow(settings.condition_lookback, settings.condition_lookahead)
         )
         self.out = nn.Linear(width, codebook.settings.quantiser.width)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
         """The codebook has statistics of its own."""
 
-    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+    def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Losses of frames, each predicted from those before it; `copy_last` is that of copying the true one before."""
-        true = self._normal(signal_of(self.codebook.settings.signal, condition.head, gaze))
-        past, memory, history = _before(true), self._memory(condition), self.settings.history
-        if self.training and isinstance(history, FreeHistory):
-            made = self._run(memory, lambda features, _: self._nearest(features), history.gradient_frames)
+        true = self._normal(to_signal_tensor(self.codebook.settings.signal, condition.head, gaze))
+        past, memory, history = _previous(true), self._memory(condition), self.settings.history
+        if self.training and isinstance(history, FreeRunning):
+            made = self._free_run(memory, lambda features, _: self._nearest(features), history.truncation_frames)
         else:
-            made = self._predict(self._shown(past, memory), memory)
+            made = self._predict(self._training_history(past, memory), memory)
         predicted = self._normal(made.signal)
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
             "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_regularity": F.mse_loss(self.codebook.quantiser.among_codes(made.features), made.codes),
+            "gaze_regularity": F.mse_loss(self.codebook.quantiser.to_code_space(made.features), made.codes),
             "copy_last": losses.reconstruction(past, true).detach(),
         }
 
     @torch.no_grad()
-    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Frame after frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
         memory = self._memory(condition)
-        uniform = uniforms(seeds, memory.shape[1]).to(memory.device)
+        uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
 
         def drawn(features: Float[Tensor, "B C"], step: int) -> Float[Tensor, "B C"]:
-            return lookup(self.codebook.quantiser, features, uniform[:, step], temperature)
+            return sample_code_values(self.codebook.quantiser, features, uniform[:, step], temperature)
 
-        return gaze_of(self.codebook.settings.signal, condition.head, self._run(memory, drawn, None).signal)
+        return to_gaze_tensor(self.codebook.settings.signal, condition.head, self._free_run(memory, drawn, None).signal)
 
-    def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Predicted:
+    def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Prediction:
         """All frames at once, each from a past that is given."""
         features = self.out(self.transformer(self.embed(past), memory))
         quantised = self.codebook.quantiser(features)
         stay = torch.zeros(past.shape[:2], dtype=torch.bool, device=past.device)
         signal = self.codebook.decode(quantised.values, stay)
-        return _Predicted(features, self.codebook.quantiser.codebook[quantised.indices], signal)
+        return _Prediction(features, self.codebook.quantiser.codebook[quantised.indices], signal)
 
-    def _shown(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> Float[Tensor, "B T F"]:
+    def _training_history(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> Float[Tensor, "B T F"]:
         """What a training step shows of the true past."""
         history = self.settings.history
         if not self.training:
             return past
-        if isinstance(history, NoisyHistory):
+        if isinstance(history, NoisyTeacherForcing):
             return past + history.sigma * torch.randn_like(past)
-        if isinstance(history, ScheduledHistory):
+        if isinstance(history, ScheduledSampling):
             with torch.no_grad():
-                own = _before(self._normal(self._predict(past, memory).signal))
-            return torch.where(replaced(history, self.trained_steps, past)[..., None], own, past)
+                own = _previous(self._normal(self._predict(past, memory).signal))
+            return torch.where(replacement_mask(history, self.trained_steps, past)[..., None], own, past)
         return past
 
-    def _run(
+    def _free_run(
         self,
         memory: Float[Tensor, "B T W"],
-        choose: Callable[[Float[Tensor, "B C"], int], Float[Tensor, "B C"]],
-        gradient_frames: int | None,
-    ) -> _Predicted:
-        """Free running: each frame from those made before it; `choose` gives code values for the features of a frame.
+        select_code: Callable[[Float[Tensor, "B C"], int], Float[Tensor, "B C"]],
+        truncation_frames: int | None,
+    ) -> _Prediction:
+        """Free running: each frame from those before it; `select_code` gives code values for the features of a frame.
 
-        The gradient goes back through at most `gradient_frames` frames (null: all), cut at every so many of them.
+        The gradient goes back through at most `truncation_frames` frames (null: all), cut at every so many of them.
         """
         batch, frames = memory.shape[:2]
-        cache, decoding = self.transformer.start(memory), self.codebook.decoder.start()
+        cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
         moving = torch.zeros(batch, dtype=torch.bool, device=memory.device)
         past = self.codebook.mean.expand(batch, -1)
         features, codes, made = [], [], []
         for step in range(frames):
-            if gradient_frames is not None and step % gradient_frames == 0:
+            if truncation_frames is not None and step % truncation_frames == 0:
                 past = past.detach()
-                cache.forget_gradient()
-                decoding.forget_gradient()
+                cache.detach_past()
+                decoder_cache.detach_past()
             entered = self.embed(self._normal(past))[:, None]
             features.append(self.out(self.transformer.step(entered, cache))[:, 0])
-            values = choose(features[-1], step)
-            past = self.codebook.step(values, moving, past, decoding)[:, 0]
+            values = select_code(features[-1], step)
+            past = self.codebook.step(values, moving, past, decoder_cache)[:, 0]
             codes.append(values.detach())
             made.append(past)
-        return _Predicted(torch.stack(features, dim=1), torch.stack(codes, dim=1), torch.stack(made, dim=1))
+        return _Prediction(torch.stack(features, dim=1), torch.stack(codes, dim=1), torch.stack(made, dim=1))
 
     def _nearest(self, features: Float[Tensor, "B C"]) -> Float[Tensor, "B C"]:
         """Eq. 5, straight through."""
@@ -156,20 +162,20 @@ class RegressedGaze(nn.Module):
     def _normal(self, signal: Float[Tensor, "*B F"]) -> Float[Tensor, "*B F"]:
         return (signal - self.codebook.mean) / self.codebook.scale
 
-    def _memory(self, condition: Condition) -> Float[Tensor, "B T W"]:
-        out: Tensor = self.condition(torch.cat([condition.speech, condition.head_normal], dim=-1))
+    def _memory(self, condition: GazeCondition) -> Float[Tensor, "B T W"]:
+        out: Tensor = self.condition(torch.cat([condition.speech, condition.normalised_head], dim=-1))
         return out
 
 
-def _before(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+def _previous(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
     """What was before each frame; before the first, the mean."""
     return torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
 
 
-def lookup(
+def sample_code_values(
     quantiser: AnyQuantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
 ) -> Float[Tensor, "B C"]:
     """Code values for features: the nearest (eq. 5), or drawn by softmax(-distance / (temperature * nearest))."""
     distance = quantiser.distances(features).clamp(min=0).sqrt()
     nearest = distance.min(-1, keepdim=True).values.clamp(min=1e-6)
-    return quantiser.codebook[draw(-distance / nearest, uniform, temperature)]
+    return quantiser.codebook[sample_categorical(-distance / nearest, uniform, temperature)]

@@ -17,13 +17,13 @@ from torch import Tensor
 from talkingeyes.core import rotation
 
 SignalName = Literal["eye_in_head", "gaze_in_space"]
-FEATURES: dict[SignalName, int] = {"eye_in_head": 6, "gaze_in_space": 4}
+SIGNAL_DIMS: dict[SignalName, int] = {"eye_in_head": 6, "gaze_in_space": 4}
 
 
 def to_signal(name: SignalName, head: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*N 2 3"]) -> Float[ndarray, "*N F"]:
     """Left then right: rotation vectors (6) or yaw and pitch in space (4), radians."""
     values = gaze if name == "eye_in_head" else rotation.gaze_in_space(head, gaze)
-    return values.reshape(*values.shape[:-2], FEATURES[name]).astype(np.float32)
+    return values.reshape(*values.shape[:-2], SIGNAL_DIMS[name]).astype(np.float32)
 
 
 def to_gaze(name: SignalName, head: Float[ndarray, "*N 3"], signal: Float[ndarray, "*N F"]) -> Float[ndarray, "*N 2 3"]:
@@ -33,17 +33,21 @@ def to_gaze(name: SignalName, head: Float[ndarray, "*N 3"], signal: Float[ndarra
     return rotation.eye_in_head(head, signal.reshape(*signal.shape[:-1], 2, 2))
 
 
-def signal_of(name: SignalName, head: Float[Tensor, "*N 3"], gaze: Float[Tensor, "*N 2 3"]) -> Float[Tensor, "*N F"]:
+def to_signal_tensor(
+    name: SignalName, head: Float[Tensor, "*N 3"], gaze: Float[Tensor, "*N 2 3"]
+) -> Float[Tensor, "*N F"]:
     """`to_signal` of tensors on any device."""
     return torch.from_numpy(to_signal(name, head.cpu().numpy(), gaze.cpu().numpy())).to(head.device)
 
 
-def gaze_of(name: SignalName, head: Float[Tensor, "*N 3"], signal: Float[Tensor, "*N F"]) -> Float[Tensor, "*N 2 3"]:
+def to_gaze_tensor(
+    name: SignalName, head: Float[Tensor, "*N 3"], signal: Float[Tensor, "*N F"]
+) -> Float[Tensor, "*N 2 3"]:
     """`to_gaze` of tensors on any device."""
     return torch.from_numpy(to_gaze(name, head.cpu().numpy(), signal.cpu().numpy())).to(head.device)
 
 
-def stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool[ndarray, "B N"]:
+def find_stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool[ndarray, "B N"]:
     """Which patches stay within the tolerance of the last frame of the last patch that did not (never the first)."""
     still = np.zeros(patches.shape[:2], bool)
     anchor = patches[:, 0, -1]

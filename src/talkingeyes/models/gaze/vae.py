@@ -8,14 +8,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.gaze.generator import SEED_OFFSET, Condition
+from talkingeyes.models.gaze.generator import SEED_OFFSET, GazeCondition
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 
 
-class VAEGazeSettings(VAESettings, PartSettings):
+class VAEGazeSettings(VAESettings, ComponentSettings):
     """Size of the VAE of gaze."""
 
     kind: Literal["vae"]
@@ -27,7 +27,7 @@ class VAEGaze(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    configured_by = VAEGazeSettings
+    settings_class = VAEGazeSettings
 
     def __init__(self, settings: VAEGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
@@ -40,22 +40,22 @@ class VAEGaze(nn.Module):
         self.mean.copy_(mean)
         self.scale.fill_(scale)
 
-    def terms(self, condition: Condition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+    def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
         """Eq. 11 to 13 for gaze."""
         true = (gaze.flatten(2) - self.mean) / self.scale
-        given = torch.cat([condition.speech, condition.head_normal], dim=-1)
+        given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
         posterior = self.vae.encode(true, given)
-        predicted = self.vae.decode(posterior.draw(), given)
+        predicted = self.vae.decode(posterior.rsample(), given)
         return {
             "gaze_reconstruction": losses.reconstruction(predicted, true),
             "gaze_velocity": losses.velocity(predicted, true),
-            "gaze_kl": self.vae.penalty(posterior),
+            "gaze_kl": self.vae.kl_loss(posterior),
         }
 
     @torch.no_grad()
-    def sample(self, condition: Condition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
+    def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Motions from codes drawn from N(0, temperature^2 I)."""
-        given = torch.cat([condition.speech, condition.head_normal], dim=-1)
+        given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
         shape = (self.vae.codes(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
         codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])

@@ -18,8 +18,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.gaze.signal import FEATURES, SignalName
-from talkingeyes.models.layers.quantiser import Quantised
+from talkingeyes.models.gaze.signal import SIGNAL_DIMS, SignalName
+from talkingeyes.models.layers.quantiser import QuantiserOutput
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
 
@@ -43,7 +43,7 @@ class Reconstruction:
     """A signal through the codebook."""
 
     signal: Float[Tensor, "B T F"]
-    quantised: Quantised
+    quantised: QuantiserOutput
 
 
 class GazeVQVAE(nn.Module):
@@ -55,10 +55,10 @@ class GazeVQVAE(nn.Module):
     def __init__(self, settings: GazeVQVAESettings) -> None:
         super().__init__()
         self.settings = settings
-        numbers = FEATURES[settings.signal] * settings.frames_per_code
-        self.register_buffer("mean", torch.zeros(FEATURES[settings.signal]))
+        numbers = SIGNAL_DIMS[settings.signal] * settings.frames_per_code
+        self.register_buffer("mean", torch.zeros(SIGNAL_DIMS[settings.signal]))
         self.register_buffer("scale", torch.ones(()))
-        self.enter = nn.Linear(numbers, settings.encoder.width)
+        self.input_projection = nn.Linear(numbers, settings.encoder.width)
         self.encoder = CausalTransformer(settings.encoder)
         self.to_latent = nn.Linear(settings.encoder.width, settings.quantiser.width)
         self.quantiser = make_quantiser(settings.quantiser)
@@ -97,24 +97,24 @@ class GazeVQVAE(nn.Module):
     def encode(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B N C"]:
         """Latents of patches: E_VQ."""
         normal = self.patches((signal - self.mean) / self.scale).flatten(2)
-        latent: Tensor = self.to_latent(self.encoder(self.enter(normal)))
+        latent: Tensor = self.to_latent(self.encoder(self.input_projection(normal)))
         return latent
 
     def decode(self, values: Float[Tensor, "B N C"], stay: Bool[Tensor, "B N"]) -> Float[Tensor, "B T F"]:
         """D_VQ: the signal of code values; stays copy the frame before them."""
         values = torch.where(stay[..., None], self.stay, values)
-        moved = self._to_patches(self.decoder(self.from_code(values)))
+        decoded = self._to_patches(self.decoder(self.from_code(values)))
         order = torch.arange(stay.shape[1], device=stay.device).expand_as(stay)
         last = torch.where(stay, 0, order).cummax(dim=1).values
-        held = moved[torch.arange(len(moved), device=stay.device)[:, None], last][:, :, -1:]
-        return torch.where(stay[..., None, None], held, moved).flatten(1, 2)
+        last_frame = decoded[torch.arange(len(decoded), device=stay.device)[:, None], last][:, :, -1:]
+        return torch.where(stay[..., None, None], last_frame, decoded).flatten(1, 2)
 
     def forward(self, signal: Float[Tensor, "B T F"], stay: Bool[Tensor, "B N"]) -> Reconstruction:
         """Eq. 6; stays take no part in the codebook."""
         quantised = self.quantiser(self.encode(signal), ~stay)
         return Reconstruction(self.decode(quantised.values, stay), quantised)
 
-    def values_of(self, indices: Int[Tensor, "*N"]) -> Float[Tensor, "*N C"]:
+    def code_values(self, indices: Int[Tensor, "*N"]) -> Float[Tensor, "*N C"]:
         """Code values of indices; the index `codes` means stay."""
         table = torch.cat([self.quantiser.codebook, self.stay[None]])
         return table[indices]
@@ -122,26 +122,32 @@ class GazeVQVAE(nn.Module):
     def render(self, values: Float[Tensor, "B N C"], stay: Bool[Tensor, "B N"]) -> Float[Tensor, "B T F"]:
         """The decoded signal as it is shown, frames within the stay tolerance held."""
         signal = self.decode(values, stay)
-        return self._held(signal, signal[:, 0])
+        return self._hold_still(signal, signal[:, 0])
 
     def step(
-        self, values: Float[Tensor, "B C"], stay: Bool[Tensor, " B"], held: Float[Tensor, "B F"] | None, cache: Cache
+        self,
+        values: Float[Tensor, "B C"],
+        stay: Bool[Tensor, " B"],
+        last_frame: Float[Tensor, "B F"] | None,
+        cache: Cache,
     ) -> Float[Tensor, "B P F"]:
-        """`render`, one code at a time; `held` is the last frame so far (None: there is none)."""
+        """`render`, one code at a time; `last_frame` is the last frame so far (None: there is none)."""
         values = torch.where(stay[:, None], self.stay, values)
-        moved = self._to_patches(self.decoder.step(self.from_code(values)[:, None], cache))[:, 0]
-        if held is None:
-            return self._held(moved, moved[:, 0])
-        return self._held(torch.where(stay[:, None, None], held[:, None].expand_as(moved), moved), held)
+        decoded = self._to_patches(self.decoder.step(self.from_code(values)[:, None], cache))[:, 0]
+        if last_frame is None:
+            return self._hold_still(decoded, decoded[:, 0])
+        return self._hold_still(
+            torch.where(stay[:, None, None], last_frame[:, None].expand_as(decoded), decoded), last_frame
+        )
 
-    def _held(self, signal: Float[Tensor, "B T F"], held: Float[Tensor, "B F"]) -> Float[Tensor, "B T F"]:
+    def _hold_still(self, signal: Float[Tensor, "B T F"], last_frame: Float[Tensor, "B F"]) -> Float[Tensor, "B T F"]:
         if self.stay_tolerance_rad is None:
             return signal
         frames = []
         for frame in signal.unbind(1):
-            near = (frame - held).abs().amax(-1, keepdim=True) < self.stay_tolerance_rad
-            held = torch.where(near, held, frame)
-            frames.append(held)
+            near = (frame - last_frame).abs().amax(-1, keepdim=True) < self.stay_tolerance_rad
+            last_frame = torch.where(near, last_frame, frame)
+            frames.append(last_frame)
         return torch.stack(frames, dim=1)
 
     def _to_patches(self, features: Float[Tensor, "B N W"]) -> Float[Tensor, "B N P F"]:

@@ -15,15 +15,15 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
 from talkingeyes.models.layers.conditional_vae import VAESettings
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
-from talkingeyes.models.layers.normal import Normal
+from talkingeyes.models.layers.normal import MotionNormaliser
 
 
-class CausalHeadSettings(VAESettings, PartSettings):
+class CausalVAEHeadSettings(VAESettings, ComponentSettings):
     """Size of the VAE of the head."""
 
     kind: Literal["causal_vae"]
@@ -32,7 +32,7 @@ class CausalHeadSettings(VAESettings, PartSettings):
 
 
 @dataclass
-class _Codes:
+class _LatentState:
     """The codes of a batch so far: the frame that comes next, and the codes from number `first` on."""
 
     generators: Sequence[torch.Generator]
@@ -41,38 +41,40 @@ class _Codes:
     codes: list[Float[Tensor, "B Z"]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, seeds: Sequence[int]) -> _Codes:
+    def of(cls, seeds: Sequence[int]) -> _LatentState:
         """Before the first frame."""
         return cls([torch.Generator().manual_seed(seed) for seed in seeds])
 
 
-class CausalHead(nn.Module):
+class CausalVAEHead(nn.Module):
     """Head rotation vectors of speech features, whole or part by part."""
 
-    configured_by = CausalHeadSettings
+    settings_class = CausalVAEHeadSettings
 
-    def __init__(self, settings: CausalHeadSettings, speech: int) -> None:
+    def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
         super().__init__()
         self.settings = settings
         size = settings.model_dump() | {"kind": "vae"}
-        self.whole = VAEHead(VAEHeadSettings.model_validate(size), speech)
-        self.whole.vae.decoder = CausalConvolutionStack(
-            settings.latent + speech, settings.width, settings.layers, settings.dropout, ahead=0
+        self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
+        self.vae_head.vae.decoder = CausalConvolutionStack(
+            settings.latent + speech, settings.width, settings.layers, settings.dropout, lookahead=0
         )
 
     @property
-    def normal(self) -> Normal:
+    def normal(self) -> MotionNormaliser:
         """The statistics of the head."""
-        return self.whole.normal
+        return self.vae_head.normal
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion under its speech (training)."""
-        return self.whole.predict(speech, head)
+        return self.vae_head.predict(speech, head)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions from codes drawn from N(0, I), a seed a row."""
-        heard = torch.cat([self.spread(_Codes.of(seeds), speech.shape[1]).to(speech), speech], dim=-1)
-        return self.normal.back(self.whole.vae.out(self.decoder(heard)))
+        decoder_input = torch.cat(
+            [self.interpolate_latents(_LatentState.of(seeds), speech.shape[1]).to(speech), speech], dim=-1
+        )
+        return self.normal.denormalise(self.vae_head.vae.out(self.decoder(decoder_input)))
 
     def stream(self, seed: int) -> HeadStream:
         """Part after part what `sample` gives."""
@@ -81,10 +83,10 @@ class CausalHead(nn.Module):
     @property
     def decoder(self) -> CausalConvolutionStack:
         """Of codes and speech."""
-        assert isinstance(self.whole.vae.decoder, CausalConvolutionStack)
-        return self.whole.vae.decoder
+        assert isinstance(self.vae_head.vae.decoder, CausalConvolutionStack)
+        return self.vae_head.vae.decoder
 
-    def spread(self, drawn: _Codes, frames: int) -> Float[Tensor, "B T Z"]:
+    def interpolate_latents(self, drawn: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
         """Codes at their centres, interpolated to the next frames with their variance kept (as ConditionalVAE does)."""
         span = self.settings.latent_frames
         place = ((torch.arange(drawn.frame, drawn.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
@@ -109,11 +111,11 @@ class CausalHead(nn.Module):
 class HeadStream:
     """The head of one seed, part after part."""
 
-    def __init__(self, head: CausalHead, seed: int) -> None:
-        self._head, self._codes, self._decoder = head, _Codes.of([seed]), head.decoder.stream()
+    def __init__(self, head: CausalVAEHead, seed: int) -> None:
+        self._head, self._codes, self._decoder = head, _LatentState.of([seed]), head.decoder.stream()
 
     def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
         """The head at the next frames."""
-        heard = torch.cat([self._head.spread(self._codes, speech.shape[1]), speech], dim=-1)
-        said = torch.from_numpy(self._decoder.step(heard[0].numpy()))[None]
-        return self._head.normal.back(self._head.whole.vae.out(said))
+        decoder_input = torch.cat([self._head.interpolate_latents(self._codes, speech.shape[1]), speech], dim=-1)
+        decoded = torch.from_numpy(self._decoder.step(decoder_input[0].numpy()))[None]
+        return self._head.normal.denormalise(self._head.vae_head.vae.out(decoded))

@@ -13,20 +13,20 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.core.settings import PartSettings, Role
-from talkingeyes.models.layers.normal import Normal
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
+from talkingeyes.models.layers.normal import MotionNormaliser
 
-HEAD_GENERATORS = Role(
+HEAD_GENERATORS = ComponentRegistry(
     "head generator",
     {
         "vae": "talkingeyes.models.head.vae:VAEHead",
-        "causal_vae": "talkingeyes.models.head.causal:CausalHead",
-        "events": "talkingeyes.models.head.events:EventHead",
+        "causal_vae": "talkingeyes.models.head.causal:CausalVAEHead",
+        "events": "talkingeyes.models.head.events:PointProcessHead",
         "vqvae": "talkingeyes.models.head.vqvae:VQVAEHead",
     },
     ("predict", "sample"),
 )
-HeadPartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(HEAD_GENERATORS.read)]
+HeadComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(HEAD_GENERATORS.parse)]
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class HeadPrediction:
     """The head motion as the generator reconstructs it (radians), and the terms of the loss."""
 
     head: Float[Tensor, "B T 3"]
-    terms: dict[str, Tensor]
+    loss_terms: dict[str, Tensor]
 
 
 class HeadGenerator(Protocol):
     """The role: a torch module made as `Class(settings, speech)`, `speech` features a frame."""
 
-    configured_by: Any
+    settings_class: Any
 
     @property
-    def normal(self) -> Normal:
+    def normal(self) -> MotionNormaliser:
         """Rotation vectors centred on the mean, in units of the scale: what the gaze generator sees of the head. It is
         set to the statistics of the train split, one scale for all three numbers."""
         ...

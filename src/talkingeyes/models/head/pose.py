@@ -18,9 +18,9 @@ from jaxtyping import Float
 from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
-from talkingeyes.core.settings import PartSettings, Role
+from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 
-POSE_GENERATORS = Role(
+POSE_GENERATORS = ComponentRegistry(
     "generator of head poses",
     {
         "mean": "talkingeyes.models.head.pose_baselines:MeanPose",
@@ -31,26 +31,26 @@ POSE_GENERATORS = Role(
         "vqvae": "talkingeyes.models.head.pose_vqvae:VQVAEPose",
         "posegan": "talkingeyes.models.head.posegan:PoseGAN",
     },
-    ("remember", "predict", "sample"),
+    ("set_training_windows", "predict", "sample"),
 )
-PosePartSettings = Annotated[SerializeAsAny[PartSettings], BeforeValidator(POSE_GENERATORS.read)]
+PoseComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(POSE_GENERATORS.parse)]
 
 
 @dataclass(frozen=True)
-class Heard:
+class PoseInputs:
     """What a generator hears: features that are learnt with it, the style in them and by itself, and the embedding."""
 
     features: Float[Tensor, "B T S"]
     style: Float[Tensor, "B S"]
-    standard: Float[Tensor, "B T H"]
+    standardised: Float[Tensor, "B T H"]
 
 
 @dataclass(frozen=True)
-class Memory:
+class TrainingWindows:
     """Training windows, for generators that draw from them: poses, and what their sound is like."""
 
     pose: Float[Tensor, "N L 6"]
-    sound: Float[Tensor, "N D"]
+    speech_statistics: Float[Tensor, "N D"]
 
 
 @dataclass(frozen=True)
@@ -58,29 +58,31 @@ class PosePrediction:
     """Poses as the generator makes them of true ones and their speech, and the terms of its loss."""
 
     pose: Float[Tensor, "B T P"]
-    terms: dict[str, Tensor]
+    loss_terms: dict[str, Tensor]
 
 
 class PoseGenerator(Protocol):
     """The role: a torch module made as `Class(settings, speech, embedding)`, the widths of what it hears."""
 
-    configured_by: Any
+    settings_class: Any
     # Frames that are made at once, each window starting at the last pose of the one before; None: any number.
     window: int | None
 
-    def remember(self, memory: Memory) -> None:
+    def set_training_windows(self, training_windows: TrainingWindows) -> None:
         """Take what it draws from of the train split; most take nothing."""
         ...
 
-    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+    def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Named terms of the loss for true poses under their speech."""
         ...
 
-    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+    def sample(
+        self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
+    ) -> Float[Tensor, "B T 6"]:
         """Poses, a source of noise a row; a row is the same alone or with others."""
         ...
 
 
-def described(standard: Float[Tensor, "B T H"]) -> Float[Tensor, "B D"]:
+def mean_and_std(standardised: Float[Tensor, "B T H"]) -> Float[Tensor, "B D"]:
     """What nearest neighbours compare of a sound: means and standard deviations of its features."""
-    return torch.cat([standard.mean(1), standard.std(1, correction=0)], dim=1)
+    return torch.cat([standardised.mean(1), standardised.std(1, correction=0)], dim=1)

@@ -13,13 +13,13 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
+from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 
-class CNNPoseSettings(PartSettings):
+class CNNPoseSettings(ComponentSettings):
     """Size of the network."""
 
     width: Annotated[int, Field(gt=0)]
@@ -30,7 +30,7 @@ class CNNPoseSettings(PartSettings):
 class CNNPose(nn.Module):
     """Dilated convolutions over speech features; the same for every seed."""
 
-    configured_by = CNNPoseSettings
+    settings_class = CNNPoseSettings
     window = None
 
     def __init__(self, settings: CNNPoseSettings, speech: int, embedding: int) -> None:
@@ -38,16 +38,18 @@ class CNNPose(nn.Module):
         self.stack = ConvolutionStack(speech, settings.width, settings.layers, settings.dropout)
         self.out = nn.Linear(settings.width, 6)
 
-    def remember(self, memory: Memory) -> None:
+    def set_training_windows(self, training_windows: TrainingWindows) -> None:
         """It needs nothing."""
 
-    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+    def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Distances of pose and motion (eq. 3 without the start)."""
-        made: Tensor = self.out(self.stack(heard.features))
-        terms = {"pose": losses.reconstruction(made, pose), "motion": losses.velocity(made, pose)}
-        return PosePrediction(made, terms)
+        generated: Tensor = self.out(self.stack(inputs.features))
+        loss_terms = {"pose": losses.reconstruction(generated, pose), "motion": losses.velocity(generated, pose)}
+        return PosePrediction(generated, loss_terms)
 
-    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+    def sample(
+        self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
+    ) -> Float[Tensor, "B T 6"]:
         """The regression."""
-        made: Tensor = self.out(self.stack(heard.features))
-        return made
+        generated: Tensor = self.out(self.stack(inputs.features))
+        return generated

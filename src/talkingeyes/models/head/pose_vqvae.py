@@ -15,15 +15,15 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
+from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
 from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
-from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shifted
+from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shift_right
 
 
-class VQVAEPoseSettings(PartSettings):
+class VQVAEPoseSettings(ComponentSettings):
     """Sizes; a code stands for `frames_per_code` frames."""
 
     width: Annotated[int, Field(gt=0)]
@@ -35,62 +35,66 @@ class VQVAEPoseSettings(PartSettings):
 
 
 class VQVAEPose(nn.Module):
-    """Encoder, codebook, decoder, and a causal transformer over codes and speech; `numbers` a frame (vqvae.py: 3)."""
+    """Encoder, codebook, decoder, and a causal transformer over codes and speech; `pose_dim` a frame (vqvae.py: 3)."""
 
-    configured_by = VQVAEPoseSettings
+    settings_class = VQVAEPoseSettings
     window = None
 
-    def __init__(self, settings: VQVAEPoseSettings, speech: int, embedding: int, numbers: int = 6) -> None:
+    def __init__(self, settings: VQVAEPoseSettings, speech: int, embedding: int, pose_dim: int = 6) -> None:
         super().__init__()
         self.settings = settings
         width, code, hidden = settings.width, settings.quantiser.width, settings.transformer.width
-        self.encoder = ConvolutionStack(numbers, width, settings.layers, settings.dropout)
+        self.encoder = ConvolutionStack(pose_dim, width, settings.layers, settings.dropout)
         self.to_latent = nn.Linear(width, code)
         self.quantiser = make_quantiser(settings.quantiser)
         self.decoder = ConvolutionStack(code, width, settings.layers, settings.dropout)
-        self.out = nn.Linear(width, numbers)
+        self.out = nn.Linear(width, pose_dim)
         self.first = nn.Parameter(torch.zeros(1, 1, hidden))
         self.from_code = nn.Embedding(settings.quantiser.codes, hidden)
         self.from_speech = nn.Linear(speech, hidden)
         self.transformer = CausalTransformer(settings.transformer)
         self.scores = nn.Linear(hidden, settings.quantiser.codes)
 
-    def remember(self, memory: Memory) -> None:
+    def set_training_windows(self, training_windows: TrainingWindows) -> None:
         """It needs nothing."""
 
-    def predict(self, heard: Heard, pose: Float[Tensor, "B T P"]) -> PosePrediction:
+    def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T P"]) -> PosePrediction:
         """Through the codebook; codes predicted from those before them."""
-        quantised = self.quantiser(self.to_latent(self._pooled(self.encoder(pose))))
-        made = self._decoded(quantised.values, pose.shape[1])
-        before = shifted(self.from_code(quantised.indices), self.first.expand(len(pose), 1, -1))
-        scores = self.scores(self.transformer(before + self.from_speech(self._pooled(heard.features))))
-        terms = {
-            "pose": losses.reconstruction(made, pose),
-            "motion": losses.velocity(made, pose),
+        quantised = self.quantiser(self.to_latent(self._pool(self.encoder(pose))))
+        generated = self._decode(quantised.values, pose.shape[1])
+        before = shift_right(self.from_code(quantised.indices), self.first.expand(len(pose), 1, -1))
+        scores = self.scores(self.transformer(before + self.from_speech(self._pool(inputs.features))))
+        loss_terms = {
+            "pose": losses.reconstruction(generated, pose),
+            "motion": losses.velocity(generated, pose),
             "commitment": quantised.commitment,
             "codes": functional.cross_entropy(scores.flatten(0, 1), quantised.indices.flatten()),
         }
-        return PosePrediction(made, terms)
+        return PosePrediction(generated, loss_terms)
 
-    def sample(self, heard: Heard, start: Float[Tensor, "B P"], noise: list[torch.Generator]) -> Float[Tensor, "B T P"]:
+    def sample(
+        self, inputs: PoseInputs, start: Float[Tensor, "B P"], generators: list[torch.Generator]
+    ) -> Float[Tensor, "B T P"]:
         """Codes drawn one after the other."""
-        speech = self.from_speech(self._pooled(heard.features))
-        cache, before = self.transformer.start(), self.first.expand(len(noise), 1, -1)
+        speech = self.from_speech(self._pool(inputs.features))
+        cache, before = self.transformer.start(), self.first.expand(len(generators), 1, -1)
         drawn: list[Int[Tensor, " B"]] = []
         for position in range(speech.shape[1]):
             scores = self.scores(self.transformer.step(before + speech[:, position : position + 1], cache))[:, 0]
-            chances = scores.softmax(-1).cpu()
-            rows = [torch.multinomial(row, 1, generator=each) for row, each in zip(chances, noise, strict=True)]
+            probabilities = scores.softmax(-1).cpu()
+            rows = [
+                torch.multinomial(row, 1, generator=each) for row, each in zip(probabilities, generators, strict=True)
+            ]
             drawn.append(torch.cat(rows).to(speech.device))
             before = self.from_code(drawn[-1])[:, None]
-        return self._decoded(self.quantiser.codebook[torch.stack(drawn, dim=1)], heard.features.shape[1])
+        return self._decode(self.quantiser.codebook[torch.stack(drawn, dim=1)], inputs.features.shape[1])
 
-    def _pooled(self, frames: Float[Tensor, "B T W"]) -> Float[Tensor, "B N W"]:
+    def _pool(self, frames: Float[Tensor, "B T W"]) -> Float[Tensor, "B N W"]:
         """Means over the frames of a code; the last code may stand for fewer."""
         span = self.settings.frames_per_code
         return torch.stack([part.mean(1) for part in frames.split(span, dim=1)], dim=1)
 
-    def _decoded(self, values: Float[Tensor, "B N C"], frames: int) -> Float[Tensor, "B T P"]:
+    def _decode(self, values: Float[Tensor, "B N C"], frames: int) -> Float[Tensor, "B T P"]:
         spread = values.repeat_interleave(self.settings.frames_per_code, dim=1)[:, :frames]
-        made: Tensor = self.out(self.decoder(spread))
-        return made
+        generated: Tensor = self.out(self.decoder(spread))
+        return generated

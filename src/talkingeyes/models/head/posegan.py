@@ -20,15 +20,15 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import Heard, Memory, PosePrediction
+from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 GROUPS = 8
 
 
-class PoseGANSettings(PartSettings):
+class PoseGANSettings(ComponentSettings):
     """Size of the generator."""
 
     width: Annotated[int, Field(gt=0, multiple_of=GROUPS)]
@@ -48,7 +48,7 @@ class PoseGANSettings(PartSettings):
 class PoseGAN(nn.Module):
     """The generator G(x, p)."""
 
-    configured_by = PoseGANSettings
+    settings_class = PoseGANSettings
 
     def __init__(self, settings: PoseGANSettings, speech: int, embedding: int) -> None:
         super().__init__()
@@ -56,50 +56,54 @@ class PoseGAN(nn.Module):
         self.window = settings.window
         width = settings.width
         self.encoder = ConvolutionStack(speech + 6, width, settings.layers, settings.dropout)
-        self.down = nn.ModuleList(_Halved(width, speech) for _ in range(settings.levels))
-        self.up = nn.ModuleList(_Doubled(width, speech) for _ in range(settings.levels))
+        self.down = nn.ModuleList(_DownBlock(width, speech) for _ in range(settings.levels))
+        self.up = nn.ModuleList(_UpBlock(width, speech) for _ in range(settings.levels))
         self.out = nn.Linear(width, 6)
         self.gain = nn.Linear(speech, 6)
-        self.from_start = nn.Linear(6, 6)
+        self.pose_projection = nn.Linear(6, 6)
 
-    def remember(self, memory: Memory) -> None:
+    def set_training_windows(self, training_windows: TrainingWindows) -> None:
         """It needs nothing."""
 
-    def predict(self, heard: Heard, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
+    def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
         """Eq. 3, the first true frame as the initial pose."""
-        made = self(heard, pose[:, 0])
-        terms = {
-            "pose": losses.reconstruction(made, pose),
-            "start": losses.reconstruction(made[:, :1], pose[:, :1]),
-            "motion": losses.velocity(made, pose),
+        generated = self(inputs, pose[:, 0])
+        loss_terms = {
+            "pose": losses.reconstruction(generated, pose),
+            "start": losses.reconstruction(generated[:, :1], pose[:, :1]),
+            "motion": losses.velocity(generated, pose),
         }
-        return PosePrediction(made, terms)
+        return PosePrediction(generated, loss_terms)
 
-    def sample(self, heard: Heard, start: Float[Tensor, "B 6"], noise: list[torch.Generator]) -> Float[Tensor, "B T 6"]:
+    def sample(
+        self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
+    ) -> Float[Tensor, "B T 6"]:
         """One window, anchored at its start."""
-        made: Tensor = self(heard, start)
+        generated: Tensor = self(inputs, start)
         if not self.settings.anchor_frames or not self.settings.initial_pose:
-            return made
-        fading = 1 - torch.arange(made.shape[1], device=made.device) / self.settings.anchor_frames
-        anchored: Tensor = made + fading.clamp(min=0)[:, None] * (start - made[:, 0])[:, None]
+            return generated
+        fading = 1 - torch.arange(generated.shape[1], device=generated.device) / self.settings.anchor_frames
+        anchored: Tensor = generated + fading.clamp(min=0)[:, None] * (start - generated[:, 0])[:, None]
         return anchored
 
-    def forward(self, heard: Heard, start: Float[Tensor, "B 6"]) -> Float[Tensor, "B T 6"]:
+    def forward(self, inputs: PoseInputs, start: Float[Tensor, "B 6"]) -> Float[Tensor, "B T 6"]:
         """Poses of one window."""
-        frames = heard.features.shape[1]
+        frames = inputs.features.shape[1]
         if not self.settings.initial_pose:
             start = torch.zeros_like(start)
-        entered = torch.cat([heard.features, start[:, None].expand(-1, frames, -1)], dim=-1)
+        entered = torch.cat([inputs.features, start[:, None].expand(-1, frames, -1)], dim=-1)
         h = self._padded(self.encoder(entered)).transpose(1, 2)
         kept = []
-        for halved in self.down:
+        for down_block in self.down:
             kept.append(h)
-            h = halved(h, heard.style)
-        for doubled in self.up:
-            h = doubled(h, heard.style) + kept.pop()
+            h = down_block(h, inputs.style)
+        for up_block in self.up:
+            h = up_block(h, inputs.style) + kept.pop()
         last = h.transpose(1, 2)[:, :frames]
-        made: Tensor = self.out(last) * self.gain(heard.style).exp()[:, None] + self.from_start(start)[:, None]
-        return made
+        generated: Tensor = (
+            self.out(last) * self.gain(inputs.style).exp()[:, None] + self.pose_projection(start)[:, None]
+        )
+        return generated
 
     def _padded(self, features: Float[Tensor, "B T W"]) -> Float[Tensor, "B U W"]:
         """A whole number of the U-Net's slowest frames, the last frame repeated."""
@@ -107,40 +111,40 @@ class PoseGAN(nn.Module):
         return torch.cat([features, features[:, -1:].expand(-1, missing, -1)], dim=1)
 
 
-class _Halved(nn.Module):
+class _DownBlock(nn.Module):
     """Half the frame rate."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()
         self.convolution = nn.Conv1d(width, width, 4, stride=2, padding=1)
-        self.norm = _StyledNorm(width, style)
+        self.norm = _AdaptiveGroupNorm(width, style)
 
     def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
         return functional.leaky_relu(self.norm(self.convolution(h), style), 0.2)
 
 
-class _Doubled(nn.Module):
+class _UpBlock(nn.Module):
     """Twice the frame rate, between frames by straight lines: repeated frames would step."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()
         self.convolution = nn.Conv1d(width, width, 3, padding=1)
-        self.norm = _StyledNorm(width, style)
+        self.norm = _AdaptiveGroupNorm(width, style)
 
     def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W U"]:
         twice = functional.interpolate(h, scale_factor=2.0, mode="linear")
         return functional.leaky_relu(self.norm(self.convolution(twice), style), 0.2)
 
 
-class _StyledNorm(nn.Module):
+class _AdaptiveGroupNorm(nn.Module):
     """Group normalisation that the style scales and shifts."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()
         self.norm = nn.GroupNorm(GROUPS, width, affine=False)
-        self.of_style = nn.Linear(style, 2 * width)
+        self.style_projection = nn.Linear(style, 2 * width)
 
     def forward(self, h: Float[Tensor, "B W T"], style: Float[Tensor, "B S"]) -> Float[Tensor, "B W T"]:
-        scale, shift = self.of_style(style)[..., None].chunk(2, dim=1)
+        scale, shift = self.style_projection(style)[..., None].chunk(2, dim=1)
         styled: Tensor = self.norm(h) * (1 + scale) + shift
         return styled

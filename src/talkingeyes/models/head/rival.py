@@ -27,7 +27,7 @@ from talkingeyes.core.settings import Settings
 LAGS_FRAMES = (1, 15)
 
 
-class RivalSettings(Settings):
+class DiscriminatorSettings(Settings):
     """Its size. It learns at the pace of the generator."""
 
     width: Annotated[int, Field(gt=0)]
@@ -35,12 +35,12 @@ class RivalSettings(Settings):
     layers: Annotated[int, Field(gt=0)]
 
 
-class Rival(nn.Module):
+class Discriminator(nn.Module):
     """Scores of parts of motions; `scale` are the deviations of motion, by lag and number."""
 
     scale: Tensor
 
-    def __init__(self, settings: RivalSettings, styles: int) -> None:
+    def __init__(self, settings: DiscriminatorSettings, style_dim: int) -> None:
         super().__init__()
         self.settings = settings
         self.register_buffer("scale", torch.ones(len(LAGS_FRAMES), 6))
@@ -49,27 +49,29 @@ class Rival(nn.Module):
             nn.Conv1d(taken, given, 5, stride=2, padding=2) for taken, given in pairwise(sizes)
         )
         self.score = nn.Linear(settings.width, 1)
-        self.of_style = nn.Linear(styles, settings.width, bias=False)
+        self.style_projection = nn.Linear(style_dim, settings.width, bias=False)
 
     def forward(self, pose: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]) -> Float[Tensor, "B P"]:
         """Scores, above 0 for what seems true."""
-        h = torch.cat([motion / scale for motion, scale in zip(motions(pose), self.scale, strict=True)], dim=-1)
+        h = torch.cat(
+            [motion / scale for motion, scale in zip(lagged_differences(pose), self.scale, strict=True)], dim=-1
+        )
         h = h.transpose(1, 2)
         for convolution in self.convolutions:
             h = functional.leaky_relu(convolution(h), 0.2)
         h = h.transpose(1, 2)
-        scores: Tensor = self.score(h)[..., 0] + (h * self.of_style(style)[:, None]).sum(-1)
+        scores: Tensor = self.score(h)[..., 0] + (h * self.style_projection(style)[:, None]).sum(-1)
         return scores
 
-    def doubt(self, made: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
+    def generator_loss(self, generated: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
         """What the generator minimises."""
-        return functional.softplus(-self(made, style)).sum(-1).mean()
+        return functional.softplus(-self(generated, style)).sum(-1).mean()
 
-    def terms(
-        self, true: Float[Tensor, "B T 6"], made: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]
+    def loss_terms(
+        self, true: Float[Tensor, "B T 6"], generated: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]
     ) -> dict[str, Tensor]:
         """What the rival minimises, and how it stands: the chance that it gives to true and to made motion."""
-        of_true, of_made = self(true, style), self(made, style)
+        of_true, of_made = self(true, style), self(generated, style)
         return {
             "total": functional.softplus(-of_true).mean() + functional.softplus(of_made).mean(),
             "believed_true": of_true.sigmoid().mean(),
@@ -77,7 +79,7 @@ class Rival(nn.Module):
         }
 
 
-def motions(pose: Float[Tensor, "B T 6"]) -> list[Float[Tensor, "B T 6"]]:
+def lagged_differences(pose: Float[Tensor, "B T 6"]) -> list[Float[Tensor, "B T 6"]]:
     """What changes over each lag; until there is one, since the first frame."""
     first = pose[:, :1]
     before = [torch.cat([first.expand(-1, min(lag, pose.shape[1]), -1), pose], dim=1) for lag in LAGS_FRAMES]

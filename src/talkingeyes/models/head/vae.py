@@ -8,14 +8,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import PartSettings
+from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
-from talkingeyes.models.layers.normal import Normal
+from talkingeyes.models.layers.normal import MotionNormaliser
 
 
-class VAEHeadSettings(VAESettings, PartSettings):
+class VAEHeadSettings(VAESettings, ComponentSettings):
     """Size of the VAE of the head."""
 
     kind: Literal["vae"]
@@ -24,27 +24,27 @@ class VAEHeadSettings(VAESettings, PartSettings):
 class VAEHead(nn.Module):
     """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
 
-    configured_by = VAEHeadSettings
+    settings_class = VAEHeadSettings
 
     def __init__(self, settings: VAEHeadSettings, speech: int) -> None:
         super().__init__()
-        self.normal = Normal(3)
+        self.normal = MotionNormaliser(3)
         self.vae = ConditionalVAE(settings, 3, speech)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Reconstruct true motion under its speech (training)."""
         true = self.normal(head)
         posterior = self.vae.encode(true, speech)
-        predicted = self.vae.decode(posterior.draw(), speech)
-        terms = {
+        predicted = self.vae.decode(posterior.rsample(), speech)
+        loss_terms = {
             "head_reconstruction": losses.reconstruction(predicted, true),
             "head_velocity": losses.velocity(predicted, true),
-            "head_kl": self.vae.penalty(posterior),
+            "head_kl": self.vae.kl_loss(posterior),
         }
-        return HeadPrediction(self.normal.back(predicted), terms)
+        return HeadPrediction(self.normal.denormalise(predicted), loss_terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions from codes drawn from N(0, I), a seed a row."""
         shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
-        return self.normal.back(self.vae.decode(codes.to(speech), speech))
+        return self.normal.denormalise(self.vae.decode(codes.to(speech), speech))

@@ -13,18 +13,18 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
-from talkingeyes.models.head.pose import Heard
+from talkingeyes.models.head.pose import PoseInputs
 from talkingeyes.models.head.pose_vqvae import VQVAEPose, VQVAEPoseSettings
-from talkingeyes.models.layers.normal import Normal
+from talkingeyes.models.layers.normal import MotionNormaliser
 
 # What the network of poses calls the terms of its loss, and what they are called beside those of gaze.
-TERMS = {
+TERM_NAMES = {
     "pose": "head_reconstruction",
     "motion": "head_velocity",
     "commitment": "head_commitment",
     "codes": "head_codes",
 }
-ROTATION = 3
+ROTATION_DIM = 3
 
 
 class VQVAEHeadSettings(VQVAEPoseSettings):
@@ -36,26 +36,26 @@ class VQVAEHeadSettings(VQVAEPoseSettings):
 class VQVAEHead(nn.Module):
     """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
 
-    configured_by = VQVAEHeadSettings
+    settings_class = VQVAEHeadSettings
 
     def __init__(self, settings: VQVAEHeadSettings, speech: int) -> None:
         super().__init__()
-        self.normal = Normal(ROTATION)
-        self.codes = VQVAEPose(settings, speech, embedding=0, numbers=ROTATION)
+        self.normal = MotionNormaliser(ROTATION_DIM)
+        self.codes = VQVAEPose(settings, speech, embedding=0, pose_dim=ROTATION_DIM)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
         """Through the codebook; codes predicted from those before them (training)."""
-        found = self.codes.predict(_heard(speech), self.normal(head))
-        terms = {TERMS[name]: value for name, value in found.terms.items()}
-        return HeadPrediction(self.normal.back(found.pose), terms)
+        prediction = self.codes.predict(_pose_inputs(speech), self.normal(head))
+        loss_terms = {TERM_NAMES[name]: value for name, value in prediction.loss_terms.items()}
+        return HeadPrediction(self.normal.denormalise(prediction.pose), loss_terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions of drawn codes, a seed a row."""
-        noise = [torch.Generator().manual_seed(seed) for seed in seeds]
-        start = torch.zeros(len(seeds), ROTATION, device=speech.device)
-        return self.normal.back(self.codes.sample(_heard(speech), start, noise))
+        generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+        start = torch.zeros(len(seeds), ROTATION_DIM, device=speech.device)
+        return self.normal.denormalise(self.codes.sample(_pose_inputs(speech), start, generators))
 
 
-def _heard(speech: Float[Tensor, "B T S"]) -> Heard:
+def _pose_inputs(speech: Float[Tensor, "B T S"]) -> PoseInputs:
     """Speech as a generator of poses hears it; this one looks at the features alone."""
-    return Heard(speech, speech.mean(1), speech)
+    return PoseInputs(speech, speech.mean(1), speech)

@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-BLOCK = 512  # frames
+BLOCK_FRAMES = 512  # frames
 
 
 @dataclass
@@ -46,9 +46,9 @@ class WindowAttention(nn.Module):
 
     frequencies: Tensor
 
-    def __init__(self, width: int, heads: int, back: int, ahead: int, dropout: float) -> None:
+    def __init__(self, width: int, heads: int, lookback: int, lookahead: int, dropout: float) -> None:
         super().__init__()
-        self.heads, self.back, self.ahead, self.dropout = heads, back, ahead, dropout
+        self.heads, self.lookback, self.lookahead, self.dropout = heads, lookback, lookahead, dropout
         self.query = nn.Linear(width, width)
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
@@ -63,19 +63,19 @@ class WindowAttention(nn.Module):
     def forward(self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"]) -> Float[Tensor, "B T W"]:
         """All frames at once, both sequences starting at position 0; blocks of frames, so that memory stays linear."""
         projected = self.project(memory)
-        blocks = range(0, max(x.shape[1], 1), BLOCK)
-        return torch.cat([self._block(x[:, start : start + BLOCK], start, projected) for start in blocks], dim=1)
+        blocks = range(0, max(x.shape[1], 1), BLOCK_FRAMES)
+        return torch.cat([self._block(x[:, start : start + BLOCK_FRAMES], start, projected) for start in blocks], dim=1)
 
     def _block(self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues) -> Float[Tensor, "B T W"]:
         """Frames from `first` on, with what they may see of the memory."""
-        seen = memory.window(first - self.back, first + x.shape[1] + self.ahead)
+        seen = memory.window(first - self.lookback, first + x.shape[1] + self.lookahead)
         offset = torch.arange(seen.keys.shape[2]) + seen.first - (torch.arange(x.shape[1]) + first)[:, None]
-        allowed = (offset >= -self.back) & (offset <= self.ahead)
+        allowed = (offset >= -self.lookback) & (offset <= self.lookahead)
         return self._attend(x, first, seen, allowed.to(x.device))
 
     def step(self, x: Float[Tensor, "B 1 W"], position: int, memory: KeysValues) -> Float[Tensor, "B 1 W"]:
         """One frame at `position`."""
-        return self._attend(x, position, memory.window(position - self.back, position + self.ahead + 1), None)
+        return self._attend(x, position, memory.window(position - self.lookback, position + self.lookahead + 1), None)
 
     def _attend(
         self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues, allowed: Bool[Tensor, "T U"] | None

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.layers.kl import KLSettings, annealed, beyond_free_bits
+from talkingeyes.models.layers.kl import KLSettings, annealing_weight, free_bits_kl
 
 CLIP_LATENT_FRAMES = 500
 
@@ -38,21 +38,21 @@ class VAESettings(Settings):
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class DiagonalGaussian:
     """Mean and log-variance of the codes of a motion."""
 
     mean: Float[Tensor, "B N Z"]
     log_variance: Float[Tensor, "B N Z"]
 
-    def draw(self) -> Float[Tensor, "B N Z"]:
+    def rsample(self) -> Float[Tensor, "B N Z"]:
         """The reparameterised draw."""
         return self.mean + torch.randn_like(self.mean) * (0.5 * self.log_variance).exp()
 
     def divergence(self) -> Float[Tensor, ""]:
         """KL to N(0, I) (eq. 13), mean over codes and their dimensions."""
-        return self.divergences().mean()
+        return self.divergence_per_dim().mean()
 
-    def divergences(self) -> Float[Tensor, "B N Z"]:
+    def divergence_per_dim(self) -> Float[Tensor, "B N Z"]:
         """The same of each number."""
         return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
 
@@ -74,26 +74,28 @@ class ConditionalVAE(nn.Module):
         """How many codes a motion of `frames` frames has."""
         return max(1, math.ceil(frames / (self.settings.latent_frames or CLIP_LATENT_FRAMES)))
 
-    def encode(self, motion: Float[Tensor, "B T F"], condition: Float[Tensor, "B T C"]) -> Gaussian:
+    def encode(self, motion: Float[Tensor, "B T F"], condition: Float[Tensor, "B T C"]) -> DiagonalGaussian:
         """Moments of the codes, each the mean over the frames that it stands for."""
         moments = self.moments(self.encoder(torch.cat([motion, condition], dim=-1))).float()
         span = self.settings.latent_frames or max(CLIP_LATENT_FRAMES, motion.shape[1])
         pooled = torch.stack([part.mean(1) for part in moments.split(span, dim=1)], dim=1)
         mean, log_variance = pooled.chunk(2, dim=-1)
-        return Gaussian(mean, log_variance.clamp(-10, 10))
+        return DiagonalGaussian(mean, log_variance.clamp(-10, 10))
 
-    def penalty(self, posterior: Gaussian) -> Float[Tensor, ""]:
+    def kl_loss(self, posterior: DiagonalGaussian) -> Float[Tensor, ""]:
         """Eq. 13 as it counts at this point of training: annealed, beyond the free bits."""
         kl = self.settings.kl
-        return annealed(kl.annealing, self.trained_steps) * beyond_free_bits(posterior.divergences(), kl.free_bits)
+        return annealing_weight(kl.annealing, self.trained_steps) * free_bits_kl(
+            posterior.divergence_per_dim(), kl.free_bits
+        )
 
     def decode(self, codes: Float[Tensor, "B N Z"], condition: Float[Tensor, "B T C"]) -> Float[Tensor, "B T F"]:
         """The motion of codes under a condition."""
-        spread = self._spread(codes, condition.shape[1])
+        spread = self._interpolate_latents(codes, condition.shape[1])
         out: Tensor = self.out(self.decoder(torch.cat([spread, condition], dim=-1)))
         return out
 
-    def _spread(self, codes: Float[Tensor, "B N Z"], frames: int) -> Float[Tensor, "B T Z"]:
+    def _interpolate_latents(self, codes: Float[Tensor, "B N Z"], frames: int) -> Float[Tensor, "B T Z"]:
         """Codes at their centres, interpolated to frames; divided by the norm of the weights to keep the variance."""
         span = self.settings.latent_frames or CLIP_LATENT_FRAMES
         place = ((torch.arange(frames, device=codes.device) + 0.5) / span - 0.5).clamp(0, codes.shape[1] - 1)

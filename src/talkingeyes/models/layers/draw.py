@@ -6,7 +6,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 
-def draw(logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float) -> Int[Tensor, " B"]:
+def sample_categorical(
+    logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float
+) -> Int[Tensor, " B"]:
     """A category by the inverse of the distribution function; temperature 0 takes the most probable."""
     if temperature == 0:
         return logits.argmax(-1)

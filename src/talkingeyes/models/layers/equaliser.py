@@ -17,8 +17,8 @@ from scipy.signal import oaconvolve, welch
 from scipy.signal.windows import hann
 from torch import Tensor, nn
 
-MOST_GAIN = 3.0
-LEAST_FRAMES = 16  # shorter motion has no spectrum to speak of
+MAX_GAIN = 3.0
+MIN_FRAMES = 16  # shorter motion has no spectrum to speak of
 
 
 class Equaliser(nn.Module):
@@ -35,11 +35,11 @@ class Equaliser(nn.Module):
         """Do nothing again."""
         self.taps.copy_(torch.arange(len(self.taps)) == len(self.taps) // 2)
 
-    def match(self, true: Sequence[Float[ndarray, "_ D"]], drawn: Sequence[Float[ndarray, "_ D"]]) -> None:
+    def match(self, true: Sequence[Float[ndarray, "_ D"]], sampled: Sequence[Float[ndarray, "_ D"]]) -> None:
         """Learn the filter that gives motion drawn without it the spectrum of true motion of the same lengths."""
-        if not len(self.taps) or not any(len(each) >= LEAST_FRAMES for each in true):
+        if not len(self.taps) or not any(len(each) >= MIN_FRAMES for each in true):
             return
-        gain = np.sqrt(self._power(true) / self._power(drawn)).clip(1 / MOST_GAIN, MOST_GAIN)
+        gain = np.sqrt(self._power(true) / self._power(sampled)).clip(1 / MAX_GAIN, MAX_GAIN)
         gain[0] = 1.0  # spectra are those of deviations from a clip's mean, which stays, whatever the window blurs
         window = hann(len(self.taps) + 2)[1:-1]
         taps = np.fft.fftshift(np.fft.irfft(gain, len(self.taps))) * window
@@ -49,7 +49,7 @@ class Equaliser(nn.Module):
     def _power(self, motions: Sequence[Float[ndarray, "_ D"]]) -> Float[ndarray, " F"]:
         """Mean over frames and numbers."""
         count = len(self.taps)
-        long = [each for each in motions if len(each) >= LEAST_FRAMES]
+        long = [each for each in motions if len(each) >= MIN_FRAMES]
         spectra = [welch(each, nperseg=min(len(each), count), nfft=count, axis=0)[1].mean(axis=1) for each in long]
         return np.asarray(np.average(spectra, axis=0, weights=[len(each) for each in long]))
 

@@ -19,23 +19,23 @@ CodebookKind = Literal["learnt", "k_means", "vq_vae"]
 LATENT, HIDDEN = 8, 32
 
 
-class LearntPlaces(nn.Module):
+class LearnedCentres(nn.Module):
     """Parameters like any other."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
         super().__init__()
-        self.places = nn.Parameter(start)
+        self.locations = nn.Parameter(start)
 
     def forward(self) -> Float[Tensor, "M D"]:
         """The places."""
-        return self.places
+        return self.locations
 
-    def learn(self, places: Float[Tensor, "K D"]) -> dict[str, Tensor]:
+    def auxiliary_loss(self, locations: Float[Tensor, "K D"]) -> dict[str, Tensor]:
         """In training, from the places of true events: terms of the loss of its own."""
         return {}
 
 
-class ClusteredPlaces(nn.Module):
+class KMeansCentres(nn.Module):
     """Centres of clusters."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
@@ -46,13 +46,13 @@ class ClusteredPlaces(nn.Module):
         """The centres."""
         return self.quantiser.codebook
 
-    def learn(self, places: Float[Tensor, "K D"]) -> dict[str, Tensor]:
+    def auxiliary_loss(self, locations: Float[Tensor, "K D"]) -> dict[str, Tensor]:
         """Centres move to what is nearest to them; no term."""
-        self.quantiser(places[None])
+        self.quantiser(locations[None])
         return {}
 
 
-class DecodedPlaces(nn.Module):
+class VQVAECentres(nn.Module):
     """Codes of an autoencoder of places."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
@@ -68,10 +68,10 @@ class DecodedPlaces(nn.Module):
             out: Tensor = self.decoder(self.quantiser.codebook)
         return out
 
-    def learn(self, places: Float[Tensor, "K D"]) -> dict[str, Tensor]:
+    def auxiliary_loss(self, locations: Float[Tensor, "K D"]) -> dict[str, Tensor]:
         """Reconstruction and commitment (eq. 7)."""
-        quantised = self.quantiser(self.encoder(places)[None])
-        error = (self.decoder(quantised.values[0]) - places).square().mean()
+        quantised = self.quantiser(self.encoder(locations)[None])
+        error = (self.decoder(quantised.values[0]) - locations).square().mean()
         return {"codebook": error + self.quantiser.settings.commitment * quantised.commitment}
 
 
@@ -79,8 +79,8 @@ def _settings(codes: int, width: int) -> QuantiserSettings:
     return QuantiserSettings(kind="codebook", codes=codes, width=width, commitment=0.25, decay=0.98, restart_below=0.05)
 
 
-CODEBOOKS: dict[CodebookKind, type[LearntPlaces] | type[ClusteredPlaces] | type[DecodedPlaces]] = {
-    "learnt": LearntPlaces,
-    "k_means": ClusteredPlaces,
-    "vq_vae": DecodedPlaces,
+CODEBOOKS: dict[CodebookKind, type[LearnedCentres] | type[KMeansCentres] | type[VQVAECentres]] = {
+    "learnt": LearnedCentres,
+    "k_means": KMeansCentres,
+    "vq_vae": VQVAECentres,
 }

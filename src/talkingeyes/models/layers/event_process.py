@@ -21,35 +21,35 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.event_codebook import CODEBOOKS, CodebookKind
-from talkingeyes.models.layers.event_drawing import Drawing, Drawn
-from talkingeyes.models.layers.event_returns import Left, Returns
-from talkingeyes.models.layers.event_steps import headings_before
+from talkingeyes.models.layers.event_drawing import SampledEvents, Sampler
+from talkingeyes.models.layers.event_returns import PreviousLocations, RevisitMixture
+from talkingeyes.models.layers.event_steps import previous_step_encodings
 
-OLDEST = 63  # bins since the last event are told apart up to this many
-FOLLOW = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
+MAX_AGE_BINS = 63  # bins since the last event are told apart up to this many
+INITIAL_AR_COEFFICIENTS = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
 # How wide Gaussians are at first, of the spread. One in the middle is wide: seldom gone places, to every side, have no
 # other near them that would learn them (docs/log.md).
-NARROW, WIDE = 0.2, 1.5
-LEAST_LOG_SD, MOST_LOG_SD = -5.0, 1.0
-LEAST_CLEAN = 0.05  # of the variance of a Gaussian that is left without noise
+INITIAL_SD, INITIAL_BACKGROUND_SD = 0.2, 1.5
+MIN_LOG_SD, MAX_LOG_SD = -5.0, 1.0
+MIN_VARIANCE_RATIO = 0.05  # of the variance of a Gaussian that is left without noise
 
 
-class EventProcessSettings(Settings):
+class PointProcessSettings(Settings):
     """Size of the process, and what guards it against leaning on its own history."""
 
     width: Annotated[int, Field(gt=0)]
     # Frames of a bin; at most one event a bin.
     bin_frames: Annotated[int, Field(gt=0)]
     # Gaussians at places of their own, and near the present place.
-    fixed: Annotated[int, Field(ge=0)]
-    relative: Annotated[int, Field(gt=0)]
+    absolute_components: Annotated[int, Field(ge=0)]
+    relative_components: Annotated[int, Field(gt=0)]
     # Where the fixed ones stand (event_codebook.py).
     codebook: CodebookKind
     # Whether what is known moves and widens the relative ones, all alike: a location and a scale.
-    adaptive: bool
+    adaptive_components: bool
     # Steps that led to the present place and are told.
     steps: Annotated[int, Field(ge=0)]
     # Places that were left and can be gone back to.
@@ -62,52 +62,54 @@ class EventProcessSettings(Settings):
     history_noise: Annotated[float, Field(ge=0)]
 
     @model_validator(mode="after")
-    def _clusters(self) -> EventProcessSettings:
-        if self.codebook != "learnt" and self.fixed < 2:
-            raise out_of_bounds(f"fixed should be 2 or more for codebook={self.codebook}", self.fixed)
+    def _clusters(self) -> PointProcessSettings:
+        if self.codebook != "learnt" and self.absolute_components < 2:
+            raise bounds_error(f"fixed should be 2 or more for codebook={self.codebook}", self.absolute_components)
         return self
 
 
-class CausalEventProcessSettings(EventProcessSettings):
-    """A process for streams: its layers hear the past of the condition and no more than `ahead` bins of what comes."""
+class CausalPointProcessSettings(PointProcessSettings):
+    """A process for streams: its layers hear the past of the condition and at most `lookahead` bins of what comes."""
 
-    ahead: Annotated[int, Field(ge=0)]
+    lookahead: Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True)
 class EventSequence:
-    """At most K events of each of B sequences, the first in bin 0; `real` tells them from padding."""
+    """At most K events of each of B sequences, the first in bin 0; `mask` tells them from padding."""
 
     bins: Int[Tensor, "B K"]
-    places: Float[Tensor, "B K D"]
-    real: Bool[Tensor, "B K"]
+    locations: Float[Tensor, "B K D"]
+    mask: Bool[Tensor, "B K"]
 
     @classmethod
-    def of_frames(cls, event: Bool[Tensor, "B T"], place: Float[Tensor, "B T D"], bin_frames: int) -> EventSequence:
+    def from_frames(
+        cls, event: Bool[Tensor, "B T"], location: Float[Tensor, "B T D"], bin_frames: int
+    ) -> EventSequence:
         """Events at marked frames, each to the place at its frame; the first bin holds the place at frame 0 alone."""
         event = event.clone()
         event[:, :bin_frames] = False
         event[:, 0] = True
         most = int(event.sum(1).max())
         order = (~event).long().argsort(dim=1, stable=True)[:, :most]
-        real = event.gather(1, order)
-        return cls(order // bin_frames, place.gather(1, order[..., None].expand(-1, -1, place.shape[-1])), real)
+        mask = event.gather(1, order)
+        return cls(order // bin_frames, location.gather(1, order[..., None].expand(-1, -1, location.shape[-1])), mask)
 
 
 @dataclass(frozen=True)
-class _Past:
+class _History:
     """What is known before bins: features of the events so far, the present place, headings of the steps to it, the age
     of the last event, home."""
 
     state: Float[Tensor, "B N W"]
-    place: Float[Tensor, "B N D"]
-    headings: Float[Tensor, "B N P"]
+    location: Float[Tensor, "B N D"]
+    step_encodings: Float[Tensor, "B N P"]
     age: Int[Tensor, "B N"]
-    home: Float[Tensor, "B N D"]
+    longest_dwell_location: Float[Tensor, "B N D"]
 
 
 @dataclass(frozen=True)
-class _Gaussians:
+class _Mixture:
     """Logits, centres and logarithms of the standard deviations of M Gaussians."""
 
     logits: Float[Tensor, "*N M"]
@@ -115,146 +117,182 @@ class _Gaussians:
     log_sd: Float[Tensor, "*N M D"]
 
 
-class EventProcess(nn.Module):
+class PointProcess(nn.Module):
     """Hazard and place of events of D numbers under a condition of C numbers a bin."""
 
-    most_log_size = 2.5  # that the Gaussians near the present place are widened by, or narrowed
-    noise: Tensor
+    max_log_scale = 2.5  # that the Gaussians near the present place are widened by, or narrowed
+    observation_noise: Tensor
 
-    def __init__(self, settings: EventProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
+    def __init__(self, settings: PointProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
         """`spread`: how far places lie from 0, a number each; where the Gaussians start from.
 
-        Who knows by how much the places to learn from are off (a standard deviation) says so in `noise`.
+        Who knows by how much the places to learn from are off (a standard deviation) says so in `observation_noise`.
         """
         super().__init__()
         self.settings = settings
         numbers, width = len(spread), settings.width
         size = (condition, width, settings.layers, settings.dropout)
-        ahead = settings.ahead if isinstance(settings, CausalEventProcessSettings) else None
-        self.register_buffer("noise", torch.zeros(numbers))
-        self.listen = ConvolutionStack(*size) if ahead is None else CausalConvolutionStack(*size, ahead)
+        lookahead = settings.lookahead if isinstance(settings, CausalPointProcessSettings) else None
+        self.register_buffer("observation_noise", torch.zeros(numbers))
+        self.condition_encoder = (
+            ConvolutionStack(*size) if lookahead is None else CausalConvolutionStack(*size, lookahead)
+        )
         self.token = nn.Linear(2 * numbers + 1 + width, width)
-        self.remember = nn.GRU(width, width, batch_first=True)
+        self.history_rnn = nn.GRU(width, width, batch_first=True)
         self.start = nn.Parameter(torch.zeros(width))
-        self.age = nn.Embedding(OLDEST + 1, width)
-        self.enter = nn.Linear(2 * width + 2 * numbers + settings.steps * (numbers + 1), width)
+        self.age = nn.Embedding(MAX_AGE_BINS + 1, width)
+        self.input_projection = nn.Linear(2 * width + 2 * numbers + settings.steps * (numbers + 1), width)
         self.trunk = nn.Sequential(nn.GELU(), nn.Dropout(settings.dropout), nn.Linear(width, width), nn.GELU())
         self.hazard = nn.Linear(width, 1)
-        self.weigh = nn.Linear(width, settings.fixed + settings.relative)
-        far, near = settings.fixed, settings.relative
+        self.mixture_logits = nn.Linear(width, settings.absolute_components + settings.relative_components)
+        far, near = settings.absolute_components, settings.relative_components
         start = _quantiles(far + near, numbers) * torch.tensor(spread)
-        wide = torch.full((far + near, 1), NARROW)
+        wide = torch.full((far + near, 1), INITIAL_SD)
         if far:
-            start[0], wide[0] = 0.0, WIDE
+            start[0], wide[0] = 0.0, INITIAL_BACKGROUND_SD
         self.codebook = CODEBOOKS[settings.codebook](start[:far].clone())
         self.steps = nn.Parameter(0.3 * start[far:])
-        self.follow = nn.Parameter(torch.linspace(*FOLLOW, near)[:, None].repeat(1, numbers))
+        self.ar_coefficients = nn.Parameter(torch.linspace(*INITIAL_AR_COEFFICIENTS, near)[:, None].repeat(1, numbers))
         self.log_sds = nn.Parameter((wide * torch.tensor(spread)).log())
-        self.adapt = nn.Linear(width, numbers + 1) if settings.adaptive else None
-        if self.adapt is not None:
-            nn.init.zeros_(self.adapt.weight)
-            nn.init.zeros_(self.adapt.bias)
-        self.returns = Returns(settings.returns, width, spread)
+        self.shift_and_scale = nn.Linear(width, numbers + 1) if settings.adaptive_components else None
+        if self.shift_and_scale is not None:
+            nn.init.zeros_(self.shift_and_scale.weight)
+            nn.init.zeros_(self.shift_and_scale.bias)
+        self.returns = RevisitMixture(settings.returns, width, spread)
 
     def means(self) -> Float[Tensor, "M D"]:
         """Of the Gaussians: first those at places of their own, then how far from the present place the others lie."""
         return torch.cat([self.codebook(), self.steps])
 
-    def terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
+    def loss_terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
         """Negative log-likelihoods: `when` a bin, `where` an event. With them what the codebook learns by, if any."""
-        learnt = self.codebook.learn(events.places[events.real])
-        heard = self.listen(condition)
-        past = self._past(events, heard)
-        features = self._features(past, heard)
+        learnt = self.codebook.auxiliary_loss(events.locations[events.mask])
+        encoded_condition = self.condition_encoder(condition)
+        past = self._past(events, encoded_condition)
+        features = self._features(past, encoded_condition)
         count = condition.shape[1]
-        happened = torch.zeros(len(heard), count, device=heard.device)
-        happened.scatter_add_(1, events.bins, events.real.float())
+        happened = torch.zeros(len(encoded_condition), count, device=encoded_condition.device)
+        happened.scatter_add_(1, events.bins, events.mask.float())
         when = F.binary_cross_entropy_with_logits(self.hazard(features)[:, 1:, 0], happened[:, 1:].clamp(max=1))
         index = events.bins[..., None]
         at_events = features.gather(1, index.expand(-1, -1, features.shape[-1]))
-        from_place = past.place.gather(1, index.expand(-1, -1, past.place.shape[-1]))
-        left = Left.before(events.bins, events.places, self.settings.returns)
-        before = Left(left.places[:, :-1], left.held[:, :-1])
-        likelihood = self._log_density(at_events, from_place, before, events.places)
-        return {"when": when, "where": -(likelihood * events.real).sum() / events.real.sum(), **learnt}
+        from_place = past.location.gather(1, index.expand(-1, -1, past.location.shape[-1]))
+        previous_locations = PreviousLocations.before(events.bins, events.locations, self.settings.returns)
+        before = PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1])
+        likelihood = self._log_density(at_events, from_place, before, events.locations)
+        return {"when": when, "where": -(likelihood * events.mask).sum() / events.mask.sum(), **learnt}
 
     @torch.no_grad()
-    def sample(self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float) -> Drawn:
+    def sample(
+        self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float
+    ) -> SampledEvents:
         """Events drawn from D + 3 uniform numbers a bin, under one condition each or one for all."""
-        return Drawing(self, temperature).sample(self.listen(condition).cpu().numpy(), uniform.cpu().numpy())
+        return Sampler(self, temperature).sample(self.condition_encoder(condition).cpu().numpy(), uniform.cpu().numpy())
 
-    def log_sds_in_bounds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
+    def clamped_log_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """Of the Gaussians, and of going back."""
         return (
-            self.log_sds.clamp(LEAST_LOG_SD, MOST_LOG_SD),
-            self.returns.log_sd.clamp(LEAST_LOG_SD, MOST_LOG_SD),
+            self.log_sds.clamp(MIN_LOG_SD, MAX_LOG_SD),
+            self.returns.log_sd.clamp(MIN_LOG_SD, MAX_LOG_SD),
         )
 
-    def clean_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
+    def denoised_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """As wide as the Gaussians would be without the noise, which a place has once and the way between two twice."""
-        own, back = (log_sd.exp().square() for log_sd in self.log_sds_in_bounds())
+        own, back = (log_sd.exp().square() for log_sd in self.clamped_log_sds())
         times = torch.ones_like(own)
-        times[self.settings.fixed :] = 2
-        noise = self.noise.square()
-        own, back = (torch.maximum(each - much * noise, LEAST_CLEAN * each) for each, much in ((own, times), (back, 2)))
+        times[self.settings.absolute_components :] = 2
+        observation_noise = self.observation_noise.square()
+        own, back = (
+            torch.maximum(each - much * observation_noise, MIN_VARIANCE_RATIO * each)
+            for each, much in ((own, times), (back, 2))
+        )
         return own.sqrt(), back.sqrt()
 
-    def _past(self, events: EventSequence, heard: Float[Tensor, "B N W"]) -> _Past:
+    def _past(self, events: EventSequence, encoded_condition: Float[Tensor, "B N W"]) -> _History:
         """What was known before each bin of true events; in training with noise on places and some events hidden."""
-        seen = events.places
+        seen = events.locations
         if self.training:
             seen = seen + self.settings.history_noise * torch.randn_like(seen)
         before = F.pad(seen[:, :-1], (0, 0, 1, 0))
         since = F.pad(events.bins.diff(dim=1), (1, 0)).clamp(min=0)
-        at = heard.gather(1, events.bins[..., None].expand(-1, -1, heard.shape[-1]))
+        at = encoded_condition.gather(1, events.bins[..., None].expand(-1, -1, encoded_condition.shape[-1]))
         tokens = self._tokens(seen, before, since, at)
         if self.training:
             seen_of = torch.rand(tokens.shape[:2], device=tokens.device) >= self.settings.history_dropout
             tokens = tokens * seen_of[..., None]
         first = self.start.expand(1, len(seen), -1).contiguous()
-        states = torch.cat([first[0][:, None], self.remember(tokens, first)[0]], dim=1)
-        order = torch.arange(heard.shape[1], device=heard.device)
-        bins = torch.where(events.real, events.bins, heard.shape[1]).contiguous()
+        states = torch.cat([first[0][:, None], self.history_rnn(tokens, first)[0]], dim=1)
+        order = torch.arange(encoded_condition.shape[1], device=encoded_condition.device)
+        bins = torch.where(events.mask, events.bins, encoded_condition.shape[1]).contiguous()
         known = torch.searchsorted(bins, order.expand(len(bins), -1).contiguous())  # events before each bin
         last = (known - 1).clamp(min=0)
-        place = events.places.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
+        location = events.locations.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
         age = torch.where(known > 0, order - bins.gather(1, last), 0)
-        left = Left.before(events.bins, events.places, self.settings.returns)
-        home = left.home(F.pad(events.places, (0, 0, 1, 0)))
-        headings = headings_before(events.places, self.settings.steps)
-        return _Past(_at(states, known), place, _at(headings, known), age, _at(home, known))
+        previous_locations = PreviousLocations.before(events.bins, events.locations, self.settings.returns)
+        longest_dwell_location = previous_locations.longest_dwell_location(F.pad(events.locations, (0, 0, 1, 0)))
+        step_encodings = previous_step_encodings(events.locations, self.settings.steps)
+        return _History(
+            _at(states, known), location, _at(step_encodings, known), age, _at(longest_dwell_location, known)
+        )
 
     def _tokens(
-        self, place: Float[Tensor, "B K D"], before: Float[Tensor, "B K D"], since: Int[Tensor, "B K"], heard: Tensor
+        self,
+        location: Float[Tensor, "B K D"],
+        before: Float[Tensor, "B K D"],
+        since: Int[Tensor, "B K"],
+        encoded_condition: Tensor,
     ) -> Float[Tensor, "B K W"]:
-        out: Tensor = self.token(torch.cat([place, place - before, since[..., None].float().log1p(), heard], dim=-1))
+        out: Tensor = self.token(
+            torch.cat([location, location - before, since[..., None].float().log1p(), encoded_condition], dim=-1)
+        )
         return out
 
-    def _features(self, past: _Past, heard: Float[Tensor, "B N W"]) -> Float[Tensor, "B N W"]:
-        known = torch.cat([heard, past.state, past.place, past.place - past.home, past.headings], dim=-1)
-        entered = self.enter(known) + self.age(past.age.clamp(max=OLDEST))
+    def _features(self, past: _History, encoded_condition: Float[Tensor, "B N W"]) -> Float[Tensor, "B N W"]:
+        known = torch.cat(
+            [
+                encoded_condition,
+                past.state,
+                past.location,
+                past.location - past.longest_dwell_location,
+                past.step_encodings,
+            ],
+            dim=-1,
+        )
+        entered = self.input_projection(known) + self.age(past.age.clamp(max=MAX_AGE_BINS))
         out: Tensor = self.trunk(entered)
         return out
 
-    def _gaussians(self, features: Float[Tensor, "*N W"], place: Float[Tensor, "*N D"], left: Left) -> _Gaussians:
+    def _mixture(
+        self, features: Float[Tensor, "*N W"], location: Float[Tensor, "*N D"], previous_locations: PreviousLocations
+    ) -> _Mixture:
         """The mixture where so much is known."""
-        log_sd, back = self.log_sds_in_bounds()
+        log_sd, back = self.clamped_log_sds()
         far = self.codebook().expand(*features.shape[:-1], -1, -1)
         near: Tensor = self.steps
-        wide = log_sd[self.settings.fixed :]
-        if self.adapt is not None:
-            adapted = self.adapt(features)[..., None, :]
-            log_size = adapted[..., -1:].clamp(-self.most_log_size, self.most_log_size)
+        wide = log_sd[self.settings.absolute_components :]
+        if self.shift_and_scale is not None:
+            adapted = self.shift_and_scale(features)[..., None, :]
+            log_size = adapted[..., -1:].clamp(-self.max_log_scale, self.max_log_scale)
             near, wide = adapted[..., :-1] + log_size.exp() * near, log_size + wide
-        near = near + self.follow * place[..., None, :]
-        sds = [log_sd[: self.settings.fixed].expand_as(far), wide.expand_as(near), back.expand_as(left.places)]
-        logits = torch.cat([self.weigh(features), self.returns.logits(features, left, place)], dim=-1)
-        return _Gaussians(logits, torch.cat([far, near, left.places], dim=-2), torch.cat(sds, dim=-2))
+        near = near + self.ar_coefficients * location[..., None, :]
+        sds = [
+            log_sd[: self.settings.absolute_components].expand_as(far),
+            wide.expand_as(near),
+            back.expand_as(previous_locations.locations),
+        ]
+        logits = torch.cat(
+            [self.mixture_logits(features), self.returns.logits(features, previous_locations, location)], dim=-1
+        )
+        return _Mixture(logits, torch.cat([far, near, previous_locations.locations], dim=-2), torch.cat(sds, dim=-2))
 
     def _log_density(
-        self, features: Float[Tensor, "B K W"], place: Float[Tensor, "B K D"], left: Left, to: Float[Tensor, "B K D"]
+        self,
+        features: Float[Tensor, "B K W"],
+        location: Float[Tensor, "B K D"],
+        previous_locations: PreviousLocations,
+        to: Float[Tensor, "B K D"],
     ) -> Float[Tensor, "B K"]:
-        mixture = self._gaussians(features, place, left)
+        mixture = self._mixture(features, location, previous_locations)
         error = (to[..., None, :] - mixture.centre) * (-mixture.log_sd).exp()
         inside = (-0.5 * error.square() - mixture.log_sd).sum(-1)
         return (mixture.logits.log_softmax(-1) + inside).logsumexp(-1)
@@ -264,9 +302,9 @@ def _at(events: Float[Tensor, "B K C"], known: Int[Tensor, "B N"]) -> Float[Tens
     return events.gather(1, known[..., None].expand(-1, -1, events.shape[-1]))
 
 
-def binned(frames: Float[Tensor, "B T C"], bin_frames: int, beyond: int = 0) -> Float[Tensor, "B N C"]:
+def bin_means(frames: Float[Tensor, "B T C"], bin_frames: int, extra_bins: int = 0) -> Float[Tensor, "B N C"]:
     """Means of bins, so many of them beyond the last frame; there, the last frame."""
-    count = math.ceil(frames.shape[1] / bin_frames) + beyond
+    count = math.ceil(frames.shape[1] / bin_frames) + extra_bins
     filled = torch.cat([frames, frames[:, -1:].expand(-1, count * bin_frames - frames.shape[1], -1)], dim=1)
     out: Tensor = filled.unflatten(1, (count, bin_frames)).mean(2)
     return out

@@ -11,21 +11,21 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-SHORTEST = 0.05  # in units of the scale: shorter steps have hardly a direction
+MIN_STEP = 0.05  # in units of the scale: shorter steps have hardly a direction
 
 
-def heading(step: Float[Tensor, "*N D"]) -> Float[Tensor, "*N H"]:
+def encode_step(step: Float[Tensor, "*N D"]) -> Float[Tensor, "*N H"]:
     """Direction and logarithm of the length, D + 1 numbers: small steps have a direction too."""
-    length = step.norm(dim=-1, keepdim=True) + SHORTEST
+    length = step.norm(dim=-1, keepdim=True) + MIN_STEP
     return torch.cat([step / length, length.log()], dim=-1)
 
 
-def headings_before(places: Float[Tensor, "B K D"], count: int) -> Float[Tensor, "B K+1 P"]:
+def previous_step_encodings(locations: Float[Tensor, "B K D"], count: int) -> Float[Tensor, "B K+1 P"]:
     """Headings of the last S steps before each event of a sequence, and after the last (K + 1), the latest first.
 
     To the first place leads no step.
     """
-    step = F.pad(places.diff(dim=1), (0, 0, 1, 0))
-    nth = torch.arange(count, device=places.device)
-    which = torch.arange(-1, places.shape[1], device=places.device)[:, None] - nth
-    return heading(step[:, which.clamp(min=0)]).flatten(-2)
+    step = F.pad(locations.diff(dim=1), (0, 0, 1, 0))
+    nth = torch.arange(count, device=locations.device)
+    which = torch.arange(-1, locations.shape[1], device=locations.device)[:, None] - nth
+    return encode_step(step[:, which.clamp(min=0)]).flatten(-2)

@@ -15,12 +15,12 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.quantiser import Quantised
+from talkingeyes.models.layers.quantiser import QuantiserOutput
 
-EDGE = 1e-3  # the outermost levels are reached by finite latents
+BOUND_MARGIN = 1e-3  # the outermost levels are reached by finite latents
 
 
-class FiniteScalarSettings(Settings):
+class FiniteScalarQuantiserSettings(Settings):
     """Levels of each number of a code; with 8, 5, 5 and 5 there are 1,000 codes."""
 
     kind: Literal["finite_scalar"]
@@ -50,7 +50,7 @@ class FiniteScalarQuantiser(nn.Module):
     offset: Tensor
     steps: Tensor
 
-    def __init__(self, settings: FiniteScalarSettings) -> None:
+    def __init__(self, settings: FiniteScalarQuantiserSettings) -> None:
         super().__init__()
         self.settings = settings
         levels = torch.tensor(settings.levels)
@@ -62,20 +62,20 @@ class FiniteScalarQuantiser(nn.Module):
         digits = torch.arange(settings.codes)[:, None] // self.steps % levels
         self.register_buffer("codebook", (digits - levels // 2) / (levels // 2), persistent=False)
 
-    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
         """Latents bounded: in the units of codes, whose levels reach from -1 to 1."""
-        bound = (self.reach - self.offset) * (1 + EDGE)
+        bound = (self.reach - self.offset) * (1 + BOUND_MARGIN)
         shift = torch.atanh(self.offset / bound)
         return ((latents + shift).tanh() * bound - self.offset) / self.reach
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
         """Squared distances to every code."""
-        return (self.among_codes(latents)[..., None, :] - self.codebook).square().sum(-1)
+        return (self.to_code_space(latents)[..., None, :] - self.codebook).square().sum(-1)
 
-    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
-        """The nearest levels. Latents that are not `used` are told apart from others by nothing here."""
-        bounded = self.among_codes(latents.float())
+    def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
+        """The nearest levels. Latents outside `mask` are told apart from others by nothing here."""
+        bounded = self.to_code_space(latents.float())
         rounded = (bounded.detach() * self.reach).round()
         indices: Int[Tensor, "B N"] = ((rounded + self.reach).long() * self.steps).sum(-1)
         values = self.codebook[indices]
-        return Quantised(bounded + (values - bounded).detach(), indices, latents.new_zeros(()))
+        return QuantiserOutput(bounded + (values - bounded).detach(), indices, latents.new_zeros(()))

@@ -36,7 +36,7 @@ class KLSettings(Settings):
     free_bits: Annotated[float, Field(ge=0)]
 
 
-def annealed(settings: AnnealingSettings | None, trained_steps: int) -> float:
+def annealing_weight(settings: AnnealingSettings | None, trained_steps: int) -> float:
     """The share of its weight that the divergence has, 0 to 1."""
     if settings is None:
         return 1.0
@@ -45,8 +45,8 @@ def annealed(settings: AnnealingSettings | None, trained_steps: int) -> float:
     return min(1.0, 2 * (trained_steps % settings.steps) / settings.steps)
 
 
-def beyond_free_bits(divergences: Float[Tensor, "B N Z"], free_bits: float) -> Float[Tensor, ""]:
+def free_bits_kl(divergence_per_dim: Float[Tensor, "B N Z"], free_bits: float) -> Float[Tensor, ""]:
     """The mean divergence (nats a number); over the batch, each of the Z numbers counts for its free bits at least."""
     if free_bits == 0:
-        return divergences.mean()
-    return divergences.mean(dim=(0, 1)).clamp(min=free_bits * math.log(2)).mean()
+        return divergence_per_dim.mean()
+    return divergence_per_dim.mean(dim=(0, 1)).clamp(min=free_bits * math.log(2)).mean()

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 
-class Normal(nn.Module):
+class MotionNormaliser(nn.Module):
     """Statistics of the numbers of a frame; until they are set nothing changes."""
 
     mean: Tensor
@@ -27,6 +27,6 @@ class Normal(nn.Module):
         """In units of the scale."""
         return (motion - self.mean) / self.scale
 
-    def back(self, normal: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+    def denormalise(self, normal: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
         """In the motion's own units."""
         return normal * self.scale + self.mean

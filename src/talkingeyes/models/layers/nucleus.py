@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def nucleus(logits: Float[Tensor, "B K"], top_p: float, temperature: float) -> Float[Tensor, "B K"]:
+def top_p_filter(logits: Float[Tensor, "B K"], top_p: float, temperature: float) -> Float[Tensor, "B K"]:
     """Logits of the fewest categories whose probabilities, at a temperature, sum to `top_p`; all others barred."""
     if top_p == 1 or temperature == 0:
         return logits

@@ -11,16 +11,16 @@ from torch import nn
 
 
 @runtime_checkable
-class Paced(Protocol):
+class ScheduledModule(Protocol):
     """A part of a network that is trained otherwise early than late."""
 
     trained_steps: int
 
 
-def tell_steps(network: nn.Module, steps: int) -> None:
+def set_trained_steps(network: nn.Module, steps: int) -> None:
     """Tell every such part of a network how many steps it has been trained for."""
     for part in network.modules():
-        if isinstance(part, Paced):
+        if isinstance(part, ScheduledModule):
             part.trained_steps = steps
 
 

@@ -36,7 +36,7 @@ class QuantiserSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Quantised:
+class QuantiserOutput:
     """Codes of latents. `values` pass gradients straight through; `commitment` is the last term of eq. 7."""
 
     values: Float[Tensor, "*N C"]
@@ -50,7 +50,7 @@ class Quantiser(nn.Module):
     codebook: Tensor
     counts: Tensor
     sums: Tensor
-    started: Tensor
+    initialised: Tensor
 
     def __init__(self, settings: QuantiserSettings) -> None:
         super().__init__()
@@ -58,33 +58,33 @@ class Quantiser(nn.Module):
         self.register_buffer("codebook", torch.randn(settings.codes, settings.width))
         self.register_buffer("counts", torch.ones(settings.codes))
         self.register_buffer("sums", self.codebook.clone())
-        self.register_buffer("started", torch.tensor(False))
+        self.register_buffer("initialised", torch.tensor(False))
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
         """Squared distances to every code."""
         return squared_distances(latents, self.codebook)
 
-    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
         """Latents and codes are of one space."""
         return latents
 
-    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
-        """Nearest codes (eq. 5). Only latents where `used` count for the losses and the codebook."""
+    def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
+        """Nearest codes (eq. 5). Only latents where `mask` count for the losses and the codebook."""
         latents = latents.float()  # under autocast too: codes are compared in full precision
         with torch.autocast(latents.device.type, enabled=False):
             if self.training:
-                kept = latents if used is None else latents[used]
-                self.update(share.gathered(kept.detach().reshape(-1, latents.shape[-1])))
-        return committed(self, latents, used)
+                kept = latents if mask is None else latents[mask]
+                self.update(share.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1])))
+        return quantise(self, latents, mask)
 
     @torch.no_grad()
     def update(self, latents: Float[Tensor, "M C"]) -> None:
         """Move the averages of codes on by the latents of a batch."""
         if not len(latents):
             return
-        if not self.started:
+        if not self.initialised:
             self._restart(torch.ones_like(self.counts, dtype=torch.bool), latents)
-            self.started.fill_(True)
+            self.initialised.fill_(True)
         indices = self.distances(latents).argmin(-1)
         decay = self.settings.decay
         counts = torch.bincount(indices, minlength=len(self.counts)).to(latents.dtype)
@@ -107,7 +107,7 @@ class Quantiser(nn.Module):
 
 
 @runtime_checkable
-class Codes(Protocol):
+class Codebook(Protocol):
     """What latents are compared with."""
 
     @property
@@ -116,15 +116,15 @@ class Codes(Protocol):
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]: ...
 
 
-def committed(codes: Codes, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None) -> Quantised:
-    """Nearest codes (eq. 5), straight through, and how far from them the latents that are `used` lie (eq. 7)."""
+def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None) -> QuantiserOutput:
+    """Nearest codes (eq. 5), straight through, and how far from them the latents where `mask` lie (eq. 7)."""
     latents = latents.float()
     with torch.autocast(latents.device.type, enabled=False):
         indices = codes.distances(latents.detach()).argmin(-1)
     values = codes.codebook[indices]
     error = (latents - values).square().mean(-1)
-    commitment = error.mean() if used is None else (error * used).sum() / share.mean(used.sum().float()).clamp(min=1)
-    return Quantised(latents + (values - latents).detach(), indices, commitment)
+    commitment = error.mean() if mask is None else (error * mask).sum() / share.mean(mask.sum().float()).clamp(min=1)
+    return QuantiserOutput(latents + (values - latents).detach(), indices, commitment)
 
 
 def squared_distances(latents: Float[Tensor, "*N C"], codebook: Float[Tensor, "K C"]) -> Float[Tensor, "*N K"]:

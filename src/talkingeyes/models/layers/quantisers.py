@@ -6,20 +6,22 @@ from typing import Annotated
 
 from pydantic import Field
 
-from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarSettings
+from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
 from talkingeyes.models.layers.quantiser import Quantiser, QuantiserSettings
-from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualSettings
+from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
 
 AnyQuantiser = Quantiser | FiniteScalarQuantiser | ResidualQuantiser
 AnyQuantiserSettings = Annotated[
-    QuantiserSettings | FiniteScalarSettings | ResidualSettings, Field(discriminator="kind")
+    QuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings, Field(discriminator="kind")
 ]
 
 
-def make_quantiser(settings: QuantiserSettings | FiniteScalarSettings | ResidualSettings) -> AnyQuantiser:
+def make_quantiser(
+    settings: QuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
+) -> AnyQuantiser:
     """The quantiser that a section configures."""
-    if isinstance(settings, FiniteScalarSettings):
+    if isinstance(settings, FiniteScalarQuantiserSettings):
         return FiniteScalarQuantiser(settings)
-    if isinstance(settings, ResidualSettings):
+    if isinstance(settings, ResidualQuantiserSettings):
         return ResidualQuantiser(settings)
     return Quantiser(settings)

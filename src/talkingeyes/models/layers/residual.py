@@ -13,14 +13,20 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from talkingeyes.core.settings import Settings, out_of_bounds
+from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.layers import share
-from talkingeyes.models.layers.quantiser import Quantised, Quantiser, QuantiserSettings, committed, squared_distances
+from talkingeyes.models.layers.quantiser import (
+    Quantiser,
+    QuantiserOutput,
+    QuantiserSettings,
+    quantise,
+    squared_distances,
+)
 
-MOST_CODES = 4096
+MAX_CODES = 4096
 
 
-class ResidualSettings(Settings):
+class ResidualQuantiserSettings(Settings):
     """Levels of codes."""
 
     kind: Literal["residual"]
@@ -35,9 +41,9 @@ class ResidualSettings(Settings):
     restart_below: Annotated[float, Field(ge=0)]
 
     @model_validator(mode="after")
-    def _can_be_listed(self) -> ResidualSettings:
-        if self.codes > MOST_CODES:
-            raise out_of_bounds(f"level_codes to the power of depth should be at most {MOST_CODES}", self.codes)
+    def _can_be_listed(self) -> ResidualQuantiserSettings:
+        if self.codes > MAX_CODES:
+            raise bounds_error(f"level_codes to the power of depth should be at most {MAX_CODES}", self.codes)
         return self
 
     @property
@@ -56,7 +62,7 @@ class ResidualSettings(Settings):
 class ResidualQuantiser(nn.Module):
     """Codebooks one after the other; updated in training mode only."""
 
-    def __init__(self, settings: ResidualSettings) -> None:
+    def __init__(self, settings: ResidualQuantiserSettings) -> None:
         super().__init__()
         self.settings = settings
         self.levels = nn.ModuleList(Quantiser(settings.level) for _ in range(settings.depth))
@@ -73,7 +79,7 @@ class ResidualQuantiser(nn.Module):
             table = (table[:, None] + each).flatten(0, 1)
         return table
 
-    def among_codes(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
+    def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
         """Latents and codes are of one space."""
         return latents
 
@@ -81,12 +87,12 @@ class ResidualQuantiser(nn.Module):
         """Squared distances to every sum."""
         return squared_distances(latents, self.codebook)
 
-    def forward(self, latents: Float[Tensor, "B N C"], used: Bool[Tensor, "B N"] | None = None) -> Quantised:
-        """Nearest sums. Only latents where `used` count for the losses and the codebooks."""
+    def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
+        """Nearest sums. Only latents where `mask` count for the losses and the codebooks."""
         if self.training:
-            kept = latents.float() if used is None else latents.float()[used]
-            rest = share.gathered(kept.detach().reshape(-1, latents.shape[-1]))
+            kept = latents.float() if mask is None else latents.float()[mask]
+            rest = share.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1]))
             for level in self._level_list:
                 level.update(rest)
                 rest = rest - level.codebook[level.distances(rest).argmin(-1)]
-        return committed(self, latents, used)
+        return quantise(self, latents, mask)

@@ -14,9 +14,9 @@ from torch import Tensor
 from torch.nn import functional
 
 
-def slow_normal(seeds: list[int], frames: int, numbers: int, slow_frames: int) -> Float[Tensor, "B T N"]:
-    """White noise under a Hann window of 2 `slow_frames` - 1 frames, brought back to variance 1; 1: white."""
-    window = torch.hann_window(2 * slow_frames + 1, periodic=False)[1:-1]
+def correlated_normal(seeds: list[int], frames: int, numbers: int, correlation_frames: int) -> Float[Tensor, "B T N"]:
+    """White noise under a Hann window of 2 `correlation_frames` - 1 frames, brought back to variance 1; 1: white."""
+    window = torch.hann_window(2 * correlation_frames + 1, periodic=False)[1:-1]
     window = window / window.square().sum().sqrt()
     white = torch.stack([_white(seed, frames + len(window) - 1, numbers) for seed in seeds])
     if len(window) == 1:
@@ -32,7 +32,7 @@ def _white(seed: int, frames: int, numbers: int) -> Float[Tensor, "T N"]:
     return drawn[:count].reshape(frames, numbers)
 
 
-def gumbel_of(normal: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:
+def normal_to_gumbel(normal: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:
     """Standard normal numbers as standard Gumbel ones, quantile by quantile: the largest of logits plus these is a
     draw from their softmax (Gumbel 1954)."""
     below = (0.5 * torch.erfc(-normal / math.sqrt(2))).clamp(1e-7, 1 - 1e-7)

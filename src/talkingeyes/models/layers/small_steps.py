@@ -10,7 +10,7 @@ from numpy import ndarray
 from torch import nn
 
 
-def array(value: torch.Tensor) -> Float[ndarray, "*N"]:
+def to_numpy(value: torch.Tensor) -> Float[ndarray, "*N"]:
     """A weight."""
     return np.asarray(value.detach().cpu().numpy())
 
@@ -20,11 +20,11 @@ def gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
     return F.gelu(torch.from_numpy(x)).numpy()
 
 
-class SmallNorm:
+class NumpyLayerNorm:
     """A LayerNorm."""
 
     def __init__(self, norm: nn.LayerNorm) -> None:
-        self._weight, self._bias, self._eps = array(norm.weight), array(norm.bias), np.float32(norm.eps)
+        self._weight, self._bias, self._eps = to_numpy(norm.weight), to_numpy(norm.bias), np.float32(norm.eps)
 
     def __call__(self, x: Float[ndarray, "N W"]) -> Float[ndarray, "N W"]:
         """Rows of mean 0 and variance 1, scaled and moved."""
@@ -34,11 +34,11 @@ class SmallNorm:
         return np.asarray(centred / np.sqrt(variance + self._eps)[:, None] * self._weight + self._bias)
 
 
-class SmallLinear:
+class NumpyLinear:
     """A linear layer."""
 
     def __init__(self, linear: nn.Linear) -> None:
-        self._weight, self._bias = np.ascontiguousarray(array(linear.weight).T), array(linear.bias)
+        self._weight, self._bias = np.ascontiguousarray(to_numpy(linear.weight).T), to_numpy(linear.bias)
 
     def __call__(self, x: Float[ndarray, "*N C"]) -> Float[ndarray, "*N W"]:
         """One product of matrices, whatever the leading axes are."""
@@ -46,14 +46,14 @@ class SmallLinear:
         return np.asarray(out.reshape(*x.shape[:-1], len(self._bias)))
 
 
-class SmallGRU:
+class NumpyGRU:
     """A linear layer and after it gated recurrent units, a step at a time: nothing lies between the two, so they are
     one product."""
 
     def __init__(self, before: nn.Linear, gru: nn.GRU) -> None:
-        weights = {name: array(each) for name, each in gru.named_parameters()}
-        self._given = np.ascontiguousarray((weights["weight_ih_l0"] @ array(before.weight)).T)
-        self._given_bias = weights["weight_ih_l0"] @ array(before.bias) + weights["bias_ih_l0"]
+        weights = {name: to_numpy(each) for name, each in gru.named_parameters()}
+        self._given = np.ascontiguousarray((weights["weight_ih_l0"] @ to_numpy(before.weight)).T)
+        self._given_bias = weights["weight_ih_l0"] @ to_numpy(before.bias) + weights["bias_ih_l0"]
         self._kept, self._kept_bias = np.ascontiguousarray(weights["weight_hh_l0"].T), weights["bias_hh_l0"]
 
     def __call__(self, x: Float[ndarray, "N C"], state: Float[ndarray, "N W"]) -> Float[ndarray, "N W"]:
@@ -65,20 +65,20 @@ class SmallGRU:
         return np.asarray(new + update * (state - new))
 
 
-class SmallConvolution:
+class NumpyCausalConv:
     """A dilated convolution over time that remembers what it has heard; before the first frame, silence."""
 
     def __init__(self, convolution: nn.Conv1d) -> None:
-        weight = array(convolution.weight)  # output, input, tap
+        weight = to_numpy(convolution.weight)  # output, input, tap
         self._weight = np.ascontiguousarray(weight.transpose(2, 1, 0).reshape(-1, len(weight)))
-        self._bias = array(convolution.bias)  # type: ignore[arg-type]
+        self._bias = to_numpy(convolution.bias)  # type: ignore[arg-type]
         (taps,), (dilation,) = convolution.kernel_size, convolution.dilation
         self._starts = [tap * dilation for tap in range(taps)]
         self._past = np.zeros((self._starts[-1], weight.shape[1]), np.float32)
 
     def __call__(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
         """The next frames."""
-        heard = np.concatenate([self._past, x])
-        self._past = heard[len(x) :]
-        taps = np.concatenate([heard[start : start + len(x)] for start in self._starts], axis=1)
+        padded = np.concatenate([self._past, x])
+        self._past = padded[len(x) :]
+        taps = np.concatenate([padded[start : start + len(x)] for start in self._starts], axis=1)
         return np.asarray(taps @ self._weight + self._bias)

@@ -1,6 +1,7 @@
 """A causal transformer with a key-value cache; optionally each layer also attends to a time-aligned memory (eq. 9).
 
-Self-attention sees the last `back` frames, so time and memory of a step do not grow with the length of the sequence.
+Self-attention sees the last `lookback` frames, so time and memory of a step do not grow with the length of the
+sequence.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ class TransformerSettings(Settings):
     heads: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # How many positions (frames or codes) back self-attention sees.
-    back: Annotated[int, Field(gt=0)]
+    lookback: Annotated[int, Field(gt=0)]
 
 
 @dataclass(frozen=True)
-class CrossWindow:
+class CrossAttentionWindow:
     """How many memory positions before and after its own a position attends to."""
 
-    back: int
-    ahead: int
+    lookback: int
+    lookahead: int
 
 
 @dataclass
@@ -44,20 +45,22 @@ class Cache:
     past: list[KeysValues | None]
     memory: list[KeysValues | None]
 
-    def forget_gradient(self) -> None:
+    def detach_past(self) -> None:
         """No gradient goes back through what is remembered of the past."""
         self.past = [each.detached() if each else None for each in self.past]
 
 
-class Layer(nn.Module):
-    """Pre-norm: self-attention (to `ahead` positions after its own, too), cross-attention to a memory, feed-forward."""
+class TransformerLayer(nn.Module):
+    """Pre-norm: self-attention (to `lookahead` later positions, too), cross-attention to a memory, feed-forward."""
 
-    def __init__(self, settings: TransformerSettings, ahead: int, cross: CrossWindow | None) -> None:
+    def __init__(self, settings: TransformerSettings, lookahead: int, cross: CrossAttentionWindow | None) -> None:
         super().__init__()
         width, drop = settings.width, settings.dropout
         self.norm_self, self.norm_feed = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.attend_self = WindowAttention(width, settings.heads, settings.back, ahead, drop)
-        self.attend_memory = WindowAttention(width, settings.heads, cross.back, cross.ahead, drop) if cross else None
+        self.attend_self = WindowAttention(width, settings.heads, settings.lookback, lookahead, drop)
+        self.attend_memory = (
+            WindowAttention(width, settings.heads, cross.lookback, cross.lookahead, drop) if cross else None
+        )
         self.norm_memory = nn.LayerNorm(width) if cross else None
         self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width), nn.Dropout(drop))
 
@@ -82,11 +85,11 @@ class Layer(nn.Module):
 class CausalTransformer(nn.Module):
     """Layers and a final norm. `forward` takes whole sequences, `start` and `step` one position at a time."""
 
-    def __init__(self, settings: TransformerSettings, cross: CrossWindow | None = None) -> None:
+    def __init__(self, settings: TransformerSettings, cross: CrossAttentionWindow | None = None) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(Layer(settings, 0, cross) for _ in range(settings.layers))
+        self.layers = nn.ModuleList(TransformerLayer(settings, 0, cross) for _ in range(settings.layers))
         self.norm = nn.LayerNorm(settings.width)
-        self.back = settings.back
+        self.lookback = settings.lookback
 
     def forward(
         self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"] | None = None
@@ -105,22 +108,22 @@ class CausalTransformer(nn.Module):
         ]
         return Cache(0, [None] * len(self.layers), projected)
 
-    def remember(self, memory: Float[Tensor, "B U W"], cache: Cache) -> None:
+    def append_memory(self, memory: Float[Tensor, "B U W"], cache: Cache) -> None:
         """Add the next positions of a memory that comes part by part; what no position sees any more is dropped."""
         for index, layer in enumerate(self.layers):
             attend, known = layer.attend_memory, cache.memory[index]
             assert isinstance(attend, WindowAttention)
             new = attend.project(memory, known.first + known.keys.shape[2] if known else 0)
             known = known.append(new) if known else new
-            cache.memory[index] = known.window(cache.position - attend.back, new.first + new.keys.shape[2])
+            cache.memory[index] = known.window(cache.position - attend.lookback, new.first + new.keys.shape[2])
 
     def step(self, x: Float[Tensor, "B 1 W"], cache: Cache) -> Float[Tensor, "B 1 W"]:
         """Features of the next position; the cache moves on."""
         for index, layer in enumerate(self.layers):
-            assert isinstance(layer, Layer)
+            assert isinstance(layer, TransformerLayer)
             new = layer.attend_self.project(layer.norm_self(x), cache.position)
             past = cache.past[index]
-            past = new if past is None else past.append(new).window(cache.position - self.back, cache.position + 1)
+            past = new if past is None else past.append(new).window(cache.position - self.lookback, cache.position + 1)
             cache.past[index] = past
             x = layer.step(x, cache.position, past, cache.memory[index])
         cache.position += 1
@@ -128,6 +131,6 @@ class CausalTransformer(nn.Module):
         return out
 
 
-def shifted(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"]) -> Float[Tensor, "B T W"]:
+def shift_right(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"]) -> Float[Tensor, "B T W"]:
     """What came before each position: the start, then all but the last."""
     return torch.cat([start, x[:, :-1]], dim=1)

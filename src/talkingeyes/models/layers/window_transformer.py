@@ -12,13 +12,13 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from talkingeyes.models.layers.transformer import Layer, TransformerSettings
+from talkingeyes.models.layers.transformer import TransformerLayer, TransformerSettings
 
 
 class WindowTransformerSettings(TransformerSettings):
-    """Size of a transformer that looks `back` and `ahead` frames in every layer; `kernel` of the convolution."""
+    """Size of a transformer that looks `lookback` and `lookahead` frames in each layer; `kernel` of the convolution."""
 
-    ahead: Annotated[int, Field(ge=0)]
+    lookahead: Annotated[int, Field(ge=0)]
     kernel: Annotated[int, Field(gt=0)]
 
 
@@ -27,14 +27,16 @@ class WindowTransformer(nn.Module):
 
     def __init__(self, settings: WindowTransformerSettings, channels: int) -> None:
         super().__init__()
-        self.enter = nn.Linear(channels, settings.width)
+        self.input_projection = nn.Linear(channels, settings.width)
         self.convolution = nn.Conv1d(settings.width, settings.width, settings.kernel, padding="same")
-        self.layers = nn.ModuleList(Layer(settings, settings.ahead, None) for _ in range(settings.layers))
+        self.layers = nn.ModuleList(
+            TransformerLayer(settings, settings.lookahead, None) for _ in range(settings.layers)
+        )
         self.norm = nn.LayerNorm(settings.width)
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
         """Features a frame."""
-        entered = self.enter(x)
+        entered = self.input_projection(x)
         h = entered + self.convolution(entered.transpose(1, 2)).transpose(1, 2)
         for layer in self.layers:
             h = layer(h, None)

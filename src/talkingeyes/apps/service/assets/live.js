@@ -24,7 +24,7 @@ async function open() {
     perform(speech);
   };
   $("own").onchange = () => {
-    $("wish").contact.disabled = $("own").checked;
+    $("wish").eye_contact.disabled = $("own").checked;
     perform(speech);
   };
   $("wish").onsubmit = (event) => event.preventDefault();
@@ -62,12 +62,12 @@ function wish() {
     blinks: form.blinks.value,
     emotion: form.emotion.value,
     intensity: neutral ? 0 : Number(form.intensity.value),
-    lively_head: Number(form.lively_head.value),
-    lively_gaze: Number(form.lively_gaze.value),
-    lively_blinks: Number(form.lively_blinks.value),
+    head_liveliness: Number(form.head_liveliness.value),
+    gaze_liveliness: Number(form.gaze_liveliness.value),
+    blink_liveliness: Number(form.blink_liveliness.value),
   };
   if (form.person.value) asks.person = form.person.value;
-  if (!$("own").checked) asks.contact = Number(form.contact.value);
+  if (!$("own").checked) asks.eye_contact = Number(form.eye_contact.value);
   return asks;
 }
 
