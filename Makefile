@@ -20,10 +20,10 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench face tables facts real ui docs clean
+.PHONY: help setup repro params test check tiny sweep bench face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(VENV)/.stamp  ## Install everything into .venv (done by the others when needed)
 
@@ -67,7 +67,7 @@ tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
 	$(BIN)/python -m pipelines.experiment experiment=tiny
 
 sweep: setup  ## A small search with two objectives in build/sweep, in under ten minutes; its front: build/sweep/small/pareto.png
-	$(BIN)/python -m pipelines.experiment -m sweep=small
+	$(BIN)/python -m pipelines.experiment -m sweep=smoke_test
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@failed=; for script in benchmarks/*.py; do name=$$(basename $$script .py); \
@@ -80,14 +80,14 @@ face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs
 tables: setup  ## TalkingEyes Tables III, V, VI and VII on three seeds (docs/tables.md); goes on where it was killed. tables=table3,table7 seeds=0
 	$(BIN)/python -m pipelines.tables $(if $(tables),tables=$(tables)) $(if $(seeds),seeds=$(seeds))
 
-facts: setup  ## The acceptance table of the corpus: how eyes, head, lids and jaw move, beside people. Another: corpus=DIR
-	$(BIN)/python -m pipelines.facts $(corpus)
+reference-ranges: setup  ## How eyes, head, lids and jaw of the corpus move, beside reference ranges of people. Another: corpus=DIR
+	$(BIN)/python -m pipelines.reference_ranges $(corpus)
 
-real: setup  ## Track and fit real clips, where there are some, and print what they show. Your own: make real videos=DIR
-	$(BIN)/python -m pipelines.real $(videos)
+real-videos: setup  ## Track and fit real videos and print the results. Your own: make real-videos videos=DIR
+	$(BIN)/python -m pipelines.real_videos $(videos)
 
 ui: setup  ## Compare runs in the browser, at 127.0.0.1:5000. Of an experiment: make ui workspace=build/tiny
-	@$(BIN)/python -m talkingeyes.orchestration.comparison $(workspace) 127.0.0.1:5000
+	@$(BIN)/python -m talkingeyes.orchestration.mlflow_view $(workspace) 127.0.0.1:5000
 	MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false $(BIN)/mlflow ui --host 127.0.0.1 --port 5000 \
 		--backend-store-uri sqlite:///$(abspath $(workspace))/mlflow.db
 

@@ -3,8 +3,8 @@
 `blinks_by_eye.csv` beside this file names the moments: `whole` where the lids cover the pupil, `incomplete` where they
 fall and rise without; those count neither as right nor as wrong, nor do winks and narrowed eyes count as blinks.
 
-Run     python -m pipelines.real VIDEOS && python -m benchmarks.blinks
-Reads   build/real/corpus, as pipelines/real.py leaves it
+Run     python -m pipelines.real_videos VIDEOS && python -m benchmarks.blinks
+Reads   build/real/corpus, as pipelines/real_videos.py leaves it
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def compare_blinks(spans_s: list[tuple[float, float]], moments: list[tuple[float
 def main() -> None:
     """Print a line a clip, and the whole."""
     if not (ROOT / "clips.parquet").exists():  # make bench, without videos
-        print(f"blinks: no tracked clips in {ROOT} (python -m pipelines.real VIDEOS), nothing to measure")
+        print(f"blinks: no tracked clips in {ROOT} (python -m pipelines.real_videos VIDEOS), nothing to measure")
         return
     settings = FitSettings.model_validate(compose(["fit=video"])["fit"])
     corpus, counted, rows = Corpus(ROOT), manual_blinks(), {}

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from talkingeyes.animation import sight
-from talkingeyes.animation.contact import eye_contact_fraction
-from talkingeyes.animation.direction import Controls, Liveliness
+from talkingeyes.animation import line_of_sight
+from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.controls import Controls, Liveliness
+from talkingeyes.animation.eye_contact import eye_contact_fraction
 from talkingeyes.animation.listening import detect_turns
-from talkingeyes.animation.perform import Animation, Animator
 from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
@@ -31,7 +31,7 @@ from talkingeyes.audio.windows import window_starts
 from talkingeyes.core import rotation
 from talkingeyes.core.kinematics import gaze_in_space_speed_deg_s, head_speed_deg_s
 from talkingeyes.core.motion import Motion
-from talkingeyes.fitting.manner import MotionStyle, measure_style
+from talkingeyes.fitting.motion_style import MotionStyle, measure_style
 from talkingeyes.orchestration.run import configure_environment, run_command
 from talkingeyes.physiology import saccades
 from talkingeyes.physiology.blinks import PARTNER_END_S
@@ -75,10 +75,10 @@ def targets(animator: Animator, speech: np.ndarray) -> None:
 def _hits(one: Animation, track: TargetTrack, name: str, fps: float) -> tuple[np.ndarray, ...]:
     motion, times = one.motion, np.arange(len(one.motion)) / fps
     places = track.object_track(name).at(times)
-    miss = np.degrees(sight.gaze_error_rad(motion.head, motion.gaze, places, "world"))
-    angles = rotation.gaze_to_angles(motion.gaze) - sight.KAPPA_RAD
-    space = sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(motion.head, motion.gaze))
-    beside = np.degrees(np.hypot(*(space - sight.point_direction_rad(motion.head, places)).T))
+    miss = np.degrees(line_of_sight.gaze_error_rad(motion.head, motion.gaze, places, "world"))
+    angles = rotation.gaze_to_angles(motion.gaze) - line_of_sight.KAPPA_RAD
+    space = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(motion.head, motion.gaze))
+    beside = np.degrees(np.hypot(*(space - line_of_sight.point_direction_rad(motion.head, places)).T))
     on = np.any([(times >= each.start_s + 0.8) & (times < each.end_s - 0.05) for each in track.targets], axis=0)
     arrived = [
         float(times[(times > each.start_s) & (beside < 1.0)][0] - each.start_s)
@@ -87,8 +87,8 @@ def _hits(one: Animation, track: TargetTrack, name: str, fps: float) -> tuple[np
     ]
     seen = (
         places
-        + sight.BETWEEN_EYES_M
-        - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(motion.head), sight.BETWEEN_EYES_M)
+        + line_of_sight.BETWEEN_EYES_M
+        - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(motion.head), line_of_sight.BETWEEN_EYES_M)
     )
     asked = np.degrees(2 * np.arctan(0.03145 / np.linalg.norm(seen, axis=1)))
     speed = gaze_in_space_speed_deg_s(motion.head, motion.gaze, fps)
@@ -159,8 +159,8 @@ def styles(animator: Animator, speech: np.ndarray) -> None:
         "as the person": lambda name: Controls(person=name),
         "in the style": lambda name: Controls(style=name),
     }
-    names = list(animator.speakers)
-    kept = np.array([_numbers(motion_style) for motion_style in animator.speakers.values()])
+    names = list(animator.speaker_styles)
+    kept = np.array([_numbers(motion_style) for motion_style in animator.speaker_styles.values()])
     spread = kept.std(axis=0)
     print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
     print(
@@ -201,7 +201,7 @@ def dialogue(animator: Animator, sounds: list[np.ndarray]) -> None:
     print("\ndialogue, and the same sound alone, all people: eye contact and head speed (deg/s) in the own, in the")
     print("partner's turns; blinks a minute .25 to .5 s after the partner's phrases end, and else in those turns")
     for name, partner in (("dialogue", other), ("alone", None)):
-        asked = [Controls(person=person, partner=partner) for person in animator.speakers]
+        asked = [Controls(person=person, partner=partner) for person in animator.speaker_styles]
         animations = [each for ask in asked for each in animator.perform(one, SAMPLES, 0, 25.0, ask)]
         rows = [_by_turn(each, heard) for each in animations]
         own, theirs, own_speed, their_speed, after, else_ = np.mean(rows, axis=0)

@@ -15,12 +15,12 @@ import numpy as np
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour
-from talkingeyes.evaluation.benchmark.sound import METRICS, with_corr
-from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
+from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
+from talkingeyes.evaluation.benchmark.corr import METRICS, with_corr
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.corruptions import CORRUPTIONS, apply_corruption
-from talkingeyes.evaluation.judges import Evaluators
-from talkingeyes.evaluation.validation import effect_size
+from talkingeyes.evaluation.critic.evaluators import Evaluators
+from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, apply_corruption
+from talkingeyes.evaluation.sensitivity.matrix import effect_size
 from talkingeyes.orchestration.run import configure_environment
 
 ROOT = Path(__file__).resolve().parents[1]

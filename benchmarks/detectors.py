@@ -26,7 +26,7 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.detectors.blinks import detect_blinks
 from talkingeyes.evaluation.detectors.fixations import MIN_DURATION_S, detect_fixations, detect_fixations_idt
 from talkingeyes.evaluation.detectors.gaze_states import detect_gaze_states
-from talkingeyes.evaluation.detectors.head_moves import detect_head_movements
+from talkingeyes.evaluation.detectors.head_movements import detect_head_movements
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
 from talkingeyes.evaluation.detectors.scoring import (
     DetectionCounts,
@@ -80,9 +80,9 @@ def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
         if not path.exists():
             continue  # rejected by fit
         sound = sounds[clip.sound]
-        random = plan.generator(settings.seed, "motion", sound.index, clip.take)
+        rng = plan.generator(settings.seed, "motion", sound.index, clip.take)
         style = plan.speaker_of(settings, sound).style
-        take = sample_take(corpus.annotation(clip), style, clip.seconds, random, settings.blink_profile)
+        take = sample_take(corpus.annotation(clip), style, clip.seconds, rng, settings.blink_profile)
         assert take.events == corpus.truth_events(clip), clip.id
         made.append(RegeneratedClip(clip, take, Motion.load(path)))
     return made
@@ -126,10 +126,10 @@ def saccade_row(
     What starts in a frame that does not count, or at the very ends of a clip, is left out on both sides.
     """
     total, classes = DetectionCounts(), np.zeros((2, len(SACCADE_CLASSES_DEG) - 1), int)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     for each in regenerated:
         motion = motion_of(each)
-        gaze = gaze_of(motion) + noise * np.radians(NOISE_DEG) * random.standard_normal((len(motion), 2))
+        gaze = gaze_of(motion) + noise * np.radians(NOISE_DEG) * rng.standard_normal((len(motion), 2))
         found = detect_saccades(gaze, motion.fps, motion.valid)
         events = each.take.events.saccades
         onset = np.array([event.onset_s for event in events])

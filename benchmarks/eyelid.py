@@ -23,21 +23,21 @@ from numpy import ndarray
 from talkingeyes.core.kinematics import angle_between_deg
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_direction, angles_to_gaze
-from talkingeyes.fitting.eyelid_capture import EyeEstimate, EyeGeometry, PosedImage, estimate_eye
+from talkingeyes.fitting.analysis_by_synthesis import EyeEstimate, EyeGeometry, PosedImage, estimate_eye
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.eyelid.anatomy import sample_eyelid_parameters
-from talkingeyes.head.eyelid.construction import ExplainedVariance, explained_variance, fit_eyelid_model
-from talkingeyes.head.eyelid.drive import LID_SHAPES
-from talkingeyes.head.eyelid.labels import (
+from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
+from talkingeyes.head.eyelid.model import ExplainedVariance, explained_variance, fit_eyelid_model
+from talkingeyes.head.eyelid.postures import (
     LidCurveFunction,
     Random,
     anatomical_lid_curves,
     held_out_postures,
     paper_postures,
 )
-from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, region
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, eyelid_region
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.orchestration.run import configure_environment
 from talkingeyes.rendering.render import HeadRenderer
@@ -85,8 +85,8 @@ def motion_of(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, "N 2"]) -> 
 def sculpted(head: HeadModel, around: EyelidRegion) -> LidCurveFunction:
     """The lids of the head as curves of a region."""
 
-    def curves(angles_rad: ndarray, lid: ndarray, random: Random) -> ndarray:
-        jittered = lid + random.normal(0.0, LID_JITTER, len(lid))
+    def curves(angles_rad: ndarray, lid: ndarray, rng: Random) -> ndarray:
+        jittered = lid + rng.normal(0.0, LID_JITTER, len(lid))
         vertices = posed_vertices(
             head, motion_to_pose(head, motion_of(angles_rad, np.repeat(jittered[:, None], 2, axis=1)))
         )
@@ -103,16 +103,16 @@ def print_variance(head: HeadModel) -> list[EyeGeometry]:
     eyes = []
     for kind in ("anatomy, first person", "anatomy, second", "sculpted, by rule"):
         for eye, side in enumerate(PAPER):
-            random = np.random.default_rng([len(kind), eye])
-            around = region(head, eye)
+            rng = np.random.default_rng([len(kind), eye])
+            around = eyelid_region(head, eye)
             lids = (
-                anatomical_lid_curves(around, sample_eyelid_parameters(random))
+                anatomical_lid_curves(around, sample_eyelid_parameters(rng))
                 if "anatomy" in kind
                 else sculpted(head, around)
             )
-            labels = paper_postures(lids, random)
+            labels = paper_postures(lids, rng)
             model = fit_eyelid_model(labels)
-            others = held_out_postures(lids, labels.angles_rad, HELD_OUT, random)
+            others = held_out_postures(lids, labels.angles_rad, HELD_OUT, rng)
             is_open = model.lid(others.angles_rad, others.curves) < 0.25
             trained, held_out = explained_variance(model, labels), explained_variance(model, others)
             print(
@@ -128,20 +128,20 @@ def print_variance(head: HeadModel) -> list[EyeGeometry]:
 
 def render_scene(head: HeadModel, count: int, lids: tuple[float, float], size_px: int, seed: int) -> Scene:
     """Postures with closures from a range, from three views, as pictures of `size_px`."""
-    random = np.random.default_rng(seed)
-    angles = np.clip(random.normal(0.0, np.radians([9.0, 7.0]), (count, 2)), *np.radians([[-28, -22], [28, 16]]))
-    lid = random.uniform(*lids, count)
-    motion = motion_of(angles, lid[:, None] + random.normal(0.0, LID_JITTER, (count, 2)))
+    rng = np.random.default_rng(seed)
+    angles = np.clip(rng.normal(0.0, np.radians([9.0, 7.0]), (count, 2)), *np.radians([[-28, -22], [28, 16]]))
+    lid = rng.uniform(*lids, count)
+    motion = motion_of(angles, lid[:, None] + rng.normal(0.0, LID_JITTER, (count, 2)))
     views = [Framing(0.285, (0.0, 0.030, 0.0), yaw_deg=yaw).view(size_px, size_px) for yaw in YAWS_DEG]
     return Scene(angles, lid, views, [list(HeadRenderer(head, view).draw(motion)) for view in views])
 
 
 def print_capture(name: str, scene: Scene, eyes: list[EyeGeometry], wrong: Disturbance) -> None:
     """A row: errors of gaze and closure over both eyes, how many were flagged, the time."""
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     errors, lids, seconds = [], [], 0.0
     for frame, (angles, lid) in enumerate(zip(scene.angles_rad, scene.lid, strict=True)):
-        posed_images = [_disturbed(scene, view, frame, wrong, random) for view in range(wrong.views)]
+        posed_images = [_disturbed(scene, view, frame, wrong, rng) for view in range(wrong.views)]
         start = time.process_time()
         found: list[EyeEstimate] = [estimate_eye(posed_images, eye) for eye in eyes]
         seconds += time.process_time() - start
@@ -183,15 +183,15 @@ def main() -> None:
     print(f"{'the paper, three views of 720 x 576':<40}{'no figure':>16}{'':>20}{800:10d}  (with a GPU of 2007)")
 
 
-def _disturbed(scene: Scene, view: int, frame: int, wrong: Disturbance, random: Random) -> PosedImage:
+def _disturbed(scene: Scene, view: int, frame: int, wrong: Disturbance, rng: Random) -> PosedImage:
     image = scene.frames[view][frame] / 255.0
-    noisy = np.clip(image + random.normal(0.0, wrong.noise, image.shape), 0.0, 1.0) if wrong.noise else image
-    turn, shift = (_direction(random) * size for size in (np.radians(wrong.turn_deg), wrong.shift_m))
+    noisy = np.clip(image + rng.normal(0.0, wrong.noise, image.shape), 0.0, 1.0) if wrong.noise else image
+    turn, shift = (_direction(rng) * size for size in (np.radians(wrong.turn_deg), wrong.shift_m))
     return PosedImage(noisy, scene.views[view], turn, shift)
 
 
-def _direction(random: Random) -> Float[ndarray, " 3"]:
-    free = random.normal(size=3)
+def _direction(rng: Random) -> Float[ndarray, " 3"]:
+    free = rng.normal(size=3)
     return np.asarray(free / np.linalg.norm(free))
 
 

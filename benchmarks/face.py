@@ -50,7 +50,7 @@ def embedded(folder: Path, seconds: int) -> np.ndarray:
 def measure(folder: Path, embedding: np.ndarray, samples: int) -> Cost:
     """Generate faces after a warm-up."""
     from talkingeyes.models.face.style import FaceStyle, StyleKey
-    from talkingeyes.training.face_trained import load_face_generator
+    from talkingeyes.training.face_generators import load_face_generator
 
     generator, style = load_face_generator(folder), [StyleKey(0.0, FaceStyle(None, "happy", 2))]
     generator.generate(embedding[:50], style, [0], 25.0)

@@ -27,13 +27,13 @@ FRAMES = 220
 REPEATS = 20  # of the fast solver, which takes a few milliseconds
 
 
-def observations(random: np.random.Generator) -> PupilObservations:
+def observations(rng: np.random.Generator) -> PupilObservations:
     """A clip of random gaze: conjugate eyes with their axes 9 degrees apart, .3 px of noise, a twentieth hidden."""
-    head, translation = random.normal(0, 0.08, (FRAMES, 3)), random.normal(0, 0.005, (FRAMES, 3))
-    angles_rad = random.normal(0, 0.1, (FRAMES, 1, 2)) + np.array([[0.08, 0.0], [-0.08, 0.0]])
+    head, translation = rng.normal(0, 0.08, (FRAMES, 3)), rng.normal(0, 0.005, (FRAMES, 3))
+    angles_rad = rng.normal(0, 0.1, (FRAMES, 1, 2)) + np.array([[0.08, 0.0], [-0.08, 0.0]])
     seen = CAMERA.project(head_to_scene(pupils(angles_to_gaze(angles_rad)), head, translation))
-    seen += random.normal(0, 0.3, seen.shape)
-    seen[random.random((FRAMES, 2)) < 0.05] = np.nan
+    seen += rng.normal(0, 0.3, seen.shape)
+    seen[rng.random((FRAMES, 2)) < 0.05] = np.nan
     return PupilObservations(seen, head, translation, CAMERA)
 
 

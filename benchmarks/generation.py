@@ -4,7 +4,7 @@ The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedd
 length is generated in a process of its own: gaze and head alone, then a whole performance with blinks, events and,
 where there is a model of it, the face. Ten samples at once are set against one, in turn in one process. Beside them
 a decoder that computes its prefix again for every code of 4 frames, as eq. 10 of the paper reads: the network of
-conf/model/talkingeyes_codes.yaml, untrained, for weights change nothing of its time.
+conf/model/talkingeyes_categorical.yaml, untrained, for weights change nothing of its time.
 
 Run     python -m benchmarks.generation [data/train/MODEL]     (make bench, after make repro)
 Reads   data/train/talkingeyes, or the model that is named; conf/
@@ -30,7 +30,7 @@ from talkingeyes.orchestration.run import configure_environment, run_command
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
@@ -40,7 +40,7 @@ DURATIONS_S = (10, 60, 600, 3600)
 RECOMPUTED_S = (10, 60)
 REPEATS = 25  # of the shortest, each of other seeds: their median, for one run says little
 TURNS = 101
-EXPERIMENT = "experiment=events"  # has that model beside the default
+EXPERIMENT = "experiment=point_process"  # has that model beside the default
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Cost:
 
 def measure(embedding: np.ndarray, samples: int) -> Cost:
     """Perform an embedded speech, after a warm-up."""
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
     animator.generate_from_embedding(embedding[:250], samples, seed=0, fps=animator.fps)
@@ -74,7 +74,7 @@ def measure(embedding: np.ndarray, samples: int) -> Cost:
 
 def relative_cost(embedding: np.ndarray, samples: int) -> float:
     """Median CPU seconds of so many samples over those of one, in turn: shared machines are faster now, slower then."""
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
     drawn_s = np.array(
@@ -104,17 +104,17 @@ def cost_without_cache(embedding: np.ndarray) -> UncachedCost:
     """Every step computes the whole prefix again, without caches."""
     import torch
 
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
     from talkingeyes.models.gaze.categorical import CategoricalGaze
     from talkingeyes.models.gaze.generator import GazeCondition
     from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
     from talkingeyes.models.speech_to_motion import SpeechToMotion
     from talkingeyes.orchestration.config import compose
-    from talkingeyes.training.translation import MotionTaskSettings
+    from talkingeyes.training.motion_task import MotionTaskSettings
 
     animator, params = Animator.load(MODEL), compose([EXPERIMENT])
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(params["pretrain"]["gaze_patches"]["network"])).freeze()
-    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes_codes"])
+    settings = MotionTaskSettings.model_validate(params["model"]["talkingeyes_categorical"])
     network = SpeechToMotion(settings, animator.encoder.channels, codebook).eval()
     gaze = network.gaze
     assert isinstance(gaze, CategoricalGaze)
@@ -137,7 +137,7 @@ def _parameters(network: Module | None) -> int:
 
 def embed(seconds: int) -> np.ndarray:
     """The packaged recording, repeated, as the model hears it."""
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
     speech = read_speech(package_file(EXAMPLE_SPEECH))

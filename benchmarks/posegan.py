@@ -17,8 +17,8 @@ import yaml
 from talkingeyes.models.speech_to_pose import SpeechToPose
 from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.poses import PoseTaskSettings
-from talkingeyes.training.trained_poses import pose_network
+from talkingeyes.training.pose_generators import pose_network
+from talkingeyes.training.pose_task import PoseTaskSettings
 
 CHANNELS = 291  # of the default encoder
 FPS = 30

@@ -16,8 +16,8 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import build_anny_head
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.normals import vertex_normals
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.rendering.render import HeadRenderer, RayCaster
 from talkingeyes.rendering.view import FRAMINGS

@@ -122,7 +122,16 @@ def main() -> None:
     asked = parser.parse_args()
     sound = read_speech(package_file(EXAMPLE_SPEECH))
     sound = np.resize(sound, round(asked.seconds * SAMPLE_RATE))
-    command = [sys.executable, "-m", "talkingeyes.cli.main", "serve", "--model", asked.model, "--live", asked.model]
+    command = [
+        sys.executable,
+        "-m",
+        "talkingeyes.cli.main",
+        "serve",
+        "--model",
+        asked.model,
+        "--live-model",
+        asked.model,
+    ]
     command += ["--streams", str(asked.streams), "--jobs", str(asked.jobs), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
         assert service.stdout is not None

@@ -26,7 +26,7 @@ def main(model: Path) -> None:
     torch.set_num_threads(1)
     live, sound = LiveModel.load(model), read_speech(package_file(EXAMPLE_SPEECH))[: SECONDS * SAMPLE_RATE]
     begun = time.process_time()
-    whole = live.whole(sound, seed=1)
+    whole = live.generate_offline(sound, seed=1)
     print(
         f"stated latency {live.latency_s:.3f} s; whole speech: {(time.process_time() - begun) / SECONDS:.3f} CPU s a s"
     )

@@ -1,6 +1,6 @@
 """Does a reference clip lend its speaker's style? On speakers whom no training saw.
 
-Run: python -m benchmarks.style --workspace build/style --model talkingeyes_style
+Run: python -m benchmarks.style --workspace build/style --model talkingeyes_style_encoder
 Reads: data of a workspace with the model. Prints, for pairs of unseen speakers: how often the samples of one speech
 under A's reference differ from those under B's in the direction in which A's other clips differ from B's. Chance: .5.
 """
@@ -19,12 +19,12 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core import rotation
+from talkingeyes.corpus.recordings import Recording, recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import Recording, recordings
 from talkingeyes.models.condition.conditioner import ConditioningInputs
-from talkingeyes.physiology.steps import find_saccades
-from talkingeyes.training.telling import motion_array
-from talkingeyes.training.trained import load_generator
+from talkingeyes.physiology.frame_saccades import find_saccades
+from talkingeyes.training.conditioning import motion_array
+from talkingeyes.training.motion_generators import load_generator
 
 SAMPLES = 4
 
@@ -55,7 +55,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--workspace", type=Path, default=Path("build/style"))
-    parser.add_argument("--model", default="talkingeyes_style")
+    parser.add_argument("--model", default="talkingeyes_style_encoder")
     parser.add_argument("--speeches", type=int, default=4)
     asked = parser.parse_args()
     data = asked.workspace / "data"

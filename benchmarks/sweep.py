@@ -15,10 +15,10 @@ from typing import Any
 
 from pipelines.experiment import stage_order
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import StageCall, required_calls, stage_calls
-from talkingeyes.orchestration.record import log_run
+from talkingeyes.orchestration.mlflow_logging import log_run
+from talkingeyes.orchestration.result_store import StoredResult, get_or_run
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, configure_environment, run_command
-from talkingeyes.orchestration.store import StoredResult, get_or_run
+from talkingeyes.orchestration.stage_graph import StageCall, required_calls, stage_calls
 
 
 def make(call: StageCall, workspace: Workspace) -> Report:
@@ -49,7 +49,7 @@ def main() -> None:
     print("| what | times | CPU s each | clock s each |\n|---|---|---|---|")
     timed("the first composition, with its imports", lambda: _compose(1), 1)
     timed("a composition", lambda: _compose(5), 5)
-    params = compose(["target=assess@talkingeyes"])
+    params = compose(["target=validate@talkingeyes"])
     stages = required_calls(stage_calls(params, stage_order(params)), params["target"])
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder, "store")
@@ -64,7 +64,7 @@ def main() -> None:
 
 def _compose(times: int) -> None:
     for _ in range(times):
-        compose(["target=assess@talkingeyes"])
+        compose(["target=validate@talkingeyes"])
 
 
 def _again(store: Path, params: dict[str, Any], stages: list[StageCall]) -> None:

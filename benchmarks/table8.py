@@ -42,7 +42,7 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import OrbitCamera
-from talkingeyes.synthesis.noise import NoiseSettings, autoregressive
+from talkingeyes.synthesis.detector_noise import NoiseSettings, autoregressive
 from talkingeyes.synthesis.observations import observe
 
 STRIP = (96, 176)  # rows and columns of a picture around both eyes
@@ -146,22 +146,22 @@ def fitted(cases: list[Case], variant: str) -> list[FitResult | Motion]:
 
 def reobserved(case: Case, noise: NoiseSettings, seed: int) -> Case:
     """The clip as a detector sees it in a picture of KEPT of the resolution."""
-    seen, random = case.observation, np.random.default_rng(seed)
+    seen, rng = case.observation, np.random.default_rng(seed)
     coarse = noise.model_copy(update={"resolution": RESOLUTION_FACTOR})
-    return replace(case, observation=observe(case.motion, seen.camera, coarse, random, seen.identity))
+    return replace(case, observation=observe(case.motion, seen.camera, coarse, rng, seen.identity))
 
 
 def simulated(case: Case, seed: int) -> Motion:
     """The truth with errors of the size of Gaze360's."""
-    random, motion, camera = np.random.default_rng(seed), case.motion, case.observation.camera
+    rng, motion, camera = np.random.default_rng(seed), case.motion, case.observation.camera
 
     def placed(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 2"]:
         return camera.project(head_to_scene(pupils(gaze), motion.head, motion.translation))
 
     ahead = placed(np.zeros_like(motion.gaze))
     seen = ahead + GAZE360["gain"] * (placed(motion.gaze) - ahead)
-    seen += autoregressive(seen.shape, GAZE360["slow_px"], GAZE360["memory"], motion.fps, random)
-    seen += GAZE360["white_px"] * random.standard_normal(seen.shape)
+    seen += autoregressive(seen.shape, GAZE360["slow_px"], GAZE360["memory"], motion.fps, rng)
+    seen += GAZE360["white_px"] * rng.standard_normal(seen.shape)
     return replace(motion, gaze=ray_gaze(PupilObservations(seen, motion.head, motion.translation, camera)))
 
 
@@ -219,12 +219,12 @@ def train() -> Any:
     import torch
 
     torch.manual_seed(0)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     camera = Camera(1154 * 0.925, (112.0, 120.0), 1.0, 224, 224)
     images, targets = [], []
     for _ in range(HEADS):
-        head = head_with_identity(tuple(0.2 * random.standard_normal(6)), float(random.uniform(0.6, 1.15)))
-        motion = random_poses(random)
+        head = head_with_identity(tuple(0.2 * rng.standard_normal(6)), float(rng.uniform(0.6, 1.15)))
+        motion = random_poses(rng)
         images.append(np.stack(list(strips(head, motion, camera))))
         targets.append(in_camera_axes(motion))
     inputs = torch.from_numpy(np.concatenate(images).reshape(-1, 1, *EYE))
@@ -245,11 +245,11 @@ def train() -> Any:
     return network
 
 
-def random_poses(random: np.random.Generator) -> Motion:
+def random_poses(rng: np.random.Generator) -> Motion:
     """FRAMES_A_HEAD unrelated frames: heads, gaze and lids as in talk, somewhat wider."""
-    angles = np.radians(random.normal(0, [12.0, 8.0], (FRAMES_A_HEAD, 1, 2)) + np.array([[3.5, 0.0], [-3.5, 0.0]]))
-    lid = np.repeat(random.normal(0.0, 0.08, (FRAMES_A_HEAD, 1)), 2, axis=1)
-    head = np.radians(random.normal(0, [6.0, 8.0, 3.0], (FRAMES_A_HEAD, 3)))
+    angles = np.radians(rng.normal(0, [12.0, 8.0], (FRAMES_A_HEAD, 1, 2)) + np.array([[3.5, 0.0], [-3.5, 0.0]]))
+    lid = np.repeat(rng.normal(0.0, 0.08, (FRAMES_A_HEAD, 1)), 2, axis=1)
+    head = np.radians(rng.normal(0, [6.0, 8.0, 3.0], (FRAMES_A_HEAD, 3)))
     return Motion.of(25.0, head, angles_to_gaze(np.clip(angles, -0.6, 0.6)), lid=lid)
 
 

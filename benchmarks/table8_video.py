@@ -30,8 +30,8 @@ from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
+from talkingeyes.tracking.cropping import CropSettings, crop_camera, face_crop
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
-from talkingeyes.tracking.framing import CropSettings, crop_camera, face_crop
 from talkingeyes.tracking.video import frames, open_video
 
 LINES, CRF, MOST_FRAMES = 224, 35, 250

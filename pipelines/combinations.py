@@ -1,14 +1,14 @@
 """Every head generator before every gaze decoder, trained alike: what each combination costs and gives, in one table.
 
-Run     python -m pipelines.combinations [seeds=0] [--out DIR] [overrides]; how long they learn:
-        model.head_of_vae.loop.steps=200
-Reads   conf/experiment/combinations; corpus, fit and embedding of `make repro` are taken over if they are the same
+Run     python -m pipelines.combinations [seeds=0] [--out DIR] [overrides]; training steps:
+        model.vae_head_base.loop.steps=200
+Reads   conf/experiment/head_gaze_combinations; corpus, fit and embedding of `make repro` are reused if they match
 Writes  DIR (by default docs/): combinations.md, combinations.json; works in the folder that `workspace` names
         (build/combinations)
 
-Figures are those of `assess`, on val: which combination to go on with is a choice. Times are CPU seconds of this
-machine. Killed, it goes on (pipelines/rows.py); a training that was cut off counts its last part alone. Outside the
-default chain.
+Figures are those of `validate`, on val: which combination to go on with is a choice. Times are CPU seconds of this
+machine. An interrupted run resumes (pipelines/table_runs.py); of an interrupted training only the last part is counted.
+Outside the default chain.
 """
 
 from __future__ import annotations
@@ -23,58 +23,66 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.rows import FIGURES, RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
+from pipelines.table_runs import (
+    METRICS_FILE,
+    RowResult,
+    RowSpec,
+    TableOptions,
+    compute_rows,
+    configs_by_seed,
+    parse_arguments,
+)
+from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import recordings
-from talkingeyes.evaluation.pose.page import format_seeds
-from talkingeyes.orchestration.recipe import StageCall
-from talkingeyes.orchestration.record import revision
+from talkingeyes.evaluation.head_pose.page import format_seeds
+from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace, run_command
+from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.trained import load_generator
+from talkingeyes.training.motion_generators import load_generator
 
 HEADS = {
     "vae": "VAE",
     "causal_vae": "VAE that hears the past",
     "vqvae": "VQ-VAE",
-    "events": "events (strokes)",
+    "point_process": "point process (movement segments)",
 }
 GAZES = {
-    "events": "events",
+    "point_process": "point process",
     "categorical": "codes, drawn",
-    "regressed": "codes, regressed (the paper's)",
+    "regression": "codes, regressed (the paper's)",
     "vae": "VAE",
 }
-CANONICAL = "vae_canonical"
+CANONICAL = "vae_canonical_correlation"
 TITLES = {f"{head}_{gaze}": (HEADS[head], GAZES[gaze]) for head in HEADS for gaze in GAZES} | {
     CANONICAL: (HEADS["vae"], "canonical correlation")
 }
 LENGTH_S, SAMPLES = 10.0, 10
 ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/training", "src/talkingeyes/models")
-# Of data/assess/<model>/metrics.json, with what stands over the column; `fitted` is the same of the motion learnt from.
+# Keys of data/validate/<model>/metrics.json with the column titles; `fitted` is the same of the fitted motion.
 VAL_METRICS = {
-    "distance": "distance",
+    "dynamics_distance": "dynamics_distance",
     "corr": "Corr. eyes",
-    "corr_space": "Corr. space",
+    "corr_gaze_in_space": "Corr. space",
     "corr_head": "Corr. head",
-    "apart": "apart",
+    "metrics_worse": "metrics_worse",
 }
 FITTED = {name: name.replace("corr", "corr_fitted") for name in VAL_METRICS if name.startswith("corr")}
 COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
 INTRODUCTION = """# Every head before every gaze decoder
 
 Written by `python -m pipelines.combinations{words}` at revision {revision}; killed, it goes on. What is combined, and
-how: conf/experiment/combinations.yaml. A combination is configuration alone; any of them:
-`python -m pipelines.experiment experiment=combinations target=assess@vae_events`.
+how: conf/experiment/head_gaze_combinations.yaml. A combination is configuration alone; any of them:
+`python -m pipelines.experiment experiment=head_gaze_combinations target=validate@vae_point_process`.
 
 Seeds of training and sampling: {seeds}. Each learnt for {steps} steps of {batch} windows, both parts together, under
 the same speech encoder: so few that rows can be compared with each other, and not with models that learnt for longer.
 Each figure is the mean of the seeds; small, their range.
 
 `parameters` are all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process on
-the machine that wrote this page: of training (without codebooks, which `categorical` and `regressed` need beforehand;
+the machine that wrote this page: of training (without codebooks, which `categorical` and `regression` need beforehand;
 with the validation in free running at its end), and of generating {length_s:g} s of head and gaze from the embedded
-speech. The rest is measured on val by the stage `assess`: `distance` is that of eye speed and saccade amplitude from
+speech. The rest is measured on val by the stage `validate`: `distance` is that of eye speed and saccade amplitude from
 the truth's, in its standard deviations; Corr. is to be near that of the fitted motion, not above it; `apart` counts the
 measures of the gaze benchmark by which samples are worse than the truth by more than the interval of {level:.0%}, or
 that the truth has a figure for and they, for want of events, have none{apart_of}.
@@ -84,7 +92,7 @@ LEFT_OUT = """
 Not in the table:
 
 - Canonical correlation behind the other heads: it learns no head, is in closed form, and gives one gaze a head, so that
-  behind another head it would tell of that head alone. Its training is that of the closed form, behind `vae_events`.
+  behind another head it would tell of that head alone. Its training is the closed form, behind `vae_point_process`.
 - Heads that are learnt alone, of six numbers at 30 frames a second (PoseGAN, the CNN and others): they come before a
   gaze decoder that was trained elsewhere; all of them, before one: [posegan_table.md](posegan_table.md).
 - Baselines (mean, random, similar): they take head and gaze from one motion, and combine with nothing.
@@ -97,8 +105,8 @@ def main() -> None:
     """All combinations of all seeds, then the page."""
     wanted = options(sys.argv[1:])
     made = configs_by_seed(wanted.overrides, wanted.seeds)
-    kind = RowSpec("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("assess",))
-    table = _table(rows(made, kind, critic=True, title="combinations").by_name)
+    kind = RowSpec("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("validate",))
+    table = _table(compute_rows(made, kind, critic=True, title="combinations").by_name)
     text = page(table, made[0], " ".join(["", *sys.argv[1:]]), wanted.seeds)
     wanted.out.mkdir(parents=True, exist_ok=True)
     (wanted.out / "combinations.json").write_text(json.dumps({"seeds": wanted.seeds, "rows": table}, indent=1))
@@ -112,7 +120,9 @@ def options(arguments: Sequence[str]) -> TableOptions:
     seeds = wanted.seeds if any(text.startswith("seeds=") for text in arguments) else [0]
     more = [text.partition("=")[2] for text in wanted.overrides if text.startswith("experiment=")]
     rest = [text for text in wanted.overrides if not text.startswith("experiment=")]
-    return replace(wanted, seeds=seeds, overrides=[f"experiment=[{','.join(['combinations', *more])}]", *rest])
+    return replace(
+        wanted, seeds=seeds, overrides=[f"experiment=[{','.join(['head_gaze_combinations', *more])}]", *rest]
+    )
 
 
 def _measure(call: StageCall, workspace: Workspace) -> Report:
@@ -131,10 +141,10 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
     figures = {
         "parameters": sum(tensor.numel() for tensor in load(data("train", row)).tensors.values()),
         **taken,
-        "val": json.loads(data("assess", row, "metrics.json").read_text()),
+        "val": json.loads(data("validate", row, "metrics.json").read_text()),
     }
     with workspace.output(call.stage, row) as folder:
-        (folder / FIGURES).write_text(json.dumps(figures))
+        (folder / METRICS_FILE).write_text(json.dumps(figures))
     return Report()
 
 
@@ -151,7 +161,7 @@ def page(
 ) -> str:
     """The table as Markdown, with what it was made with and what is not in it."""
     loop = params["model"][next(name for name in table if name != CANONICAL)]["loop"]
-    of = sorted({seed["val"]["apart_of"] for found in table.values() for seed in found})
+    of = sorted({seed["val"]["metrics_comparable"] for found in table.values() for seed in found})
     introduction = INTRODUCTION.format(
         words=words,
         revision=revision(),
@@ -159,7 +169,7 @@ def page(
         steps=loop["steps"],
         batch=loop["batch"],
         length_s=LENGTH_S,
-        level=params["validation"]["bootstrap"]["confidence_level"],
+        level=params["validate"]["bootstrap"]["confidence_level"],
         apart_of=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
     )
     head = [*COLUMNS, *VAL_METRICS.values()]
@@ -182,7 +192,10 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
         f"{seeds[0]['parameters']:,}",
         format_seeds(known, 0) if len(known) == len(trained) else "–",
         *(format_seeds([seed[each] for seed in seeds]) for each in ("one_cpu_s", "ten_cpu_s")),
-        *(format_seeds([seed["val"][each] for seed in seeds], 0 if each == "apart" else 3) for each in VAL_METRICS),
+        *(
+            format_seeds([seed["val"][each] for seed in seeds], 0 if each == "metrics_worse" else 3)
+            for each in VAL_METRICS
+        ),
     ]
     return "| " + " | ".join(cells) + " |"
 

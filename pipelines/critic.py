@@ -5,7 +5,7 @@ Reads   data/fit, data/embed (train split; test and unseen only to report on, af
 Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC on
         negatives of the same speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker,
         and of a constant; data/critic/notes.txt: a line a part whose figures must be read with care
-Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.progress
+Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.resume
 """
 
 from __future__ import annotations
@@ -17,11 +17,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import recordings
-from talkingeyes.evaluation.contrast import ChannelSelection, CriticSettings, split_speakers, train_critic
-from talkingeyes.evaluation.verdict import CriticScores, score_critic
-from talkingeyes.models.critic import CRITIC_PARTS
+from talkingeyes.evaluation.critic.contrastive_training import (
+    ChannelSelection,
+    CriticSettings,
+    split_speakers,
+    train_critic,
+)
+from talkingeyes.evaluation.critic.scores import CriticScores, score_critic
+from talkingeyes.models.contrastive_critic import CRITIC_PARTS
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main, parallel_map
 
 
@@ -53,7 +58,7 @@ def run(workspace: Workspace) -> Report:
             print(f"critic of {caveat}")
         explained = train_encoder(workspace.corpus, workspace.data("fit"), workspace.data("embed"), folder, settings)
     for part in CRITIC_PARTS:
-        workspace.data(f".critic-{part}.progress").unlink(missing_ok=True)
+        workspace.data(f".critic-{part}.resume").unlink(missing_ok=True)
     metrics = {**dict(_flat(verdicts)), "encoder/explained": explained}
     return Report(metrics=metrics, artifacts=[workspace.data("critic", "report.json")])
 
@@ -69,13 +74,13 @@ def train_part(
 ) -> CriticResult:
     """Train and save the critic of one part; what it can tell on each group of speakers."""
     from talkingeyes.training.checkpoint import save
-    from talkingeyes.training.place import ExecutionContext
-    from talkingeyes.training.progress import ResumeFile
+    from talkingeyes.training.execution import ExecutionContext
+    from talkingeyes.training.resume import ResumeFile
 
     context = ExecutionContext.single_process(machine)
     reads = (corpus_root / "clips.parquet", fit / CHECKSUMS_FILE, embed / CHECKSUMS_FILE, Path(__file__))
     fingerprint = (settings.model_dump(mode="json"), part, context.describe())
-    resume = ResumeFile.of(folder.with_name(f".critic-{part}.progress"), fingerprint, reads)
+    resume = ResumeFile.of(folder.with_name(f".critic-{part}.resume"), fingerprint, reads)
     corpus = Corpus(corpus_root)
     channel_selection = ChannelSelection.of(json.loads((embed / "embedding.json").read_text()), settings.channels)
     learnt = train_critic(part, recordings(corpus, fit, embed, "train"), channel_selection, settings, context, resume)
@@ -102,7 +107,7 @@ def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, setti
     learnt = fit_motion_encoder(train, held_out, settings.encoder, settings.seed)
     (folder / CHECKPOINT_NAME).mkdir()
     save(folder / CHECKPOINT_NAME, learnt.encoder.network.state_dict(), learnt.encoder.config, learnt.history)
-    return max(row["explained"] for row in learnt.history)
+    return max(row["explained_variance"] for row in learnt.history)
 
 
 def _flat(verdicts: dict[str, dict[str, CriticScores]]) -> Iterable[tuple[str, float]]:

@@ -3,7 +3,7 @@
 Run: python -m pipelines.embed
 Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one a sound (takes share it), and
 data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train split.
-With `partner: true` also data/embed/partner/<shard>/<sound>.npy, of the sounds that are conversations.
+With `include_partner: true` also data/embed/partner/<shard>/<sound>.npy, of the sounds that are conversations.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def run(workspace: Workspace) -> Report:
     fps = common_frame_rate(clips)
     channels = cached_encoder(settings).channels
     with workspace.output("embed") as folder:
-        if settings.partner:
+        if settings.include_partner:
             (folder / "partner").mkdir()
         embed = partial(embed_sound, workspace.corpus, settings, folder)
         sums_by_sound = parallel_map(embed, clips, workspace.jobs, "embed")
@@ -67,7 +67,7 @@ def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip)
     """Write the features of a clip's sound, and of its partner's. Gives the sums of its own."""
     features = cached_encoder(settings)(Corpus(corpus).speech(clip), clip.fps)
     np.save(make_shard_path(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
-    partner = Corpus(corpus).partner(clip) if settings.partner else None
+    partner = Corpus(corpus).partner(clip) if settings.include_partner else None
     if partner is not None:
         heard = cached_encoder(settings)(partner, clip.fps)
         np.save(make_shard_path(folder / "partner", clip.sound, ".npy"), heard, allow_pickle=False)

@@ -27,11 +27,12 @@ from numpy import ndarray
 from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, has_face, has_face_samples, measure_faces
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.recordings import Recording, Recordings
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.corpus.sounds import SoundGroup, sounds
+from talkingeyes.corpus.sound_groups import SoundGroup, sounds
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.corpus.windows import Recording, Recordings
 from talkingeyes.evaluation.benchmark.behaviour import with_references
+from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.benchmark.paired import (
     MotionSets,
     PairedAccumulator,
@@ -41,9 +42,10 @@ from talkingeyes.evaluation.benchmark.paired import (
     sample_behaviours,
     sound_statistics,
 )
-from talkingeyes.evaluation.benchmark.sound import CRITICS, SHUFFLED_SOUNDS, CorrScores, corr_scores
 from talkingeyes.evaluation.bootstrap import Estimate
-from talkingeyes.evaluation.evaluation import (
+from talkingeyes.evaluation.critic.evaluators import Evaluators
+from talkingeyes.evaluation.face.summary import summarise_face
+from talkingeyes.evaluation.paper_metrics.summary import (
     ClipMetrics,
     EvaluateSettings,
     EvaluationCase,
@@ -51,8 +53,6 @@ from talkingeyes.evaluation.evaluation import (
     crop_samples,
     summarise,
 )
-from talkingeyes.evaluation.face.row import summarise_face
-from talkingeyes.evaluation.judges import Evaluators
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
 SPLITS = ("test", "unseen")
@@ -97,7 +97,7 @@ def run(workspace: Workspace, name: str) -> Report:
         settings.benchmark_samples,
     )
     found: dict[str, dict[str, list[ClipMetrics]]] = {split: {part: [] for part in CRITICS} for split in SPLITS}
-    work = items(paths, settings)
+    work = held_out_sounds(paths, settings)
     of_face = has_face_samples(paths.sample)
     eyes = [] if of_face else work
     evaluators = Evaluators.load(paths.critic) if eyes else None
@@ -137,7 +137,7 @@ def _faces(
     return {split: summarise_face(ones, settings.bootstrap) for split, ones in by_split.items() if ones}
 
 
-def items(paths: InputPaths, settings: EvaluateSettings) -> list[SoundGroup]:
+def held_out_sounds(paths: InputPaths, settings: EvaluateSettings) -> list[SoundGroup]:
     """The sounds of test and unseen whose first take was fitted."""
     corpus = Corpus(paths.corpus)
     if paths.row == "truth" and not corpus.has_truth:
@@ -175,7 +175,7 @@ def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) 
     speech, others = np.array(takes[0].speech[:frames]), _other_sounds(paths, item)
     case = EvaluationCase(
         samples=crop_samples(samples, frames),
-        own=paths.row in ("truth", "fitted"),
+        includes_reference=paths.row in ("truth", "fitted"),
         fitted=crop_samples(fitted, frames),
         truth=crop_samples(truth, frames) if truth else None,
         valid=takes[0].valid[:frames],

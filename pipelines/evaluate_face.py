@@ -21,7 +21,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.face.emotion import EmotionClassifier, emotion_features
-from talkingeyes.evaluation.face.row import FaceCase, FaceMetrics, crop_faces, face_metrics
+from talkingeyes.evaluation.face.summary import FaceCase, FaceMetrics, crop_faces, face_metrics
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import parallel_map
@@ -100,7 +100,7 @@ def _measure(paths: FaceInputPaths, classifier: EmotionClassifier | None, takes:
     frames = min(samples.jaw.shape[1], truth.jaw.shape[1])
     case = FaceCase(
         samples=crop_faces(samples, frames),
-        own=paths.row == "truth" or (paths.row == "fitted" and not corpus.has_truth),
+        includes_reference=paths.row == "truth" or (paths.row == "fitted" and not corpus.has_truth),
         truth=crop_faces(truth, frames),
         valid=true[0].valid[:frames],
         annotation=corpus.annotation(clip),

@@ -1,7 +1,7 @@
 """The Hydra entry: compose conf/, run the chain through the result store, once or for every job of a sweep.
 
 One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, target=train@vae
-A sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook (docs/sweeps.md)
+A sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook_size (docs/sweeps.md)
 
 Any key and any group may be swept. Every job calls the same stage functions as dvc.yaml does, in the same order; what
 the store or data/ holds already is taken from there. Its results appear as links under the folder that `workspace`
@@ -21,10 +21,16 @@ from typing import Any, TextIO
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import CONFIG_DIR, one_line_hydra_errors, validate_config, write_params
-from talkingeyes.orchestration.recipe import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, required_calls, stage_calls
-from talkingeyes.orchestration.record import log_run
+from talkingeyes.orchestration.mlflow_logging import log_run
+from talkingeyes.orchestration.result_store import StoredResult, get_or_run, link
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, parallel_backend, run_command
-from talkingeyes.orchestration.store import StoredResult, get_or_run, link
+from talkingeyes.orchestration.stage_graph import (
+    DEFAULT_CORPUS,
+    REPOSITORY_ROOT,
+    StageCall,
+    required_calls,
+    stage_calls,
+)
 
 REFERENCES = ("truth", "fitted", "mismatched")
 ValidationCallback = Callable[[int, dict[str, float]], None]
@@ -36,10 +42,10 @@ def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     watched = [name for name, model in params["model"].items() if "gaze" in model["parts"]]
     judged = [name for name, model in params["model"].items() if {"gaze", "face"} & set(model["parts"])]
     yield from (("synthesize",), ("fit",), ("embed",))
-    yield from (("pretrain", prior) for prior in params["pretrain"])
+    yield from (("pretrain", tokenizer) for tokenizer in params["pretrain"])
     yield from (("train", model) for model in models)
     yield ("critic",)
-    yield from (("assess", model) for model in watched)
+    yield from (("validate", model) for model in watched)
     yield from (("sample", model) for model in judged)
     yield from (("evaluate", row) for row in (*REFERENCES, *judged))
     yield ("report",)
@@ -104,7 +110,7 @@ def _log(
     val = {
         folder.name: json.loads((entry.output / "metrics.json").read_text())
         for folder, entry in entries.items()
-        if folder.parts[1] == "assess"
+        if folder.parts[1] == "validate"
     }
     rows = {row.name: row for entry in entries.values() for row in entry.report.rows}
     for model, figures in val.items():
@@ -125,7 +131,7 @@ def job(config: Any) -> float | tuple[float, ...] | None:
     hydra_config = HydraConfig.get()
     params = validate_config(OmegaConf.to_container(config, resolve=True))
     if params["machine"]["device"] != "cpu":
-        from talkingeyes.training.place import ExecutionContext
+        from talkingeyes.training.execution import ExecutionContext
 
         ExecutionContext.of(params["machine"])  # a card that is not there is told before the corpus is made
     found = run_pipeline(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
@@ -134,23 +140,23 @@ def job(config: Any) -> float | tuple[float, ...] | None:
 
 def main() -> None:
     """Check what can be checked before anything runs, then hand over to Hydra; afterwards sum a study up."""
-    from pipelines.study import prepare, silence_warnings, write_results
+    from pipelines.optuna_study import prepare, silence_warnings, write_results
 
     silence_warnings()
     arguments = sys.argv[1:]
     overrides = [each for each in arguments if not each.startswith("-")]
     if not {"-m", "--multirun"} & set(arguments):
-        return hydra(arguments)
+        return run_hydra(arguments)
     study = prepare(overrides)
     if study is None:
-        return hydra(arguments)
+        return run_hydra(arguments)
     with study.exclusive():
         if study.remaining_trials:
-            hydra([*arguments, *study.overrides()])
+            run_hydra([*arguments, *study.overrides()])
         write_results(study)
 
 
-def hydra(arguments: list[str]) -> None:
+def run_hydra(arguments: list[str]) -> None:
     """Hydra with these arguments. Its errors come as one line."""
     from hydra import main as entry
 

@@ -22,27 +22,35 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipelines.evaluate import InputPaths, items
+from pipelines.evaluate import InputPaths, held_out_sounds
 from pipelines.evaluate_face import REAL_ROWS, FaceInputPaths, measure_faces, stack_faces
-from pipelines.rows import FIGURES, RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
+from pipelines.table_runs import (
+    METRICS_FILE,
+    RowResult,
+    RowSpec,
+    TableOptions,
+    compute_rows,
+    configs_by_seed,
+    parse_arguments,
+)
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.evaluation import EvaluateSettings
+from talkingeyes.evaluation.face.articulation import ArticulationMetrics
 from talkingeyes.evaluation.face.pictures import emotion_sheet, heat_map_sheet
-from talkingeyes.evaluation.face.row import FaceMetrics, summarise_seeds
+from talkingeyes.evaluation.face.summary import FaceMetrics, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import TITLES, face_markdown
-from talkingeyes.evaluation.face.talking import ArticulationMetrics
 from talkingeyes.evaluation.face.vertices import VertexErrors
-from talkingeyes.evaluation.table import SPLIT_TITLES
+from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES
 from talkingeyes.head.anny import anny_head
 from talkingeyes.models.face.style import NEUTRAL, FaceStyle, StyleKey
-from talkingeyes.orchestration.recipe import StageCall
-from talkingeyes.orchestration.record import revision
+from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import Report, Workspace, run_command
-from talkingeyes.training.face_trained import TrainedFaceGenerator, load_face_generator
+from talkingeyes.orchestration.stage_graph import StageCall
+from talkingeyes.training.face_generators import TrainedFaceGenerator, load_face_generator
 
 EXPERIMENT = "experiment=probtalk3d_table"
 # What a row follows from beside what it reads.
@@ -52,7 +60,7 @@ ROW_CODE = (
     "src/talkingeyes/evaluation/face",
     "src/talkingeyes/head",
 )
-HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codes", "face_mean")
+HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codetalker", "face_mean")
 HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
 EMOTION_MODEL = "probtalk3d"  # the model on the sheet of emotions
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
@@ -89,7 +97,7 @@ def main() -> None:
     out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
     params = made[0]
     kind = RowSpec("face_row", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
-    found = rows(made, kind, critic=False, title="face")
+    found = compute_rows(made, kind, critic=False, title="face")
     settings = EvaluateSettings.model_validate(params["evaluate"])
     table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}
     (out / "pictures").mkdir(parents=True, exist_ok=True)
@@ -113,12 +121,14 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
     places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
-    sounds = [item.takes for item in items(InputPaths("fitted", *places, settings.benchmark_samples), settings)]
+    sounds = [
+        item.takes for item in held_out_sounds(InputPaths("fitted", *places, settings.benchmark_samples), settings)
+    ]
     paths = FaceInputPaths(row, workspace.corpus, data("fit"), data("sample", row), settings.seed)
     figures = measure_faces(paths, sounds, workspace.jobs)
     found = [{"split": takes[0].split, **asdict(one)} for takes, one in zip(sounds, figures, strict=True)]
     with workspace.output(call.stage, row) as folder:
-        (folder / FIGURES).write_text(json.dumps(found))
+        (folder / METRICS_FILE).write_text(json.dumps(found))
     return Report()
 
 

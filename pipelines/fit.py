@@ -26,7 +26,14 @@ from talkingeyes.fitting.accuracy import pooled
 from talkingeyes.fitting.blink import blink_rate_distribution
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import BlinkMatches, FitEvaluation, GroundTruth, evaluate_fit
-from talkingeyes.fitting.manner import MIN_CLIP_S, SPEAKERS_FILE, MotionStyle, mean_style, measure_style, save_speakers
+from talkingeyes.fitting.motion_style import (
+    MIN_CLIP_S,
+    SPEAKERS_FILE,
+    MotionStyle,
+    mean_style,
+    measure_style,
+    save_speakers,
+)
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
 # Table VIII of the paper: 30 HDTF videos brought down to 224 x 224; pixels, and pixels a second at 25 fps.

@@ -24,8 +24,8 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
 
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
-ABLATIONS = ("posegan_without_motion", "posegan_without_start")
-GAZE = tuple(f"gaze_after_{name.removeprefix('head_')}" for name in HEADS)
+ABLATIONS = ("posegan_without_motion", "posegan_without_initial_pose")
+GAZE = tuple(f"{name}_then_gaze" for name in HEADS)
 INTRODUCTION = """# Personal head motion: the tables
 
 Written by `python -m pipelines.posegan_table` (build/posegan/tables.md), which goes on where it was cut off. What is
@@ -105,7 +105,7 @@ def _digest(view: Path, name: str) -> str:
 
 def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dict[str, Any]:
     """All figures of one seed's models; from the file if they are of these models."""
-    from talkingeyes.evaluation.pose.measuring import PoseInputPaths, evaluate_models
+    from talkingeyes.evaluation.head_pose.evaluation import PoseInputPaths, evaluate_models
 
     path = workspace / "measured" / f"seed-{seed}.json"
     key = [_digest(view, name) for name in (*HEADS, *ABLATIONS)]
@@ -129,7 +129,7 @@ def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str
 
 
 def _write(workspace: Path, found: dict[int, dict[str, Any]], benchmark: dict[str, list[dict[str, Any]]]) -> None:
-    from talkingeyes.evaluation.pose.page import page
+    from talkingeyes.evaluation.head_pose.page import page
 
     path = workspace / "tables.md"
     introduction = INTRODUCTION.format(seeds=", ".join(map(str, found)))

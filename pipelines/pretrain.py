@@ -1,8 +1,8 @@
 """Pretrain a codebook of gaze, or a motion autoencoder of the face, on the fitted motion of the train split.
 
 Run: python -m pipelines.pretrain gaze_frames
-Reads: the corpus index, data/fit, data/embed. Writes: data/pretrain/<prior>: weights, history, code use.
-Killed, it goes on from data/.pretrain-<prior>.progress; torchrun --nproc-per-node N shares the batches.
+Reads: the corpus index, data/fit, data/embed. Writes: data/pretrain/<tokenizer>: weights, history, code use.
+Killed, it goes on from data/.pretrain-<tokenizer>.resume; torchrun --nproc-per-node N shares the batches.
 """
 
 import json
@@ -10,22 +10,22 @@ from pathlib import Path
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.faces import faces
+from talkingeyes.corpus.recordings import recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import recordings
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
 from talkingeyes.training.checkpoint import save
-from talkingeyes.training.face_priors import FaceTokenizerSettings, FaceTokenizerTask, face_tokenizer_config
+from talkingeyes.training.execution import ExecutionContext
+from talkingeyes.training.face_tokenizer import FaceTokenizerSettings, FaceTokenizerTask, face_tokenizer_config
+from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
 from talkingeyes.training.loop import train
-from talkingeyes.training.place import ExecutionContext
-from talkingeyes.training.priors import GazeTokenizerSettings, GazeTokenizerTask
-from talkingeyes.training.progress import ResumeFile
+from talkingeyes.training.resume import ResumeFile
 
 
 def run(workspace: Workspace, name: str) -> Report:
     """Of gaze or of the face, as the section says."""
-    prior = workspace.params.get("pretrain", {}).get(name)
-    if isinstance(prior, dict) and prior.get("kind") == "face":
+    tokenizer = workspace.params.get("pretrain", {}).get(name)
+    if isinstance(tokenizer, dict) and tokenizer.get("kind") == "face":
         return _face(workspace, name, workspace.settings(f"pretrain.{name}", FaceTokenizerSettings))
     return _gaze(workspace, name, workspace.settings(f"pretrain.{name}", GazeTokenizerSettings))
 
@@ -39,7 +39,7 @@ def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> R
     history = train(task, settings.loop, f"pretrain {name}", context=context, resume=resume)
     context.exit_unless_main()
     code_usage = task.code_usage(task.train_recordings)
-    figures = code_usage.figures() | {"val_error_deg": task.code_usage(task.val_recordings).error_deg}
+    figures = code_usage.figures() | {"val_reconstruction_error_deg": task.code_usage(task.val_recordings).error_deg}
     with workspace.output("pretrain", name) as folder:
         save(folder, task.module.state_dict(), settings.network.model_dump(mode="json"), history)
         (folder / "codes.json").write_text(json.dumps({"counts": code_usage.counts.int().tolist(), **figures}))
@@ -76,7 +76,7 @@ def _resume_file(workspace: Workspace, name: str, settings: Settings, context: E
     sums = [workspace.data(stage) / CHECKSUMS_FILE for stage in ("fit", "embed")]
     reads = (workspace.corpus / "clips.parquet", *sums, Path(__file__))
     fingerprint = (settings.model_dump(mode="json"), context.describe())
-    return ResumeFile.of(workspace.data(f".pretrain-{name}.progress"), fingerprint, reads)
+    return ResumeFile.of(workspace.data(f".pretrain-{name}.resume"), fingerprint, reads)
 
 
 if __name__ == "__main__":

@@ -25,20 +25,12 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.evaluation.benchmark.strip import plot_strips
+from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 from talkingeyes.evaluation.benchmark.table import from_json
 from talkingeyes.evaluation.benchmark.table import markdown as benchmark_markdown
-from talkingeyes.evaluation.benchmark.tally import MetricResult
 from talkingeyes.evaluation.face.table import face_markdown
-from talkingeyes.evaluation.plots import (
-    COLOURS,
-    Trace,
-    plot_code_usage,
-    plot_metrics,
-    plot_speed_distributions,
-    plot_traces,
-)
-from talkingeyes.evaluation.table import (
+from talkingeyes.evaluation.paper_metrics.table3 import (
     TITLES,
     MethodMetrics,
     Requirement,
@@ -48,6 +40,14 @@ from talkingeyes.evaluation.table import (
     requirements,
     requirements_table,
     to_csv,
+)
+from talkingeyes.evaluation.plots import (
+    COLOURS,
+    Trace,
+    plot_code_usage,
+    plot_metrics,
+    plot_speed_distributions,
+    plot_traces,
 )
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
@@ -98,17 +98,17 @@ def run(workspace: Workspace) -> Report:
         plot_strips(
             {TITLES.get(name, name): table for name, table in benchmarks.items()}, _colours(), folder / "benchmark.png"
         )
-        plot_metrics(eyes, folder / "figures.png")
+        plot_metrics(eyes, folder / "metrics.png")
         plot_speed_distributions(_speeds(workspace.data("evaluate"), order_rows(eyes)), folder / "speeds.png")
         if counts:
-            plot_code_usage(counts, folder / "codes.png")
+            plot_code_usage(counts, folder / "code_usage.png")
         _draw_traces(workspace, folder / "traces.png")
     artifacts = [path for path in sorted(workspace.data("report").iterdir()) if path.suffix]
     pictures = [path for path in artifacts if path.suffix in (".png", ".md")]
     flat = {name: _flat(row) for name, row in _values(rows).items()}
     missed = sum(not each.is_met for each in required)
     return Report(
-        metrics={"required": float(len(required)), "missed": float(missed)},
+        metrics={"requirements": float(len(required)), "requirements_missed": float(missed)},
         artifacts=artifacts,
         rows=[MethodResult(name, flat[name], pictures) for name in order_rows(rows)],
     )

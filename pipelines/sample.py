@@ -18,9 +18,9 @@ from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
 from talkingeyes.models.face.style import StyleKey
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
-from talkingeyes.training.face_trained import TrainedFaceGenerator, is_face_model, load_face_generator
-from talkingeyes.training.telling import ConditioningPaths, ConditioningProvider
-from talkingeyes.training.trained import TrainedGenerator, load_generator, required_inputs, training_speakers
+from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.face_generators import TrainedFaceGenerator, is_face_model, load_face_generator
+from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
 
 
 def run(workspace: Workspace, name: str) -> Report:

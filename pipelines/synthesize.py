@@ -29,16 +29,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import SPLITS, Clip
 from talkingeyes.corpus.splits import split_sounds
+from talkingeyes.corpus.statistics import corpus_statistics, table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
-from talkingeyes.corpus.table1 import corpus_statistics, table
 from talkingeyes.orchestration.run import Report, Workspace, code_digest, main, parallel_map
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.acoustics import apply_acoustics
 from talkingeyes.synthesis.observations import identity_weights, make_camera, observe
 from talkingeyes.synthesis.plan import PlannedSound, SynthesizeSettings
+from talkingeyes.synthesis.speech_synthesis import SynthesizedSpeech, synthesize_conversation
 from talkingeyes.synthesis.take import sample_take
 from talkingeyes.synthesis.text import TextPartition
-from talkingeyes.synthesis.voices import SynthesizedSpeech, synthesize_conversation
 
 # The code that a corpus is made by: a run that was cut off goes on only under the same.
 SOURCE_MODULES = ("audio", "core", "corpus", "head", "physiology", "synthesis")
@@ -97,9 +97,9 @@ def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -
                 f"synthesize.clips: should be enough for every split ({name} has none), got {settings.clips}"
             )
         if name in ("test", "unseen"):
-            random = plan.generator(settings.seed, "takes", SPLITS.index(name))
+            rng = plan.generator(settings.seed, "takes", SPLITS.index(name))
             count = min(settings.multi_take_sounds, len(members))
-            chosen.update(str(sound) for sound in random.choice(members, count, replace=False))
+            chosen.update(str(sound) for sound in rng.choice(members, count, replace=False))
     return chosen
 
 
@@ -120,15 +120,15 @@ def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -
     """Speak one sound and write it with its annotation; noise and room change what is written, not what is known."""
     sound = job.sound
     source = settings.sources[sound.source]
-    random = plan.generator(settings.seed, "sound", sound.index)
+    rng = plan.generator(settings.seed, "sound", sound.index)
     speaker_voices, partition = plan.dialogue_voices(settings, sound), SPLIT_PARTITIONS[job.split]
-    spoken = synthesize_conversation(speaker_voices, source.shortest_s, source.longest_s, random, partition)
-    random = plan.generator(settings.seed, "acoustics", sound.index)
+    spoken = synthesize_conversation(speaker_voices, source.shortest_s, source.longest_s, rng, partition)
+    rng = plan.generator(settings.seed, "acoustics", sound.index)
     spoken = replace(
         spoken,
-        sound=apply_acoustics(spoken.sound, settings.acoustics, random),
+        sound=apply_acoustics(spoken.sound, settings.acoustics, rng),
         annotation=replace(spoken.annotation, emotion=sound.emotion, intensity=sound.intensity),
-        partner=None if spoken.partner is None else apply_acoustics(spoken.partner, settings.acoustics, random),
+        partner=None if spoken.partner is None else apply_acoustics(spoken.partner, settings.acoustics, rng),
     )
     Corpus(root).write_sound(sound.id, spoken.sound, spoken.annotation, spoken.partner)
     return spoken
@@ -142,11 +142,11 @@ def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, sp
     clips = []
     for number in range(job.takes):
         clip = _clip_row(job, spoken, number, settings.fps)
-        random = plan.generator(settings.seed, "motion", sound.index, number)
-        take = sample_take(spoken.annotation, speaker.style, clip.seconds, random, settings.blink_profile)
+        rng = plan.generator(settings.seed, "motion", sound.index, number)
+        take = sample_take(spoken.annotation, speaker.style, clip.seconds, rng, settings.blink_profile)
         motion = take.motion(settings.fps, int(len(spoken.sound) * settings.fps) // SAMPLE_RATE)
-        random = plan.generator(settings.seed, "noise", sound.index, number)
-        seen = observe(motion, make_camera(settings.camera, random), settings.noise, random, identity)
+        rng = plan.generator(settings.seed, "noise", sound.index, number)
+        seen = observe(motion, make_camera(settings.camera, rng), settings.noise, rng, identity)
         Corpus(root).write_clip(clip.id, seen, motion, take.events)
         clips.append(replace(clip, content_hash=_content_hash(spoken.sound, motion)))
     return clips

@@ -6,7 +6,7 @@ Reads   conf/experiment/table3, table5, table6, table7; corpus, fit and embeddin
 Writes  DIR (by default docs/): tables.md, tables.json; works in the folder that `workspace` names (build/tables)
 
 A row is computed once, in however many tables it stands. "Seeds" are those of training and sampling; corpus, fit,
-codebooks and critic are the same for all. Killed, it goes on (pipelines/rows.py). Outside the default chain.
+codebooks and critic are the same for all. Killed, it goes on (pipelines/table_runs.py). Outside the default chain.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pipelines.evaluate import SPLITS
-from pipelines.rows import RowResult, RowSpec, TableOptions, configs_by_seed, parse_arguments, rows
-from pipelines.table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure_row
+from pipelines.paper_table_rows import LONG_MOTIONS, LONG_S, READS, ROW_CODE, measure_row
+from pipelines.table_runs import RowResult, RowSpec, TableOptions, compute_rows, configs_by_seed, parse_arguments
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.evaluation import EvaluateSettings
-from talkingeyes.evaluation.seeds import MultiSeedStatistic
-from talkingeyes.evaluation.tables.declared import REFERENCES, TABLES
+from talkingeyes.evaluation.multi_seed import MultiSeedStatistic
+from talkingeyes.evaluation.paper_metrics.summary import EvaluateSettings
+from talkingeyes.evaluation.tables.definitions import REFERENCES, TABLES
 from talkingeyes.evaluation.tables.page import TableResult, as_json, markdown, table_result
-from talkingeyes.evaluation.tables.row import row_metrics
-from talkingeyes.orchestration.record import revision
+from talkingeyes.evaluation.tables.row_metrics import row_metrics
+from talkingeyes.orchestration.mlflow_logging import revision
 from talkingeyes.orchestration.run import run_command
 
 INTRODUCTION = """# The paper's tables
@@ -62,7 +62,7 @@ def main() -> None:
     settings = EvaluateSettings.model_validate(made[0]["evaluate"])
     models = tuple(dict.fromkeys(row for name in names for row in TABLES[name].rows))
     kind = RowSpec("table_row", ROW_CODE, READS, ("evaluate",), measure_row, models, REFERENCES)
-    figures = _figures(rows(made, kind, critic=True, title="tables").by_name)
+    figures = _figures(compute_rows(made, kind, critic=True, title="tables").by_name)
     tables = {name: _tables(name, figures, settings) for name in names}
     words = "".join(f" {text}" for text in sys.argv[1:])
     introduction = INTRODUCTION.format(

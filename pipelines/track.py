@@ -1,7 +1,7 @@
 """Stage `track`: a corpus from videos, as `talkingeyes track` makes it. Outside the chain: it needs somebody's videos.
 
 Reads   a folder of videos (or one video)
-Writes  data/track/: a corpus without truth (docs/conventions.md), tracked.csv, rejected.csv, retry.csv, yield.json,
+Writes  data/track/: a corpus without truth (docs/conventions.md), tracked.csv, rejected.csv, failed.csv, summary.json,
         thumbnails.html (docs/data.md)
 Run     python -m pipelines.track VIDEOS && make repro corpus=data/track
 """
@@ -11,8 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, checksums, main
+from talkingeyes.tracking.report import summary
 from talkingeyes.tracking.settings import TrackSettings
-from talkingeyes.tracking.yields import summary
 from talkingeyes.workflows.track import track
 
 

@@ -1,10 +1,10 @@
 """Train one model, of head and gaze or of the face, on the fitted motion of the train split.
 
 Run: python -m pipelines.train talkingeyes
-Reads: the corpus index, data/fit, data/embed, data/pretrain/<prior>, data/train/<model> where it starts from another
-or is made of others; the corpus's sound, for a model that hears the waveform.
+Reads: the corpus index, data/fit, data/embed, data/pretrain/<tokenizer>, data/train/<model> where it starts from
+another or combines others; the corpus's sound, for a model that hears the waveform.
 Writes: data/train/<model>: all that generation needs.
-Killed, it goes on from data/.train-<model>.progress; torchrun --nproc-per-node N shares the batches.
+Killed, it goes on from data/.train-<model>.resume; torchrun --nproc-per-node N shares the batches.
 """
 
 import shutil
@@ -14,9 +14,9 @@ import numpy as np
 
 from talkingeyes.corpus.faces import faces
 from talkingeyes.corpus.poses import pose_recordings
+from talkingeyes.corpus.recordings import Normaliser, recordings
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.windows import Normaliser, recordings
-from talkingeyes.fitting.manner import SPEAKERS_FILE
+from talkingeyes.fitting.motion_style import SPEAKERS_FILE
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.models.baselines import BaselineSettings, build_bank, build_motion_bank
@@ -24,20 +24,25 @@ from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, main
+from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.face_priors import load_face_tokenizer
-from talkingeyes.training.face_trained import face_config, save_face_baseline
-from talkingeyes.training.face_translation import FaceData, FaceTask, FaceTaskSettings
+from talkingeyes.training.conditioning import ConditioningPaths
+from talkingeyes.training.execution import ExecutionContext
+from talkingeyes.training.face_generators import face_config, save_face_baseline
+from talkingeyes.training.face_task import FaceData, FaceTask, FaceTaskSettings
+from talkingeyes.training.face_tokenizer import load_face_tokenizer
 from talkingeyes.training.loop import train
-from talkingeyes.training.pgface import PGFaceTask, PGFaceTaskSettings, pgface_config, read_shape_recording
-from talkingeyes.training.place import ExecutionContext
-from talkingeyes.training.poses import PoseTask, PoseTaskSettings
-from talkingeyes.training.progress import ResumeFile
-from talkingeyes.training.telling import ConditioningPaths
-from talkingeyes.training.trained import HeadThenGazeSettings, network_config, save_baseline, save_head_then_gaze
-from talkingeyes.training.trained_canonical import CanonicalModelSettings, fit_canonical_gaze, save_canonical
-from talkingeyes.training.trained_poses import pose_config
-from talkingeyes.training.translation import MotionTask, MotionTaskSettings, TrainSettings
+from talkingeyes.training.motion_generators import (
+    HeadThenGazeSettings,
+    network_config,
+    save_baseline,
+    save_head_then_gaze,
+)
+from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings, TrainSettings
+from talkingeyes.training.pgface_task import PGFaceTask, PGFaceTaskSettings, pgface_config, read_shape_recording
+from talkingeyes.training.pose_generators import pose_config
+from talkingeyes.training.pose_task import PoseTask, PoseTaskSettings
+from talkingeyes.training.resume import ResumeFile
 
 NetworkSettings = MotionTaskSettings | FaceTaskSettings | PoseTaskSettings | PGFaceTaskSettings
 
@@ -63,7 +68,7 @@ def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: i
     """What has no loop: models made of others, and baselines."""
     if kind == "head_then_gaze":
         return _combine_models(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
-    if kind == "canonical":
+    if kind == "canonical_correlation":
         return _canonical(workspace, name, workspace.settings(f"model.{name}", CanonicalModelSettings), seed)
     settings = workspace.settings(f"model.{name}", BaselineSettings)
     return (
@@ -76,7 +81,7 @@ def _network(
 ) -> Report:
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     normaliser = Normaliser.of(embed)
-    codebook = _codebook(workspace, settings.prior)
+    codebook = _codebook(workspace, settings.tokenizer)
     data = recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val")
     start = load(workspace.data("train", settings.init_from)) if settings.init_from else None
     task = MotionTask(settings, seed, *data, normaliser, codebook, ConditioningPaths(corpus, embed), start)
@@ -99,12 +104,12 @@ def _network(
 
 def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int, context: ExecutionContext) -> Report:
     data = _face_data(workspace)
-    prior = load_face_tokenizer(workspace.data("pretrain", settings.prior)) if settings.prior else None
-    if prior is not None:
-        prior.basis.require_match(
-            data.basis, str(workspace.data("pretrain", str(settings.prior))), "pretrain it on this motion"
+    tokenizer = load_face_tokenizer(workspace.data("pretrain", settings.tokenizer)) if settings.tokenizer else None
+    if tokenizer is not None:
+        tokenizer.basis.require_match(
+            data.basis, str(workspace.data("pretrain", str(settings.tokenizer))), "pretrain it on this motion"
         )
-    task = FaceTask(settings, seed, data, prior)
+    task = FaceTask(settings, seed, data, tokenizer)
     resume = _resume_file(workspace, name, settings, seed, context)
     history = train(
         task, settings.loop, f"train {name}", on_validation=workspace.on_validation, context=context, resume=resume
@@ -113,7 +118,7 @@ def _face(workspace: Workspace, name: str, settings: FaceTaskSettings, seed: int
     chosen = task.choose_temperature()
     figures = {**history[-1], **chosen, "temperature": float(task.module.temperature)}
     with workspace.output("train", name) as folder:
-        save(folder, task.module.state_dict(), face_config(settings, data, prior), [*history, chosen])
+        save(folder, task.module.state_dict(), face_config(settings, data, tokenizer), [*history, chosen])
         _copy_inference_files(workspace, folder)
     resume.remove()
     return Report(metrics={**figures, "parameters": sum(each.numel() for each in task.module.parameters())})
@@ -153,7 +158,7 @@ def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: in
     figures = {
         **history[-1],
         "parameters": weights - discriminator_parameters,
-        "parameters_rival": discriminator_parameters,
+        "discriminator_parameters": discriminator_parameters,
     }
     return Report(metrics=figures, history=history)
 
@@ -210,18 +215,18 @@ def _resume_file(
     workspace: Workspace, name: str, settings: NetworkSettings, seed: int, context: ExecutionContext
 ) -> ResumeFile:
     """The file of this training, and all that its result follows from."""
-    folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.prior))]
+    folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.tokenizer))]
     if isinstance(settings, MotionTaskSettings) and settings.init_from:
         folders.append(workspace.data("train", settings.init_from))
     reads = (workspace.corpus / "clips.parquet", *(folder / CHECKSUMS_FILE for folder in folders), Path(__file__))
     made_of = (settings.model_dump(mode="json"), seed, context.describe())
-    return ResumeFile.of(workspace.data(f".train-{name}.progress"), made_of, reads)
+    return ResumeFile.of(workspace.data(f".train-{name}.resume"), made_of, reads)
 
 
-def _codebook(workspace: Workspace, prior: str | None) -> GazeVQVAE | None:
-    if prior is None:
+def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
+    if tokenizer is None:
         return None
-    checkpoint = load(workspace.data("pretrain", prior))
+    checkpoint = load(workspace.data("pretrain", tokenizer))
     codebook = GazeVQVAE(GazeVQVAESettings.model_validate(checkpoint.config))
     codebook.load_state_dict(checkpoint.tensors)
     return codebook.freeze()

@@ -1,6 +1,6 @@
 """A copy of the project for the commands of the docs: what git has, a finished tiny chain, files with the docs' names.
 
-Its .venv holds the programs of this environment, each called through as_in_docs.py. What the docs name and nobody has
+Its .venv holds the programs of this environment, each called through docs_program.py. What the docs name and nobody has
 (SPEECH.wav, VIDEOS, a FLAME file) is made by STAND_INS, with the project's own commands where there are some.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from docs_pages import REPOSITORY
 
 WRAPPED_PROGRAMS = ("python", "talkingeyes", "mlflow")
-PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/as_in_docs.py {bin} {name} "$@"\n'
+PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/docs_program.py {bin} {name} "$@"\n'
 # Names that no file can have, and what is written in their place.
 SUBSTITUTIONS = [
     (r"(?<=\s|=)/shared/", "shared/"),
@@ -32,7 +32,7 @@ git add --all && git commit --quiet -m docs
 """
 PLACEHOLDER_COMMANDS = """
 SOUND=$(find data/synthesize/speech -name '*.flac' | sort | head -n 1)
-python tests/stand_ins.py "$SOUND"
+python tests/placeholder_files.py "$SOUND"
 cp SPEECH.wav speech.wav
 talkingeyes animate SPEECH.wav -o take --samples 2 --no-previews --model data/train/talkingeyes
 cp take/sample_00.npz MOTION.npz; cp take/sample_01.npz OTHER.npz; cp take/sample_01.npz other.npz
@@ -57,7 +57,7 @@ def copy_project(root: Path, tiny: Path) -> Path:
     for folder in tiny.joinpath("data").iterdir():
         shutil.copytree(folder, root / "data" / folder.name, dirs_exist_ok=True)
     shutil.copy(tiny / "mlflow.db", root)
-    for workspace in ("tiny", "experiment", "least", "posegan", "sweep"):  # what was made once is found by all
+    for workspace in ("tiny", "experiment", "smoke_test", "posegan", "sweep"):  # what was made once is found by all
         (root / "build" / workspace).mkdir(parents=True)
         (root / "build" / workspace / "store").symlink_to(tiny / "store")
     said = run_bash(DATA + PLACEHOLDER_COMMANDS, root)

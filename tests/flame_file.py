@@ -54,27 +54,27 @@ def skin() -> tuple[np.ndarray, np.ndarray]:
 
 def arrays(seed: int = 0) -> dict[str, np.ndarray]:
     """The arrays of the layout, plain. The pupil's vertex stands where FLAME has it."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     surface, triangles = skin()
     template = np.concatenate([surface, *map(eyeball, EYES)])
     faces = np.concatenate([triangles, eyeball_faces() + SKIN, eyeball_faces() + SKIN + BALL])
     for place, apex in ((4051, 3931 + 544), (4597, 4477 + 544)):
         template[[place, apex]] = template[[apex, place]]
         faces = np.select([faces == place, faces == apex], [apex, place], faces)
-    weights = random.random((5023, 5)) ** 4
+    weights = rng.random((5023, 5)) ** 4
     weights[3931:] = 0
     weights[3931:4477, 3] = weights[4477:, 4] = 1
     regressor = np.zeros((5, 5023))
     for joint, rows in enumerate((slice(1922, 1940), slice(1930, 1955), slice(1925, 1945))):
-        regressor[joint, rows] = random.dirichlet(np.ones(rows.stop - rows.start))
+        regressor[joint, rows] = rng.dirichlet(np.ones(rows.stop - rows.start))
     before, behind = np.cos(np.radians([12 * 7.05, 13 * 7.05]))  # the two rings around the equator
     for joint, place in ((3, 3931), (4, 4477)):
         regressor[joint, place + 11 * 32 : place + 12 * 32] = -behind / (before - behind) / 32
         regressor[joint, place + 12 * 32 : place + 13 * 32] = before / (before - behind) / 32
     return {
         "v_template": template,
-        "shapedirs": random.normal(0, 0.002, (5023, 3, 400)).astype(np.float32),
-        "posedirs": random.normal(0, 0.0005, (5023, 3, 36)).astype(np.float32),
+        "shapedirs": rng.normal(0, 0.002, (5023, 3, 400)).astype(np.float32),
+        "posedirs": rng.normal(0, 0.0005, (5023, 3, 36)).astype(np.float32),
         "J_regressor": regressor,
         "weights": weights / weights.sum(axis=1, keepdims=True),
         "kintree_table": np.array([[2**32 - 1, 0, 1, 1, 1], [0, 1, 2, 3, 4]], np.uint32),
@@ -104,11 +104,11 @@ def write(path: Path, content: dict[str, np.ndarray], protocol: int = 2) -> None
 
 def write_embedding(path: Path, seed: int = 0) -> dict[str, np.ndarray]:
     """A landmark embedding: an array of objects that holds a dictionary."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     content = {
-        "full_lmk_faces_idx": random.integers(0, 7800, (1, 68)),
-        "full_lmk_bary_coords": random.dirichlet(np.ones(3), (1, 68)),
-        "static_lmk_faces_idx": random.integers(0, 7800, 51),
+        "full_lmk_faces_idx": rng.integers(0, 7800, (1, 68)),
+        "full_lmk_bary_coords": rng.dirichlet(np.ones(3), (1, 68)),
+        "static_lmk_faces_idx": rng.integers(0, 7800, 51),
     }
     np.save(path, np.array(content, dtype=object), allow_pickle=True)
     return content

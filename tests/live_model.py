@@ -1,6 +1,6 @@
 """A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
 
-`CODES` makes one of it that draws codes of frames, as conf/model/talkingeyes_codes.yaml does, but hears nothing ahead.
+`CODES` samples codes of frames instead, as conf/model/talkingeyes_categorical.yaml does, but has no lookahead.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import save
-from talkingeyes.training.trained import network_config
-from talkingeyes.training.translation import MotionTaskSettings
+from talkingeyes.training.motion_generators import network_config
+from talkingeyes.training.motion_task import MotionTaskSettings
 
 
 def content(*place: str) -> Any:
@@ -28,8 +28,9 @@ def content(*place: str) -> Any:
 
 
 CODES = {
-    "prior": "gaze_patches",
-    "gaze": content("model", "talkingeyes_codes.yaml")["gaze"] | {"condition_lookback": 12, "condition_lookahead": 0},
+    "tokenizer": "gaze_patches",
+    "gaze": content("model", "talkingeyes_categorical.yaml")["gaze"]
+    | {"condition_lookback": 12, "condition_lookahead": 0},
 }
 
 
@@ -56,13 +57,13 @@ def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any)
     settings = MotionTaskSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()
     channels = make_encoder(embedding).channels
-    prior = codebook() if settings.prior else None
-    network = SpeechToMotion(settings, channels, prior, speakers)
+    tokenizer = codebook() if settings.tokenizer else None
+    network = SpeechToMotion(settings, channels, tokenizer, speakers)
     network.speech.standardise_by(torch.full((len(channels),), -20.0), torch.full((len(channels),), 10.0))
     network.head.normal.set(torch.tensor([0.05, 0.0, 0.0]), 0.1)
     network.gaze.normalise_by(torch.zeros(6), 0.2)
     folder.mkdir(parents=True)
-    save(folder, network.state_dict(), network_config(settings, channels, prior, network))
+    save(folder, network.state_dict(), network_config(settings, channels, tokenizer, network))
     (folder / "embedding.json").write_text(
         json.dumps({"fps": 25.0, "channels": channels, "settings": embedding.model_dump(mode="json")})
     )

@@ -9,9 +9,9 @@ import pytest
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny, anny_data, eyeball
-from talkingeyes.head.drive import expression_shape_names
-from talkingeyes.head.face_points import LANDMARK_NAMES, cast_from_front
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES, cast_from_front
 from talkingeyes.head.model import PARTS, load_head
+from talkingeyes.head.posing import expression_shape_names
 
 
 def test_it_is_a_head_of_adult_size_that_faces_forward() -> None:
@@ -74,9 +74,9 @@ def test_a_shut_eye_shows_no_eyeball(gaze_deg: tuple[float, float]) -> None:
 
 
 def posed_still(gaze_deg: tuple[float, float], lid: float) -> np.ndarray:
-    from talkingeyes.head.drive import motion_to_pose
+    from talkingeyes.head.posing import motion_to_pose
     from talkingeyes.head.skinning import posed_vertices
-    from talkingeyes.rendering.sheet import static_motion
+    from talkingeyes.rendering.contact_sheet import static_motion
 
     head = anny.anny_head()
     motion = static_motion(gaze_deg=np.array([gaze_deg], float), lid=np.array([lid]))

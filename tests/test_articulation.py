@@ -11,9 +11,9 @@ from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
 from talkingeyes.audio.loudness import with_loudness
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import expression_shape_names
-from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import motion_landmarks
+from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.physiology import articulation, face
 from talkingeyes.physiology.articulation import ArticulationStyle, mouth
 from talkingeyes.physiology.face import FACE_SHAPES, BrowRaise, FacialBehaviour

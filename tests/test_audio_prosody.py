@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from talkingeyes.audio.prosody import ProsodySettings, prosody
 
-SETTINGS = ProsodySettings(f0_min_hz=60, f0_max_hz=450, aperiodicity=0.25, energy_window_s=0.05, energy_floor_dbfs=-80)
+SETTINGS = ProsodySettings(f0_min_hz=60, f0_max_hz=450, yin_threshold=0.25, energy_window_s=0.05, energy_floor_dbfs=-80)
 
 
 def voice(f0_hz: np.ndarray) -> np.ndarray:
@@ -59,9 +59,9 @@ def test_energy_is_the_level_at_the_frame_and_has_a_floor() -> None:
 
 def test_blocks_leave_no_seam() -> None:
     """30 s are 3,000 steps of 10 ms, more than a block; the second half alone gives the same away from its ends."""
-    random = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     f0_hz = 150 + 50 * np.sin(np.arange(480_000) / 16_000)
-    sound = voice(f0_hz) * np.repeat(random.uniform(0, 1, 300), 1600).astype(np.float32)
+    sound = voice(f0_hz) * np.repeat(rng.uniform(0, 1, 300), 1600).astype(np.float32)
     whole = prosody(sound, 100.0, SETTINGS)
     half = prosody(sound[240_000:], 100.0, SETTINGS)
     for name in ("energy_dbfs", "f0_hz", "voicing"):

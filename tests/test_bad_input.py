@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import moving
 import numpy as np
 import pytest
+import toy_motions
 from toy_model import sound_file, toy_model
 
 from talkingeyes.cli import main as cli
 from talkingeyes.cli.main import COMMANDS
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.formats.readers.read import read_motion
+from talkingeyes.formats.readers.read_motion import read_motion
 from talkingeyes.workflows import convert
 
 
@@ -22,15 +22,15 @@ from talkingeyes.workflows import convert
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with good and bad files of every kind."""
     root = tmp_path_factory.mktemp("bad")
-    moving.motion(seconds=1.0).save(root / "good.npz")
-    moving.flame_motion().save(root / "flame.npz")
+    toy_motions.motion(seconds=1.0).save(root / "good.npz")
+    toy_motions.flame_motion().save(root / "flame.npz")
     np.savez(root / "other.npz", a=np.zeros(3))
     np.savez(root / "pickled.npz", a=np.array([{}], object))
     (root / "cut.npz").write_bytes((root / "good.npz").read_bytes()[:700])
     (root / "text.txt").write_text("words")
     (root / "empty.npz").touch()
     (root / "list.json").write_text("[]")
-    (root / "events.json").write_text('{"schema": "talkingeyes.events/1", "saccades": []}')
+    (root / "events.json").write_text('{"schema": "talkingeyes.events/2", "saccades": []}')
     (root / "bad.csv").write_text("a,b\n1,2\n")
     (root / "bad.glb").write_bytes(b"glTF" + bytes(20))
     (root / "bad.bvh").write_text("HIERARCHY\nROOT")
@@ -76,7 +76,7 @@ CASES = [
     ("render empty.npz -o a.mp4", "empty.npz: not a readable motion"),
     ("render good.npz -o a.avi", "should be a name that ends in .mp4"),
     ("render good.npz -o none/a.mp4", "should be a file in a folder that exists"),
-    ("render good.npz -o a.mp4 --keys list.json", "schema should be talkingeyes.events/1, got list"),
+    ("render good.npz -o a.mp4 --keys list.json", "schema should be talkingeyes.events/2, got list"),
     ("render good.npz -o a.mp4 --keys events.json", "should hold the original keys too"),
     ("render good.npz -o a.mp4 --camera moon", "camera: should be head"),
     ("render good.npz -o a.mp4 --size 1", "size: should be 16 to 4096"),
@@ -90,7 +90,7 @@ CASES = [
     ("export good.npz -f glb -o a.gltf", "should be a name that ends in .glb"),
     ("export good.npz -f glb -o a.glb --fps 1000", "fps: should be 10 to 240"),
     ("export good.npz -f glb -o a.glb --sound a.wav", "sound: only mp4 has any"),
-    ("export good.npz -f bvh -o a.bvh --keys list.json", "schema should be talkingeyes.events/1"),
+    ("export good.npz -f bvh -o a.bvh --keys list.json", "schema should be talkingeyes.events/2"),
     ("export good.npz -f vhap -o a.npz", "model: should be your FLAME file"),
     ("export flame.npz -f livelink -o a.csv", "model: should be your FLAME file"),
     ("export none.npz -f bvh -o a.bvh", "none.npz: not a readable motion"),
@@ -135,14 +135,14 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: str) -> None:
     """Cut anywhere, or with some bytes changed."""
     good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"
-    shown = moving.flame_motion().cut(0, 12) if format == "flame" else moving.motion().cut(0, 12)
+    shown = toy_motions.flame_motion().cut(0, 12) if format == "flame" else toy_motions.motion().cut(0, 12)
     shown.save(good) if format == "motion" else convert.write(shown, None, format, good)
-    content, random = good.read_bytes(), np.random.default_rng(0)
+    content, rng = good.read_bytes(), np.random.default_rng(0)
     bad, refused = good.with_stem("bad"), 0
     for index in range(24):
-        damaged = bytearray(content[: random.integers(len(content))] if index % 3 == 0 else content)
+        damaged = bytearray(content[: rng.integers(len(content))] if index % 3 == 0 else content)
         for _ in range(index % 3 * 2):
-            damaged[random.integers(min(len(damaged), 3000))] = random.integers(256)
+            damaged[rng.integers(min(len(damaged), 3000))] = rng.integers(256)
         bad.write_bytes(damaged)
         try:
             read_motion(bad)

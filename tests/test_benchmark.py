@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from people import ANNOTATION, ToyPerson, people
+from toy_people import ANNOTATION, ToyPerson, people
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.evaluation.benchmark import tally as tallies
+from talkingeyes.evaluation.benchmark import comparison as tallies
 from talkingeyes.evaluation.benchmark.behaviour import behaviour, with_references
-from talkingeyes.evaluation.benchmark.measure import Bins
+from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, bootstrap_weights, extract
+from talkingeyes.evaluation.benchmark.metric import Bins
 from talkingeyes.evaluation.benchmark.page import page
 from talkingeyes.evaluation.benchmark.registry import METRICS
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, from_json, markdown, to_csv
-from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, bootstrap_weights, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings, resample_indices
 from talkingeyes.physiology.saccades import peak_speed
 
@@ -73,18 +73,18 @@ def test_truth_is_never_apart_from_itself(own):
 def test_figures_are_what_was_put_in(own):
     value = {name: row.value.value for name, row in own.items() if row.value}
     assert value["saccades/rate"] == pytest.approx(1.05, abs=0.15)
-    assert value["main_sequence/peak"] == pytest.approx(1, abs=0.05)
+    assert value["main_sequence/peak_speed_ratio"] == pytest.approx(1, abs=0.05)
     assert value["head_eye/slope_yaw"] == pytest.approx(-1, abs=0.02)
     assert value["blinks/rate"] == pytest.approx(24, abs=3)
-    assert value["likeness/side"] == pytest.approx(1, abs=1e-6)
+    assert value["reference_correlation/aversion_yaw"] == pytest.approx(1, abs=1e-6)
     assert value["eye/torsion"] == pytest.approx(0, abs=1e-9)
-    assert 0.8 < value["space/still"] < 0.97
+    assert 0.8 < value["gaze_in_space/still_fraction"] < 0.97
 
 
 @pytest.mark.parametrize("fps", [25.0, 60.0, 120.0])
 def test_the_truth_keeps_the_law_at_every_rate(fps):
     found = rows([person.at(fps) for person in people(30)], counted([ToyPerson(1).at(fps)], fps))
-    assert found["main_sequence/peak"].value.value == pytest.approx(1, abs=0.06)
+    assert found["main_sequence/peak_speed_ratio"].value.value == pytest.approx(1, abs=0.06)
     native = np.degrees(peak_speed(np.radians(5.0)))
     assert native > 200  # of which 25 frames a second show less than half
     assert (found["saccades/duration"].value is None) == (fps < 60)
@@ -92,8 +92,8 @@ def test_the_truth_keeps_the_law_at_every_rate(fps):
 
 def test_mirrored_and_flipped_motion_is_told(true, reference, own):
     both = rows([mirrored(each) for each in true], reference)
-    assert both["likeness/side"].value.value < -0.9
-    assert both["likeness/tilt"].value.value < -0.9
+    assert both["reference_correlation/aversion_yaw"].value.value < -0.9
+    assert both["reference_correlation/head_roll"].value.value < -0.9
     assert not both["head_eye/slope_yaw"].worse
     head = rows([replace(each, head=each.head * [1, -1, 1]) for each in true], reference)
     assert head["head_eye/slope_yaw"].value.value > 0.5
@@ -106,16 +106,16 @@ def test_mirrored_and_flipped_motion_is_told(true, reference, own):
 def test_a_frozen_face_has_no_saccades(true, reference):
     still = rows([replace(each, head=each.head * 0, gaze=each.gaze * 0) for each in true], reference)
     assert still["saccades/rate"].reason == "needs 30 saccades: the motions with 0"
-    assert still["space/still"].value.value == 1
-    assert still["looking/partner"].value.value == 1
+    assert still["gaze_in_space/still_fraction"].value.value == 1
+    assert still["partner_gaze/fraction"].value.value == 1
     assert still["head/spectrum_slope"].value is None
 
 
 def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(true, reference):
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
 
     def still(each):
-        dust = 1e-16 * random.standard_normal((len(each), 9))
+        dust = 1e-16 * rng.standard_normal((len(each), 9))
         head, gaze = (
             np.array([0.1, -0.2, 0.05]) + dust[:, :3],
             np.array([0.07, 0.13, 0.0]) + dust[:, 3:].reshape(-1, 2, 3),
@@ -123,42 +123,42 @@ def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(t
         return replace(each, head=head, gaze=gaze)
 
     found = rows([still(each) for each in true], reference)
-    spectra = [f"{part}/{of}" for part in ("eye", "space", "head") for of in ("spectrum_slope", "above_5_hz")]
+    spectra = [f"{part}/{of}" for part in ("eye", "gaze_in_space", "head") for of in ("spectrum_slope", "above_5_hz")]
     together = ["head_eye/slope_yaw", "head_eye/slope_pitch", "head_eye/correlation", "eye/conjugacy"]
-    for name in [*spectra, *together, "eye/pitch_skew", "head/nod_skew", "head/speaking_ratio"]:
+    for name in [*spectra, *together, "eye/pitch_skew", "head/pitch_velocity_skew", "head/speech_speed_ratio"]:
         assert found[name].value is None, name
     assert found["head/speed"].value.value == pytest.approx(0, abs=1e-9)
     assert found["head/speed"].worse
 
 
 def test_jitter_and_smoothing_are_told(true, reference):
-    random = np.random.default_rng(0)
-    noisy = rows([replace(each, gaze=each.gaze + random.normal(0, 0.004, each.gaze.shape)) for each in true], reference)
-    assert noisy["space/still"].value.value < 0.3
+    rng = np.random.default_rng(0)
+    noisy = rows([replace(each, gaze=each.gaze + rng.normal(0, 0.004, each.gaze.shape)) for each in true], reference)
+    assert noisy["gaze_in_space/still_fraction"].value.value < 0.3
     assert noisy["eye/conjugacy"].worse
     kernel = np.ones(5) / 5
     smooth = [replace(each, gaze=np.apply_along_axis(np.convolve, 0, each.gaze, kernel, mode="same")) for each in true]
-    assert rows(smooth, reference)["main_sequence/peak"].value.value < 0.7
+    assert rows(smooth, reference)["main_sequence/peak_speed_ratio"].value.value < 0.7
 
 
 def test_missing_fields_are_named(true, reference):
     found = rows([replace(each, lid=None, annotation=None) for each in true], reference)
     assert found["blinks/rate"].reason == "needs lid: the motions without"
-    assert found["onset/rise"].reason == "needs annotation: the motions without"
+    assert found["speech_onset/rise"].reason == "needs annotation: the motions without"
     assert found["saccades/rate"].value is not None
 
 
 def test_other_rates_are_compared_where_the_rate_does_not_matter(reference):
     found = rows([person.at(60.0) for person in people(COUNT)], reference, paired=False)
-    assert found["main_sequence/peak"].difference is not None
-    assert found["space/still"].value is not None
-    assert found["space/still"].reference is None
-    assert found["space/speed_distance"].reason == "not compared: 60 frames a second, the reference 25"
+    assert found["main_sequence/peak_speed_ratio"].difference is not None
+    assert found["gaze_in_space/still_fraction"].value is not None
+    assert found["gaze_in_space/still_fraction"].reference is None
+    assert found["gaze_in_space/speed_distance"].reason == "not compared: 60 frames a second, the reference 25"
 
 
 def test_few_clips_are_too_few(true, reference):
     found = rows(true[:2], reference, paired=False)
-    assert found["onset/rise"].reason.startswith("needs 400 speech onsets: the motions with")
+    assert found["speech_onset/rise"].reason.startswith("needs 400 speech onsets: the motions with")
     assert found["eye/vergence"].reason == "needs 1500 frames: the motions with 600"
 
 
@@ -215,8 +215,8 @@ def test_the_page_is_fresh(repository):
 
 
 def test_quantiles_and_distances_of_bins():
-    random = np.random.default_rng(0)
-    one, other = random.normal(5, 1, 20000), random.normal(6, 1, 20000)
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(5, 1, 20000), rng.normal(6, 1, 20000)
     bins = Bins(0.0, 12.0, 240)
     counts = np.stack([bins(one), bins(other)])
     assert bins.quantile(counts, 0.9) == pytest.approx([np.quantile(one, 0.9), np.quantile(other, 0.9)], abs=0.02)

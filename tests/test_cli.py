@@ -12,8 +12,8 @@ import pytest
 import soundfile
 
 import talkingeyes
-from talkingeyes.animation import perform
-from talkingeyes.animation.direction import Controls
+from talkingeyes.animation import animator
+from talkingeyes.animation.controls import Controls
 from talkingeyes.audio.waveform import frame_count
 from talkingeyes.cli import main as cli
 from talkingeyes.core.errors import InputError
@@ -32,20 +32,20 @@ class ToyPerformer:
 
     def perform(
         self, sound: np.ndarray, samples: int, seed: int, fps: float, controls: Controls
-    ) -> list[perform.Animation]:
+    ) -> list[animator.Animation]:
         animations = []
         for index in range(samples):
-            random = np.random.default_rng([seed, index])
+            rng = np.random.default_rng([seed, index])
             frames = frame_count(len(sound), fps)
-            motion = Motion.of(fps, random.normal(0, 0.05, (frames, 3)), random.normal(0, 0.05, (frames, 2, 3)))
-            animations.append(perform.Animation(motion, Events(blinks=(Blink(0.1, 0.09, 0.02, 0.2, 1.0),))))
+            motion = Motion.of(fps, rng.normal(0, 0.05, (frames, 3)), rng.normal(0, 0.05, (frames, 2, 3)))
+            animations.append(animator.Animation(motion, Events(blinks=(Blink(0.1, 0.09, 0.02, 0.2, 1.0),))))
         return animations
 
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder with speech and a model."""
-    monkeypatch.setattr(perform, "Animator", ToyPerformer)
+    monkeypatch.setattr(animator, "Animator", ToyPerformer)
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(0).normal(0, 0.1, (48_000, 2))
     soundfile.write(tmp_path / "my speech.wav", noise, 48_000)
@@ -69,7 +69,7 @@ SAMPLE = (".events.json", ".mp4", ".npz")
 def test_a_folder_may_have_any_name(place: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
     assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "1", "--no-previews") == 0
     names = sorted(path.name for path in (place / out).iterdir())
-    assert names == ["made_of.json", "sample_00.events.json", "sample_00.npz"]
+    assert names == ["manifest.json", "sample_00.events.json", "sample_00.npz"]
 
 
 def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +77,7 @@ def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pyte
     assert call(monkeypatch, "animate", "my speech.txt", "--out=" + out, "--samples", "2", "--fps", "30") == 0
     names = sorted(path.name for path in (place / out).iterdir())
     samples = [f"sample_{index:02d}{suffix}" for index in (0, 1) for suffix in SAMPLE]
-    assert names == ["made_of.json", *samples, "sheet.png", "traces.png"]
+    assert names == ["manifest.json", *samples, "sheet.png", "traces.png"]
     motion = Motion.load(place / out / "sample_01.npz")
     assert (motion.fps, len(motion)) == (30.0, 30)
     assert len(Events.load(place / out / "sample_00.events.json").blinks) == 1

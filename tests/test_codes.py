@@ -14,10 +14,10 @@ from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
 from talkingeyes.models.layers.finite_scalar import FiniteScalarQuantiser, FiniteScalarQuantiserSettings
 from talkingeyes.models.layers.kl import AnnealingSettings, annealing_weight, free_bits_kl
 from talkingeyes.models.layers.nucleus import top_p_filter
-from talkingeyes.models.layers.pace import set_trained_steps
 from talkingeyes.models.layers.quantiser import Quantiser
-from talkingeyes.models.layers.quantisers import make_quantiser
+from talkingeyes.models.layers.quantiser_factory import make_quantiser
 from talkingeyes.models.layers.residual import ResidualQuantiser, ResidualQuantiserSettings
+from talkingeyes.models.layers.schedules import set_trained_steps
 
 LEVELS = st.lists(st.integers(2, 6), min_size=1, max_size=4).map(tuple)
 

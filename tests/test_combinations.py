@@ -14,13 +14,18 @@ from test_posegan import HEADS, normaliser, task
 
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS
 from talkingeyes.models.head.generator import HEAD_GENERATORS
-from talkingeyes.models.head.pose import POSE_GENERATORS
+from talkingeyes.models.head.pose_generator import POSE_GENERATORS
 from talkingeyes.models.speech_to_motion import SpeechToMotion
 from talkingeyes.orchestration.config import CONFIG_DIR
 from talkingeyes.training.checkpoint import load, save
-from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, network_config, save_head_then_gaze
-from talkingeyes.training.trained_poses import pose_config
-from talkingeyes.training.translation import MotionTaskSettings
+from talkingeyes.training.motion_generators import (
+    HeadThenGazeSettings,
+    load_generator,
+    network_config,
+    save_head_then_gaze,
+)
+from talkingeyes.training.motion_task import MotionTaskSettings
+from talkingeyes.training.pose_generators import pose_config
 
 NAMES = [str(index) for index in range(CHANNELS)]
 SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0}
@@ -50,7 +55,7 @@ def joint(head: str, gaze: str) -> SpeechToMotion:
     node = WITH_GAZE[gaze] | {"speech": SPEECH, "head": WITH_HEAD[head]["head"], "weights": weights}
     settings = MotionTaskSettings.model_validate(node)
     torch.manual_seed(0)
-    made = SpeechToMotion(settings, NAMES, codebook(settings.prior), ("a", "b"))
+    made = SpeechToMotion(settings, NAMES, codebook(settings.tokenizer), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made

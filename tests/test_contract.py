@@ -22,9 +22,9 @@ from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
 from talkingeyes.models.speech_to_face import FaceBatch, SpeechToFace
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion
 from talkingeyes.orchestration.config import CONFIG_DIR
-from talkingeyes.training.face_priors import FaceTokenizerSettings
-from talkingeyes.training.face_translation import FaceTaskSettings
-from talkingeyes.training.translation import MotionTaskSettings
+from talkingeyes.training.face_task import FaceTaskSettings
+from talkingeyes.training.face_tokenizer import FaceTokenizerSettings
+from talkingeyes.training.motion_task import MotionTaskSettings
 
 CHANNELS = 6
 FACE_BASIS, SPEAKERS = FaceBasis("toy", ("mouthSmileLeft", "mouthSmileRight")), StyleVocabulary(("a", "b"))
@@ -43,11 +43,13 @@ FACES = [
 FAMILIES = [path.stem for path in sorted((CONFIG_DIR / "embed" / "encoder").glob("*.yaml"))]
 
 
-def codebook(prior: str | None) -> GazeVQVAE | None:
+def codebook(tokenizer: str | None) -> GazeVQVAE | None:
     """The codebook that a model needs, untrained."""
-    if prior is None:
+    if tokenizer is None:
         return None
-    network = GazeVQVAE(GazeVQVAESettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{prior}.yaml")["network"]))
+    network = GazeVQVAE(
+        GazeVQVAESettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{tokenizer}.yaml")["network"])
+    )
     network.normalise_by(torch.zeros_like(network.mean), 0.1)
     network.quantiser.train()
     network.quantiser(torch.randn(1, 64, network.settings.quantiser.width))
@@ -59,7 +61,7 @@ def network(name: str) -> SpeechToMotion:
     settings = MotionTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
-    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.prior), ("a", "b"))
+    made = SpeechToMotion(settings, names[:CHANNELS], codebook(settings.tokenizer), ("a", "b"))
     made.head.normal.set(torch.zeros(3), 0.1)
     made.gaze.normalise_by(torch.zeros(6), 0.1)
     return made.eval()
@@ -78,16 +80,16 @@ def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
     made = SpeechToMotion(
         MotionTaskSettings.model_validate(raw), [str(index) for index in range(CHANNELS)], None, ("a", "b")
     )
-    with pytest.raises(InputError, match=r"weights: should be among gaze_when, .*; got 'gaze_velocity'"):
+    with pytest.raises(InputError, match=r"weights: should be among gaze_location, .*; got 'gaze_velocity'"):
         made.loss_terms(batch())
 
 
 def test_codes_that_are_decoded_need_the_weight_that_they_learn_by() -> None:
     raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
-    raw["gaze"]["process"]["codebook"] = "vq_vae"
-    with pytest.raises(ValidationError, match=r"weights\.gaze_codebook should be above 0 .*, got none"):
+    raw["gaze"]["process"]["mixture_centres"] = "vq_vae"
+    with pytest.raises(ValidationError, match=r"weights\.gaze_mixture_centres should be above 0 .*, got none"):
         MotionTaskSettings.model_validate(raw)
-    raw["weights"]["gaze_codebook"] = 1.0
+    raw["weights"]["gaze_mixture_centres"] = 1.0
     MotionTaskSettings.model_validate(raw)
 
 
@@ -140,14 +142,16 @@ def face_network(name: str) -> SpeechToFace:
     """A model of the face of conf/model/, with its motion autoencoder, both untrained."""
     settings = FaceTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
-    prior = None
-    if settings.prior:
-        of_prior = FaceTokenizerSettings.model_validate(content(CONFIG_DIR / "pretrain" / f"{settings.prior}.yaml"))
-        prior = FACE_AUTOENCODERS.build(of_prior.network, FACE_BASIS.numbers)
-        prior.fit_latent_statistics(torch.randn(2, 20, FACE_BASIS.numbers))
-        prior.freeze()
+    tokenizer = None
+    if settings.tokenizer:
+        of_tokenizer = FaceTokenizerSettings.model_validate(
+            content(CONFIG_DIR / "pretrain" / f"{settings.tokenizer}.yaml")
+        )
+        tokenizer = FACE_AUTOENCODERS.build(of_tokenizer.network, FACE_BASIS.numbers)
+        tokenizer.fit_latent_statistics(torch.randn(2, 20, FACE_BASIS.numbers))
+        tokenizer.freeze()
     channels = [str(index) for index in range(CHANNELS)]
-    return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, prior).eval()
+    return SpeechToFace(settings, channels, SPEAKERS, FACE_BASIS.numbers, tokenizer).eval()
 
 
 @pytest.mark.parametrize("name", FACES)

@@ -9,9 +9,10 @@ from talkingeyes.audio.annotation import EMOTIONS, Annotation, Phoneme, Span
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Events, HeadMovement, Saccade, VergenceMovement
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL, sample_blinks
-from talkingeyes.synthesis import affect, gestures
-from talkingeyes.synthesis.conversation import gaze_intervals, sample_gaze_cues
-from talkingeyes.synthesis.looking import DIRECTIONS, octant_probabilities
+from talkingeyes.synthesis import head_gestures
+from talkingeyes.synthesis.emotion import EMOTION_FACTORS, emotional_style
+from talkingeyes.synthesis.gaze_aversion import gaze_intervals, sample_gaze_cues
+from talkingeyes.synthesis.gaze_shifts import DIRECTIONS, octant_probabilities
 from talkingeyes.synthesis.speakers import sample_style
 from talkingeyes.synthesis.take import sample_take
 
@@ -102,13 +103,15 @@ def test_aversions_lead_the_turn(annotation, styles):
 
 def test_listeners_nod_after_phrases_and_blink_after_them(annotation, styles):
     moves = [
-        m for k, style in enumerate(styles) for m in gestures.backchannels(annotation, style, np.random.default_rng(k))
+        m
+        for k, style in enumerate(styles)
+        for m in head_gestures.backchannels(annotation, style, np.random.default_rng(k))
     ]
     ends = np.array([span.end_s for span in annotation.partner])
     firsts = [m for m in moves if m.delta_rad[0] > 0]
     assert firsts and all((m.onset_s - ends[ends <= m.onset_s].max()) < 3.0 for m in firsts)
     assert sum(m.delta_rad[0] for m in moves) == pytest.approx(0.0, abs=1e-9)
-    assert not gestures.backchannels(Annotation(), styles[0], np.random.default_rng(0))
+    assert not head_gestures.backchannels(Annotation(), styles[0], np.random.default_rng(0))
     onsets = [
         b.onset_s
         for k in range(40)
@@ -134,14 +137,14 @@ def test_the_head_is_calm_while_listening(annotation, styles):
 
 def test_emotions_move_a_style_by_their_strength(styles):
     style = styles[0]
-    assert set(affect.EMOTION_FACTORS) == set(EMOTIONS)
-    assert affect.emotional_style(style, "neutral", 1.0) == style
-    weak, strong = (affect.emotional_style(style, "sad", amount) for amount in (0.3, 1.0))
+    assert set(EMOTION_FACTORS) == set(EMOTIONS)
+    assert emotional_style(style, "neutral", 1.0) == style
+    weak, strong = (emotional_style(style, "sad", amount) for amount in (0.3, 1.0))
     assert strong.head_scale < weak.head_scale < style.head_scale and strong.look < weak.look < style.look
     assert strong.rest_pitch > weak.rest_pitch > style.rest_pitch
-    assert affect.emotional_style(style, "angry", 1.0).head_scale > style.head_scale
+    assert emotional_style(style, "angry", 1.0).head_scale > style.head_scale
     for emotion in EMOTIONS:
-        assert 0.0 < affect.emotional_style(style, emotion, 1.2).partner_gaze_listening < 1.0
+        assert 0.0 < emotional_style(style, emotion, 1.2).partner_gaze_listening < 1.0
 
 
 def test_anger_moves_the_head_more_than_sadness(annotation, styles):
@@ -171,9 +174,14 @@ def test_events_are_kept_whole(tmp_path):
     )
     events.save(tmp_path / "a.json")
     assert Events.load(tmp_path / "a.json") == events
-    (tmp_path / "b.json").write_text('{"blinks": []}')
+    (tmp_path / "b.json").write_text('{"schema": "talkingeyes.events/2", "blinks": []}')
     assert Events.load(tmp_path / "b.json") == Events()
-    for text in ("[]", "{}", '{"blinks": [{"onset_s": 1}]}'):
+    for text, says in (
+        ("[]", "not a readable events file"),
+        ("{}", "schema should be talkingeyes.events/2, got None"),
+        ('{"schema": "talkingeyes.events/1", "blinks": []}', "schema should be talkingeyes.events/2, got talkingeyes"),
+        ('{"schema": "talkingeyes.events/2", "blinks": [{"onset_s": 1}]}', "not a readable events file"),
+    ):
         (tmp_path / "c.json").write_text(text)
-        with pytest.raises(InputError, match="not a readable events file"):
+        with pytest.raises(InputError, match=says):
             Events.load(tmp_path / "c.json")

@@ -8,18 +8,18 @@ import torch
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.windows import Recording
+from talkingeyes.corpus.recordings import Recording
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.contrast import (
+from talkingeyes.evaluation.critic.contrastive_training import (
     ChannelSelection,
     ContrastiveTask,
     CriticSettings,
     new_critic,
     split_speakers,
 )
-from talkingeyes.evaluation.correlation import CriticCorrelation, auc
 from talkingeyes.evaluation.distribution.encoder import EncoderSettings
-from talkingeyes.models.critic import CRITIC_PARTS, Critic, CriticNetworkSettings, angles, similarity
+from talkingeyes.evaluation.paper_metrics.corr import CriticCorrelation, auc
+from talkingeyes.models.contrastive_critic import CRITIC_PARTS, Critic, CriticNetworkSettings, part_angles, similarity
 from talkingeyes.orchestration.config import compose
 from talkingeyes.training.loop import LoopSettings, train
 
@@ -54,16 +54,16 @@ HEARING = ChannelSelection(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.
 
 def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
     """Noise with a loudness that the head's speed follows where `coupled`; every speaker has a voice and a posture."""
-    random = np.random.default_rng(1)
+    rng = np.random.default_rng(1)
     found = []
     for speaker in range(speakers):
-        voice, posture = random.normal(0, 1, 6), random.normal(0, 0.2, 3)
+        voice, posture = rng.normal(0, 1, 6), rng.normal(0, 0.2, 3)
         for sound in range(sounds):
-            loud = np.repeat(random.random(9) < 0.5, 25)[:210].astype(float)
-            speech = voice + random.normal(0, 0.3, (210, 6))
+            loud = np.repeat(rng.random(9) < 0.5, 25)[:210].astype(float)
+            speech = voice + rng.normal(0, 0.3, (210, 6))
             speech[:, 0] += loud
-            drive = loud if coupled else np.repeat(random.random(9) < 0.5, 25)[:210]
-            head = posture * (1 + 0.1 * speaker) + np.cumsum(random.normal(0, 0.02, (210, 3)) * drive[:, None], axis=0)
+            drive = loud if coupled else np.repeat(rng.random(9) < 0.5, 25)[:210]
+            head = posture * (1 + 0.1 * speaker) + np.cumsum(rng.normal(0, 0.02, (210, 3)) * drive[:, None], axis=0)
             name = f"{speaker}-{sound}"
             clip = Clip(name, name, 0, str(speaker), "train", 8.4, FPS, "", 0, "en", "", "", "", "")
             gaze = np.zeros((210, 2, 3), np.float32)
@@ -83,11 +83,11 @@ def learnt(recordings: list[Recording]) -> tuple[ContrastiveTask, list[dict[str,
 
 
 def test_learns_a_planted_coupling_on_speakers_it_never_heard() -> None:
-    assert max(row["score"] for row in learnt(toy(coupled=True))[1]) > 0.85
+    assert max(row["validation_score"] for row in learnt(toy(coupled=True))[1]) > 0.85
 
 
 def test_finds_nothing_where_nothing_is_although_voice_and_posture_tell_who_speaks() -> None:
-    assert abs(learnt(toy(coupled=False))[1][-1]["score"] - 0.5) < 0.15
+    assert abs(learnt(toy(coupled=False))[1][-1]["validation_score"] - 0.5) < 0.15
 
 
 def test_training_is_repeatable() -> None:
@@ -114,18 +114,18 @@ def test_auc_by_hand() -> None:
 
 @pytest.mark.parametrize("part", CRITIC_PARTS)
 def test_corr_is_a_cosine_blind_to_posture_and_the_same_alone_or_among_samples(part: str) -> None:
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     network = SETTINGS.network
     count = 3 if part == "head" else 2
     critic = Critic(network, torch.arange(6), torch.zeros(6), torch.ones(6), torch.ones(2), count)
     corr = CriticCorrelation(part, critic, frames=200, hop=20)
-    speech = random.normal(size=(240, 6)).astype(np.float32)
-    head, gaze = random.normal(0, 0.1, (4, 240, 3)), random.normal(0, 0.1, (4, 240, 2, 3))
+    speech = rng.normal(size=(240, 6)).astype(np.float32)
+    head, gaze = rng.normal(0, 0.1, (4, 240, 3)), rng.normal(0, 0.1, (4, 240, 2, 3))
     values = corr(speech, head, gaze)
     assert values.shape == (4,)
     assert (np.abs(values) <= 1 + 1e-6).all()
     assert corr(speech, head[2:3], gaze[2:3]) == pytest.approx(values[2:3], abs=1e-6)
-    if part != "space":
+    if part != "gaze_in_space":
         assert corr(speech, head + 0.2, gaze - 0.1) == pytest.approx(values, abs=1e-5)
     assert corr(speech[:150], head[:, :150], gaze[:, :150]).shape == (4,)
 
@@ -140,8 +140,8 @@ def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
     turn = np.zeros((1, 20, 3))
     turn[..., 1] = np.linspace(0, 0.3, 20)
     gaze = -np.repeat(turn[:, :, None], 2, axis=2)
-    assert np.ptp(angles("space", turn, gaze), axis=1).max() < 1e-9
-    assert np.ptp(angles("eyes", turn, gaze), axis=1).max() == pytest.approx(0.3)
+    assert np.ptp(part_angles("gaze_in_space", turn, gaze), axis=1).max() < 1e-9
+    assert np.ptp(part_angles("eyes", turn, gaze), axis=1).max() == pytest.approx(0.3)
 
 
 def test_a_channel_that_the_embedding_lacks_is_named() -> None:
@@ -156,7 +156,7 @@ def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> Non
     task, history = learnt(lonely)
     assert task.time_shifts_only
     assert not learnt(toy(coupled=True, speakers=4, sounds=4))[0].time_shifts_only
-    assert max(row["score"] for row in history) > 0.7  # the planted coupling, by time alone
+    assert max(row["validation_score"] for row in history) > 0.7  # the planted coupling, by time alone
     with pytest.raises(InputError, match=r"critic.time_shifted_negatives"):
         silent = SETTINGS.model_copy(update={"time_shifted_negatives": 0})
         ContrastiveTask("head", task.critic, lonely, split_speakers(lonely, silent), FPS, silent)
@@ -173,4 +173,4 @@ def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None
     )
     assert np.isfinite(task.losses(0)["total"].item())
     with torch.no_grad():
-        assert 0 <= task.validate()["score"] <= 1
+        assert 0 <= task.validate()["validation_score"] <= 1

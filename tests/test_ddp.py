@@ -18,17 +18,17 @@ import pytest
 import safetensors.numpy
 import torch
 import yaml
-from test_learning import NORMALISER, codebook, loop, translation
+from test_training import NORMALISER, codebook, loop, translation
 from toy import recordings
 from toy_training import RUN, toy_training
 
 from pipelines import pretrain
 from pipelines import train as train_stage
 from talkingeyes.core.errors import InputError
-from talkingeyes.models.layers import share
+from talkingeyes.models.layers import distributed
+from talkingeyes.training.execution import ExecutionContext
 from talkingeyes.training.loop import train
-from talkingeyes.training.place import ExecutionContext
-from talkingeyes.training.translation import MotionTask
+from talkingeyes.training.motion_task import MotionTask
 
 STEPS = {"steps": 8, "validate_every": 4, "batch": 4}
 TOLERANCE = 1e-4
@@ -88,10 +88,10 @@ def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> No
         return [*made, torch.randn_like(x), torch.rand(len(x)), torch.rand(x.shape[:2]), torch.rand_like(x)]
 
     whole = drawn(rows)
-    monkeypatch.setattr(share, "world_size", lambda: 2)
+    monkeypatch.setattr(distributed, "world_size", lambda: 2)
     for rank in (0, 1):
-        monkeypatch.setattr(share, "rank", lambda rank=rank: rank)
-        with share.BatchNoiseMode():
+        monkeypatch.setattr(distributed, "rank", lambda rank=rank: rank)
+        with distributed.BatchNoiseMode():
             parts = drawn(rows[:3])
             torch.manual_seed(0)
             with torch.no_grad():
@@ -105,7 +105,7 @@ def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_batch_that_cannot_be_shared_and_a_stage_that_cannot_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(share, "world_size", lambda: 3)
+    monkeypatch.setattr(distributed, "world_size", lambda: 3)
     context = ExecutionContext(torch.device("cpu"), "float32")
     with pytest.raises(InputError, match=r"^loop.batch: should be a multiple of the 3 processes, got 8$"):
         context.distribute(torch.nn.Linear(1, 1), lambda step: {}, 8)
@@ -114,7 +114,7 @@ def test_a_batch_that_cannot_be_shared_and_a_stage_that_cannot_are_refused(
         ExecutionContext.single_process({"device": "cpu", "precision": "float32"})
 
 
-@pytest.mark.parametrize("kind", ["categorical", "regressed", "vae"])
+@pytest.mark.parametrize("kind", ["categorical", "regression", "vae"])
 def test_bfloat16_learns_and_keeps_float32_weights(kind: str) -> None:
     book = codebook(kind)
     histories = {}

@@ -12,7 +12,7 @@ from talkingeyes.core.motion import Blink, HeadMovement
 from talkingeyes.evaluation.detectors.blinks import detect_blinks
 from talkingeyes.evaluation.detectors.fixations import detect_fixations, detect_fixations_idt
 from talkingeyes.evaluation.detectors.gaze_states import densest_direction, detect_gaze_states
-from talkingeyes.evaluation.detectors.head_moves import detect_head_movements
+from talkingeyes.evaluation.detectors.head_movements import detect_head_movements
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
 from talkingeyes.evaluation.detectors.scoring import (
     DetectionCounts,
@@ -31,15 +31,15 @@ SECONDS = 30.0
 
 def chain(seed=0, min_deg=2.0, seconds=SECONDS):
     """Saccades of two degrees or more through a clip, half a second or so apart."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     made, place, time_s = [], np.zeros(2), 0.3
     while time_s < seconds - 0.5:
-        size = saccades.sample_amplitudes_rad(1, random, min_deg=min_deg)[0]
-        direction = saccades.sample_directions(1, random)[0]
+        size = saccades.sample_amplitudes_rad(1, rng, min_deg=min_deg)[0]
+        direction = saccades.sample_directions(1, rng)[0]
         step = size * direction / np.hypot(*direction)
         target = place + (step if np.hypot(*(place + step)) < 0.4 else -step)
-        made.append(saccades.saccade(time_s, place, target, random))
-        place, time_s = target, time_s + random.uniform(0.25, 0.9)
+        made.append(saccades.saccade(time_s, place, target, rng))
+        place, time_s = target, time_s + rng.uniform(0.25, 0.9)
     return made
 
 
@@ -99,8 +99,8 @@ def test_a_degree_of_yaw_is_less_when_looking_up():
 
 @pytest.mark.parametrize(("fps", "noise_deg"), [(25.0, 0.2), (25.0, 1.0), (60.0, 0.2), (120.0, 0.2), (500.0, 0.05)])
 def test_noise_makes_few_saccades(fps, noise_deg):
-    random = np.random.default_rng(0)
-    noise = np.radians(noise_deg) * random.standard_normal((int(60 * fps), 2))
+    rng = np.random.default_rng(0)
+    noise = np.radians(noise_deg) * rng.standard_normal((int(60 * fps), 2))
     assert len(detect_saccades(noise, fps)) <= 3
     made = chain(min_deg=9 * noise_deg + 2.0)
     found = detect_saccades(gaze_at(fps, made, noise_deg), fps)
@@ -116,9 +116,9 @@ def test_slow_movement_is_no_saccade():
 
 @pytest.mark.parametrize("fps", RATES)
 def test_whatever_moves_the_events_are_in_order_and_finite(fps):
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     time_s = np.arange(int(4 * fps)) / fps
-    noise = random.standard_normal((len(time_s), 2))
+    noise = rng.standard_normal((len(time_s), 2))
     circle = np.stack([np.sin(2 * np.pi * time_s * fps / 4), np.cos(2 * np.pi * time_s * fps / 4)], axis=1)
     for gaze in (0.2 * circle, 0.1 * noise, 0.02 * np.cumsum(noise, axis=0), 0.3 * np.sign(noise)):
         found = detect_saccades(gaze, fps)
@@ -230,10 +230,10 @@ def test_two_blinks_in_a_row_are_two_and_a_flutter_is_one():
 
 @pytest.mark.parametrize("fps", [25.0, 60.0, 120.0, 500.0])
 def test_head_movements_are_found(fps):
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     made = []
     for onset in np.arange(0.5, 28.0, 1.5):
-        delta = np.radians(random.uniform(2.0, 12.0)) * random.choice([-1, 1]) * np.eye(3)[random.integers(3)]
+        delta = np.radians(rng.uniform(2.0, 12.0)) * rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
         duration = float(eye_head.head_duration_s(np.linalg.norm(delta)))
         made.append(HeadMovement(float(onset), duration, tuple(delta)))
     found = detect_head_movements(eye_head.head_path(made, np.arange(int(30 * fps)) / fps), fps)
@@ -256,10 +256,10 @@ def test_a_nod_is_down_and_up():
 
 
 def test_gaze_states():
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     partner, away = np.radians([2.0, -1.0]), np.radians([14.0, 5.0])
     states = np.repeat([False, True, False, True, False], [100, 50, 80, 60, 90])
-    gaze = np.where(states[:, None], away, partner) + np.radians(0.8) * random.standard_normal((380, 2))
+    gaze = np.where(states[:, None], away, partner) + np.radians(0.8) * rng.standard_normal((380, 2))
     gaze[40:41] = away  # a glance of a frame
     found = detect_gaze_states(gaze, 25.0)
     assert np.array_equal(found.averted, states)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from directed import PERFORMER
+from toy_performer import PERFORMER
 
-from talkingeyes.animation.contact import eye_contact_fraction
+from talkingeyes.animation.animator import Animation
+from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.dialogue import animate_dialogue
-from talkingeyes.animation.direction import Controls, Liveliness
-from talkingeyes.animation.listening import AVERSION_PROBABILITY, detect_turns, listening, turn_starts
-from talkingeyes.animation.perform import Animation
+from talkingeyes.animation.eye_contact import eye_contact_fraction
+from talkingeyes.animation.listening import AVERSION_PROBABILITY, detect_turns, listening_behaviour, turn_starts
 from talkingeyes.audio.waveform import read_dialogue
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -24,10 +24,10 @@ TALK = ((0.0, 6.0, 0), (6.4, 12.0, 1), (12.5, 18.0, 0), (18.3, 26.0, 1), (26.5, 
 
 def talk() -> tuple[np.ndarray, np.ndarray]:
     """Noise by turns, in phrases of 1.6 s and gaps of .4 s."""
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     sounds = np.zeros((2, 30 * RATE), np.float32)
     for start, end, who in TALK:
-        sounds[who, int(start * RATE) : int(end * RATE)] = random.normal(0, 0.1, int(end * RATE) - int(start * RATE))
+        sounds[who, int(start * RATE) : int(end * RATE)] = rng.normal(0, 0.1, int(end * RATE) - int(start * RATE))
     gap = (np.arange(30 * RATE) / RATE) % 2.0 > 1.6
     sounds[:, gap] = 0.0
     return sounds[0], sounds[1]
@@ -68,7 +68,7 @@ def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
     sounds = talk()
     starts_s = turn_starts(detect_turns(*sounds))
     np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
-    heard = [listening(*sounds, [0, index, 3]) for index in range(200)]
+    heard = [listening_behaviour(*sounds, [0, index, 3]) for index in range(200)]
     assert np.mean([len(each.aversions) for each in heard]) == pytest.approx(2 * AVERSION_PROBABILITY, abs=0.15)
     made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Controls(partner=sounds[1]))
     times = np.arange(750) / 25
@@ -107,7 +107,7 @@ def _near_ends(made: Animation, ends: list[float]) -> int:
 
 def test_nods_answer_the_partners_phrases() -> None:
     sounds = talk()
-    heard = [listening(*sounds, [0, index]) for index in range(20)]
+    heard = [listening_behaviour(*sounds, [0, index]) for index in range(20)]
     nods = [nod for each in heard for nod in each.nods]
     ends = np.array([span.end_s for span in detect_turns(*sounds).partner])
     assert len(nods) > 40

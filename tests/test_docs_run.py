@@ -2,7 +2,7 @@
 
 Run     pytest -n 0 -m slow tests/test_docs_run.py [-k tutorial]     (all pages: see docs/tutorial.md for the time)
 
-What is made small on the way is a table in as_in_docs.py; what the docs name and nobody has is made by docs_project.py.
+docs_program.py lists what is made small on the way; docs_project.py makes the files that the docs name and nobody has.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from as_in_docs import SUBSTITUTIONS, shortened
 from docs_pages import PAGES, REPOSITORY, lines, name_of
+from docs_program import SUBSTITUTIONS, shortened
 from docs_project import copy_project, run_bash
 
 # Lines that cannot run on any machine that tests this: they need other people's programs, other machines or a card.
@@ -20,7 +20,7 @@ ELSEWHERE = {
     "ray start --address=HEAD:6379": "a cluster",
     "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
-    "python -m pipelines.experiment -m sweep=codebook hydra/launcher=ray_cluster hydra.sweeper.n_jobs=64 "
+    "python -m pipelines.experiment -m sweep=codebook_size hydra/launcher=ray_cluster hydra.sweeper.n_jobs=64 "
     "workspace=/shared/te corpus=/shared/corpus": "a cluster",
     "python -m pipelines.experiment machine.backend=ray machine.ray_address=auto machine.jobs=256 target=embed "
     "workspace=/shared/te corpus=data/track fit=video": "a cluster",
@@ -77,8 +77,8 @@ def test_what_is_made_small_is_what_the_docs_say_otherwise() -> None:
     assert shortened("python -m pipelines.experiment train.seed=1").endswith(
         "train.seed=1 experiment=tiny workspace=build/experiment"
     )
-    assert shortened("python -m pipelines.experiment -m sweep=alive").endswith(
-        "experiment=least hydra.sweeper.n_trials=2"
+    assert shortened("python -m pipelines.experiment -m sweep=free_running").endswith(
+        "experiment=smoke_test hydra.sweeper.n_trials=2"
     )
     for line in (
         "talkingeyes animate SPEECH.wav -o out --samples 2",

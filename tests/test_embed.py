@@ -24,12 +24,12 @@ SECTION = {
     "prosody": {
         "f0_min_hz": 60.0,
         "f0_max_hz": 450.0,
-        "aperiodicity": 0.25,
+        "yin_threshold": 0.25,
         "energy_window_s": 0.05,
         "energy_floor_dbfs": -80.0,
     },
     "level_dbfs": -20.0,
-    "partner": False,
+    "include_partner": False,
 }
 
 
@@ -43,8 +43,8 @@ def workspace(root: Path, clips: list[Clip], jobs: int = 1) -> Workspace:
     corpus = Corpus(root / "data" / "synthesize")
     corpus.root.mkdir(parents=True)
     for index, sound in enumerate(sorted({clip.sound for clip in clips})):
-        random = np.random.default_rng(index)
-        samples = random.standard_normal(16_000) * np.hanning(16_000) * 0.1
+        rng = np.random.default_rng(index)
+        samples = rng.standard_normal(16_000) * np.hanning(16_000) * 0.1
         corpus.write_sound(sound, samples.astype(np.float32), Annotation())
     corpus.write_index(clips)
     params: dict[str, Any] = {"corpus": "data/synthesize", "embed": SECTION, "machine": {"jobs": jobs}}

@@ -18,7 +18,7 @@ from talkingeyes.core.settings import validate_section
 PROSODY = {
     "f0_min_hz": 60.0,
     "f0_max_hz": 450.0,
-    "aperiodicity": 0.25,
+    "yin_threshold": 0.25,
     "energy_window_s": 0.05,
     "energy_floor_dbfs": -80.0,
 }
@@ -27,7 +27,7 @@ SIZES = {"moonshine": 288, "wav2vec2": 16, "hubert": 16, "logmel": 80}
 
 
 def section(encoder: dict[str, Any]) -> EmbedSettings:
-    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0, "partner": False}
+    node = {"encoder": encoder, "prosody": PROSODY, "level_dbfs": -20.0, "include_partner": False}
     return validate_section("embed", EmbedSettings, node)
 
 

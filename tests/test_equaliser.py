@@ -13,8 +13,8 @@ from talkingeyes.models.layers.equaliser import Equaliser
 
 def swaying(pole: float, seed: int, clips: int = 24, frames: int = 250) -> list[Float[ndarray, "T 2"]]:
     """Noise through one pole: the nearer it is to 1, the slower."""
-    random = np.random.default_rng(seed)
-    return [lfilter([1.0], [1.0, -pole], random.standard_normal((frames, 2)), axis=0) for _ in range(clips)]
+    rng = np.random.default_rng(seed)
+    return [lfilter([1.0], [1.0, -pole], rng.standard_normal((frames, 2)), axis=0) for _ in range(clips)]
 
 
 def power(motions: list[Float[ndarray, "T 2"]]) -> Float[ndarray, " F"]:

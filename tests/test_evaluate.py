@@ -12,10 +12,10 @@ from toy_workspace import FRAMES, toy_workspace
 from pipelines import critic, evaluate
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.benchmark.sound import CorrScores
+from talkingeyes.evaluation.benchmark.corr import CorrScores
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.evaluation import EvaluationCase, clip_metrics, summarise
-from talkingeyes.models.critic import CRITIC_PARTS
+from talkingeyes.evaluation.paper_metrics.summary import EvaluationCase, clip_metrics, summarise
+from talkingeyes.models.contrastive_critic import CRITIC_PARTS
 from talkingeyes.workflows.evaluate import evaluate as compare
 
 ROWS = ("truth", "fitted", "mismatched", "mean", "random")
@@ -51,24 +51,24 @@ def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
 
 
 def test_every_row_has_every_split_part_and_figure(tables):
-    distances = {"diversity", "diversity_multi", "diversity_ratio", "diversity_ratio_fitted", "l2"}
+    distances = {"diversity", "diversity_multi_take", "diversity_ratio", "diversity_ratio_fitted", "l2"}
     others = {
         "corr",
-        "corr_difference",
+        "corr_minus_fitted",
         "corr_shuffled",
-        "corr_advantage",
+        "corr_minus_shuffled",
         "speed",
         "speed_ratio",
         "speed_p99",
         "speed_p99_ratio",
-        "still",
+        "still_fraction",
     }
     for row, table in tables.items():
-        wanted = others - ({"corr_shuffled", "corr_advantage"} if row == "mismatched" else set())
+        wanted = others - ({"corr_shuffled", "corr_minus_shuffled"} if row == "mismatched" else set())
         assert set(table) == {"test", "unseen"}
         for parts in table.values():
             assert {part: set(figures) for part, figures in parts.items()} == {
-                "gaze": distances | wanted, "space": wanted, "head": distances | wanted,
+                "gaze": distances | wanted, "gaze_in_space": wanted, "head": distances | wanted,
             }  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def test_references_compare_with_themselves(tables):
         for part in ("gaze", "head"):
             assert parts[part]["diversity_ratio"] == {"value": 1.0, "low": 1.0, "high": 1.0}
             assert parts[part]["speed_ratio"]["value"] == parts[part]["speed_p99_ratio"]["value"] == 1.0
-        assert tables["fitted"]["test"]["space"]["corr_difference"]["value"] == 0.0
+        assert tables["fitted"]["test"]["gaze_in_space"]["corr_minus_fitted"]["value"] == 0.0
 
 
 def test_the_mean_has_no_diversity_and_rests(tables):
@@ -85,7 +85,7 @@ def test_the_mean_has_no_diversity_and_rests(tables):
         for part in ("gaze", "head"):
             assert parts[part]["diversity"]["value"] == parts[part]["diversity_ratio"]["value"] == 0
             assert parts[part]["speed"]["value"] == 0
-            assert parts[part]["still"]["value"] == 1
+            assert parts[part]["still_fraction"]["value"] == 1
             assert parts[part]["l2"]["value"] > 0
 
 
@@ -101,7 +101,7 @@ def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_pa
 
 def test_speeds_fall_from_one_to_zero(workspace):
     lines = workspace.data("evaluate", "truth", "speed.csv").read_text().splitlines()[1:]
-    shares = [float(line.split(",")[2]) for line in lines if line.startswith("gaze")]
+    shares = [float(line.split(",")[2]) for line in lines if line.startswith("gaze,")]
     assert shares == sorted(shares, reverse=True)
     assert shares[0] > 0.99
     assert shares[-1] == 0
@@ -126,13 +126,13 @@ def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
         }
         for name, evaluators in (("alone", None), ("judged", workspace.data("")))
     }
-    assert found["alone"]["corr/space"].reason == "needs corr: the motions without"
+    assert found["alone"]["corr/gaze_in_space"].reason == "needs corr: the motions without"
     rows = found["judged"]
-    assert rows["corr/space"].value == rows["corr/space"].reference
-    stage = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())["measures"]
-    assert stage["corr/space"]["reason"].startswith("needs 20 judged motions")
-    assert rows["corr/head_advantage"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
-    assert rows["corr/head_advantage"].value.value != rows["corr/head"].value.value
+    assert rows["corr/gaze_in_space"].value == rows["corr/gaze_in_space"].reference
+    stage = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())["metrics"]
+    assert stage["corr/gaze_in_space"]["reason"].startswith("needs 20 judged motions")
+    assert rows["corr/head_minus_shuffled"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
+    assert rows["corr/head_minus_shuffled"].value.value != rows["corr/head"].value.value
     with pytest.raises(InputError, match="should be the data folder of a finished chain"):
         compare(truth, workspace.corpus, evaluators=workspace.corpus)
 

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from people import ANNOTATION, ToyPerson
+from toy_people import ANNOTATION, ToyPerson
 
-from talkingeyes.audio.speaking import speaking
+from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
@@ -81,8 +81,8 @@ def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
     motion(20).save(tmp_path / "mine.npz")
     found = evaluate(tmp_path, corpus, n_resamples=20)
     assert not found.paired
-    assert values(found)["onset/rise"].reason == "needs annotation: the motions without"
-    assert values(found)["eye/still"].reason.startswith("needs 1500 frames: the motions with 299")
+    assert values(found)["speech_onset/rise"].reason == "needs annotation: the motions without"
+    assert values(found)["eye/still_fraction"].reason.startswith("needs 1500 frames: the motions with 299")
 
 
 def test_other_rates_are_compared_as_far_as_they_can(corpus, tmp_path):
@@ -124,5 +124,5 @@ def test_speech_is_where_the_sound_is_loud():
     sound = np.random.default_rng(0).normal(0, 1e-4, 16000 * 6).astype(np.float32)
     for start, end in ((1.0, 2.0), (2.1, 3.0), (4.0, 5.0)):
         sound[int(start * 16000) : int(end * 16000)] *= 1000
-    spans = speaking(sound).speaking
+    spans = detect_speech(sound).speaking
     assert [(round(span.start_s, 1), round(span.end_s, 1)) for span in spans] == [(1.0, 3.0), (4.0, 5.0)]

@@ -7,10 +7,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from test_gaze_events import render_row
+from test_gaze_point_process import render_row
 
-from talkingeyes.models.gaze.events import cyclopean_and_vergence, saccade_landings
-from talkingeyes.models.head.events import interpolate_poses, speed_minima
+from talkingeyes.models.gaze.point_process import cyclopean_and_vergence, saccade_landings
+from talkingeyes.models.head.point_process import interpolate_poses, speed_minima
 from talkingeyes.physiology import saccades
 
 FPS = 25.0
@@ -18,9 +18,9 @@ FPS = 25.0
 
 @given(seed=st.integers(0, 10_000))
 def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    onsets = np.concatenate([[0.0], np.cumsum(random.integers(8, 20, size=8))])
-    locations = np.concatenate([random.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
+    rng = np.random.default_rng(seed)
+    onsets = np.concatenate([[0.0], np.cumsum(rng.integers(8, 20, size=8))])
+    locations = np.concatenate([rng.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
     signal = render_row(onsets / FPS, locations, np.arange(200) / FPS)
     found = saccade_landings(cyclopean_and_vergence(torch.from_numpy(signal[None])))
     at = np.flatnonzero(found.onset[0].numpy())
@@ -59,8 +59,8 @@ def test_a_saccade_waits_for_the_one_before() -> None:
 def test_strokes_give_a_smooth_head_back() -> None:
     """Poses at the dips of speed and cubics keep most of a motion of several waves (of fitted heads: .4 degrees)."""
     times = np.arange(500) / FPS
-    random = np.random.default_rng(0)
-    waves = [(random.uniform(0.02, 0.06, 3), random.uniform(0.2, 0.9, 3), random.uniform(0, 6, 3)) for _ in range(3)]
+    rng = np.random.default_rng(0)
+    waves = [(rng.uniform(0.02, 0.06, 3), rng.uniform(0.2, 0.9, 3), rng.uniform(0, 6, 3)) for _ in range(3)]
     head = sum(size * np.sin(2 * np.pi * rate * times[:, None] + phase) for size, rate, phase in waves)
     knots = speed_minima(torch.from_numpy(head[None]))[0].numpy()
     knots[[0, -1]] = True
@@ -72,8 +72,8 @@ def test_strokes_give_a_smooth_head_back() -> None:
 
 def test_each_head_of_several_is_as_it_is_alone() -> None:
     """And begins and ends at rest, at the first pose and the last, however long it has held."""
-    random = np.random.default_rng(1)
-    event, location = random.random((3, 40)) < 0.3, random.normal(size=(3, 40, 3))
+    rng = np.random.default_rng(1)
+    event, location = rng.random((3, 40)) < 0.3, rng.normal(size=(3, 40, 3))
     event[:, 0], event[2, 1:] = True, False
     since = np.maximum.accumulate(np.where(event, np.arange(40), 0), axis=1)
     location = np.take_along_axis(location, since[..., None], axis=1)

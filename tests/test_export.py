@@ -73,8 +73,8 @@ def test_a_video_that_fails_leaves_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_traces_are_a_picture(tmp_path: Path, count: int) -> None:
-    random = np.random.default_rng(0)
-    motions = [Motion.of(25.0, random.normal(0, 0.1, (50, 3)), random.normal(0, 0.1, (50, 2, 3))) for _ in range(count)]
+    rng = np.random.default_rng(0)
+    motions = [Motion.of(25.0, rng.normal(0, 0.1, (50, 3)), rng.normal(0, 0.1, (50, 2, 3))) for _ in range(count)]
     plot_traces(motions, beeps(2.0, 0.5), tmp_path / "traces.png")
     with Image.open(tmp_path / "traces.png") as image:
         assert image.size[0] > 900

@@ -63,13 +63,14 @@ def test_a_model_of_the_page_trains_and_animates(copy: Path, tmp_path: Path) -> 
     """Both new generators in one model on toy recordings; then it is loaded and samples."""
     workspace = toy_training(tmp_path, steps=4, validate_every=2, batch=4)
     joint = workspace.params["model"]["joint"]
-    joint["prior"] = None
+    joint["tokenizer"] = None
     joint["head"] = {"kind": "talkingeyes.models.head.sway:SwayHead", "correlation_frames": 12}
     joint["gaze"] = {"kind": "talkingeyes.models.gaze.hopping:HoppingGaze", "hold_frames": 12}
     joint["weights"] = {"head_likelihood": 1.0, "gaze_likelihood": 1.0}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(dict(workspace.params)))
     run(command("train", "joint"), tmp_path, copy)
-    sample = "import numpy as np; from pathlib import Path; from talkingeyes.training.trained import load_generator; "
+    sample = "import numpy as np; from pathlib import Path; "
+    sample += "from talkingeyes.training.motion_generators import load_generator; "
     sample += "made = load_generator(Path('data/train/joint')).generate(np.zeros((30, 6), np.float32), [1, 2], 25.0); "
     sample += "print(made.head.shape, made.gaze.shape)"
     assert "(2, 30, 3) (2, 30, 2, 3)" in run([sys.executable, "-c", sample], tmp_path, copy)

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import angles_to_direction, rotvec_to_matrix
-from talkingeyes.head.eyelid.construction import (
+from talkingeyes.head.eyelid.curves import fit_circle, resample_curve
+from talkingeyes.head.eyelid.gaze_controller import aim_eyes, vergence_angle_rad
+from talkingeyes.head.eyelid.model import (
     LOWER,
     POINTS,
     UPPER,
@@ -17,8 +19,6 @@ from talkingeyes.head.eyelid.construction import (
     opening,
     predictors,
 )
-from talkingeyes.head.eyelid.controller import aim_eyes, vergence_angle_rad
-from talkingeyes.head.eyelid.curves import fit_circle, resample_curve
 
 ANGLE = st.floats(-0.6, 0.6)
 EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])
@@ -46,24 +46,24 @@ def test_gaze_and_radius_come_out_of_the_iris_contour(yaw: float, pitch: float, 
     assert circle.radius_m == pytest.approx(radius)
 
 
-def of_the_models_form(count: int, random: np.random.Generator, noise: float = 0.0) -> LabelledPostures:
+def of_the_models_form(count: int, rng: np.random.Generator, noise: float = 0.0) -> LabelledPostures:
     """Postures that the model can show exactly: lids that follow the predictors, and one blink component."""
-    angles = random.uniform(-0.4, 0.4, (count, 2))
-    lid = np.where(random.random(count) < 0.3, random.random(count), 0.0)
+    angles = rng.uniform(-0.4, 0.4, (count, 2))
+    lid = np.where(rng.random(count) < 0.3, rng.random(count), 0.0)
     lid[:3] = 1.0
-    weights = random.normal(0, 0.003, (4, POINTS, 3))
-    rest = random.normal(0, 0.001, (POINTS, 3))
+    weights = rng.normal(0, 0.003, (4, POINTS, 3))
+    rest = rng.normal(0, 0.001, (POINTS, 3))
     rest[UPPER, 1], rest[LOWER, 1] = 0.005, -0.004
     blink = np.zeros((POINTS, 3))
     blink[UPPER, 1], blink[LOWER, 1] = -0.008, 0.001
     curves = rest + np.tensordot(predictors(angles), weights, axes=1) + lid[:, None, None] * blink
-    curves += random.normal(0, noise, curves.shape)
+    curves += rng.normal(0, noise, curves.shape)
     return LabelledPostures(angles, curves, held=lid == 0, shut=lid == 1)
 
 
 def test_what_has_the_models_form_is_explained_whole():
-    random = np.random.default_rng(0)
-    labels = of_the_models_form(200, random)
+    rng = np.random.default_rng(0)
+    labels = of_the_models_form(200, rng)
     shares = explained_variance(fit_eyelid_model(labels), labels)
     assert shares.stage_one < 0.9
     assert shares.both_stages > 0.98  # not 1: in a finite sample stage one takes a little of the blinks for gaze
@@ -91,8 +91,8 @@ def test_closure_and_curves_are_inverse(yaw: float, pitch: float, lid: float):
 
 
 def test_noise_is_not_explained():
-    random = np.random.default_rng(3)
-    labels = of_the_models_form(300, random, noise=0.002)
+    rng = np.random.default_rng(3)
+    labels = of_the_models_form(300, rng, noise=0.002)
     clean = of_the_models_form(300, np.random.default_rng(3))
     assert (
         explained_variance(fit_eyelid_model(labels), labels).both_stages

@@ -11,14 +11,14 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.face import surface as surfaces
+from talkingeyes.evaluation.face.articulation import articulation, best_correlation
 from talkingeyes.evaluation.face.emotion import EmotionClassifier, balanced_accuracy, emotion_features
-from talkingeyes.evaluation.face.row import FaceCase, crop_faces, face_metrics, summarise_face
+from talkingeyes.evaluation.face.summary import FaceCase, crop_faces, face_metrics, summarise_face
 from talkingeyes.evaluation.face.surface import FaceSurface
-from talkingeyes.evaluation.face.talking import articulation, best_correlation
 from talkingeyes.evaluation.face.vertices import DynamicsAccumulator, split_half_diversity, vertex_errors
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import expression_shape_names, motion_to_pose
 from talkingeyes.head.model import Landmarks
+from talkingeyes.head.posing import expression_shape_names, motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 
 FPS, FRAMES = 25.0, 30
@@ -50,10 +50,10 @@ def moved_mm(surface, name, region):
 
 
 def test_displacements_are_those_of_the_posed_head(surface):
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     shown = faces({})
-    shown = replace(shown, expression=random.uniform(0, 1, shown.expression.shape))
-    shown.jaw[..., :2] = random.uniform(-0.2, 0.3, (1, FRAMES, 2))
+    shown = replace(shown, expression=rng.uniform(0, 1, shown.expression.shape))
+    shown.jaw[..., :2] = rng.uniform(-0.2, 0.3, (1, FRAMES, 2))
     motion = Motion.of(
         FPS,
         np.zeros((FRAMES, 3)),
@@ -130,8 +130,8 @@ def test_dynamics_of_the_upper_face_have_a_sign(surface):
 
 
 def test_blocks_change_nothing(surface, monkeypatch):
-    random = np.random.default_rng(0)
-    shown = replace(faces({}, {}), expression=random.uniform(0, 1, (2, FRAMES, len(NAMES))))
+    rng = np.random.default_rng(0)
+    shown = replace(faces({}, {}), expression=rng.uniform(0, 1, (2, FRAMES, len(NAMES))))
     whole = vertex_errors(surface, faces({}), shown, [0, 1], EVERY)
     variety = split_half_diversity(surface, shown, np.random.default_rng(0))
     monkeypatch.setattr(surfaces, "BLOCK_FRAMES", 7)
@@ -142,15 +142,13 @@ def test_blocks_change_nothing(surface, monkeypatch):
 
 def test_diversity_pairs_two_halves(surface):
     reach = moved_mm(surface, "mouthPucker", "face").mean()
-    random = np.random.default_rng(0)
-    assert split_half_diversity(surface, faces({}, {"mouthPucker": 0.3}), random) == pytest.approx(
-        0.3 * reach, rel=1e-3
-    )
-    assert split_half_diversity(surface, faces(*[{"mouthPucker": 0.3}] * 10), random) == 0.0
-    assert np.isnan(split_half_diversity(surface, faces({}), random))
+    rng = np.random.default_rng(0)
+    assert split_half_diversity(surface, faces({}, {"mouthPucker": 0.3}), rng) == pytest.approx(0.3 * reach, rel=1e-3)
+    assert split_half_diversity(surface, faces(*[{"mouthPucker": 0.3}] * 10), rng) == 0.0
+    assert np.isnan(split_half_diversity(surface, faces({}), rng))
     # Of three equal samples and one other, one of two pairs differs, however they are dealt.
     odd = faces({}, {}, {}, {"mouthPucker": 1.0})
-    assert split_half_diversity(surface, odd, random) == pytest.approx(reach / 2, rel=1e-3)
+    assert split_half_diversity(surface, odd, rng) == pytest.approx(reach / 2, rel=1e-3)
 
 
 ANNOTATION = Annotation(phonemes=(Phoneme(0.2, 0.3, "b"), Phoneme(0.6, 0.8, "aa"), Phoneme(1.0, 1.1, "p")))
@@ -175,8 +173,8 @@ def test_lips_close_on_bilabials(surface):
 
 
 def test_the_jaw_follows_the_envelope_with_a_lag():
-    random = np.random.default_rng(0)
-    envelope = random.uniform(size=200)
+    rng = np.random.default_rng(0)
+    envelope = rng.uniform(size=200)
     assert best_correlation(np.roll(envelope, 2), envelope, FPS) == pytest.approx(1.0)
     assert best_correlation(np.roll(envelope, 20), envelope, FPS) < 0.4, "too late"
     assert best_correlation(-envelope, envelope, FPS) < 0.4
@@ -185,11 +183,9 @@ def test_the_jaw_follows_the_envelope_with_a_lag():
 
 def felt(emotion, count, seed):
     """Faces that raise their brows or smile, more or less."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     names = {"surprised": ("browInnerUp", "browOuterUpLeft"), "happy": ("mouthSmileLeft", "mouthSmileRight")}[emotion]
-    return faces(
-        *[dict.fromkeys(names, random.uniform(0.3, 0.9)) | {"mouthPucker": random.uniform()} for _ in range(count)]
-    )
+    return faces(*[dict.fromkeys(names, rng.uniform(0.3, 0.9)) | {"mouthPucker": rng.uniform()} for _ in range(count)])
 
 
 def test_emotions_are_told_by_what_was_learnt(surface):
@@ -208,7 +204,7 @@ def test_a_row_compares_real_motion_with_itself_and_a_model_with_truth(surface):
     classifier = EmotionClassifier.learn(np.eye(2, 2 * 3 * len(anny_head().landmarks.names)), ["happy", "neutral"])
     truth, sound = faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.6}), np.zeros(16000 * FRAMES // 25)
     own = FaceCase(truth, True, truth, EVERY, ANNOTATION, sound, (0,))
-    model = replace(own, samples=faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.4}), own=False)
+    model = replace(own, samples=faces({"mouthFunnel": 0.4}, {"mouthFunnel": 0.4}), includes_reference=False)
     of_truth, of_model = (face_metrics(surface, classifier, case) for case in (own, model))
     assert of_truth.errors.lve > 0, "its second take against its first"
     assert of_model.errors.lve == 0.0

@@ -18,26 +18,26 @@ from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.models.face.vqvae import FaceVQVAE, FaceVQVAESettings, merge_codes, split_codes
 from talkingeyes.models.layers import attention
 from talkingeyes.models.layers.attention import WindowAttention
-from talkingeyes.models.layers.slow_noise import correlated_normal, normal_to_gumbel
+from talkingeyes.models.layers.correlated_noise import correlated_normal, normal_to_gumbel
 from talkingeyes.training import checkpoint
-from talkingeyes.training.face_priors import (
-    FaceTokenizer,
-    FaceTokenizerSettings,
-    FaceTokenizerTask,
-    face_tokenizer_config,
-    load_face_tokenizer,
-)
-from talkingeyes.training.face_score import energy_score, speed_ratio
-from talkingeyes.training.face_trained import (
+from talkingeyes.training.face_generators import (
     TrainedFaceGenerator,
     face_config,
     is_face_model,
     load_face_generator,
     save_face_baseline,
 )
-from talkingeyes.training.face_translation import FaceTask, FaceTaskSettings
+from talkingeyes.training.face_task import FaceTask, FaceTaskSettings
+from talkingeyes.training.face_tokenizer import (
+    FaceTokenizer,
+    FaceTokenizerSettings,
+    FaceTokenizerTask,
+    face_tokenizer_config,
+    load_face_tokenizer,
+)
+from talkingeyes.training.face_validation import energy_score, speed_ratio
 from talkingeyes.training.loop import train
-from talkingeyes.training.progress import ResumeFile
+from talkingeyes.training.resume import ResumeFile
 
 LOOP = {
     "steps": 40, "batch": 6, "learning_rate": 5e-3, "schedule": "one-cycle", "weight_decay": 0.0, "clip_norm": 1.0,
@@ -53,10 +53,10 @@ GENERATORS: dict[str, dict[str, Any]] = {
     "latent_vae": {"kind": "latent", "transformer": BOTH_WAYS, "correlation_frames": 1},
     "ddpm": {**DIFFUSION, "sampling_steps": 20, "eta": 1.0},
     "ddim": {**DIFFUSION, "sampling_steps": 5, "eta": 0.0},
-    "regression": {"kind": "regression", **AUTOREGRESSION},
-    "codes": {"kind": "codes", **AUTOREGRESSION},
+    "autoregression": {"kind": "autoregression", **AUTOREGRESSION},
+    "autoregressive_codes": {"kind": "autoregressive_codes", **AUTOREGRESSION},
 }
-OF_CODES = ("latent", "codes")
+OF_CODES = ("latent", "autoregressive_codes")
 HAPPY, ANGRY = FaceStyle("a", "happy", 2), FaceStyle("a", "angry", 2)
 
 
@@ -77,32 +77,34 @@ def prior_settings(kind: str = "vq", layout: str = "frames", **changes: Any) -> 
 
 def prior_of(settings: FaceTokenizerSettings) -> FaceTokenizerTask:
     task = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
-    train(task, settings.loop, "prior")
+    train(task, settings.loop, "tokenizer")
     task.fit_latent_statistics()
     return task
 
 
 @pytest.fixture(scope="module")
-def priors() -> dict[str, FaceTokenizer]:
+def tokenizers() -> dict[str, FaceTokenizer]:
     made = {kind: prior_of(prior_settings(kind)) for kind in ("vq", "vae")}
     for task in made.values():
         task.module.freeze()
     return {kind: FaceTokenizer(task.settings.network, task.module, BASIS) for kind, task in made.items()}
 
 
-def prior_for(name: str, priors: dict[str, FaceTokenizer]) -> FaceTokenizer | None:
+def tokenizer_for(name: str, tokenizers: dict[str, FaceTokenizer]) -> FaceTokenizer | None:
     if name in OF_CODES:
-        return priors["vq"]
-    return priors["vae"] if name == "latent_vae" else None
+        return tokenizers["vq"]
+    return tokenizers["vae"] if name == "latent_vae" else None
 
 
 def model_settings(name: str, **changes: Any) -> FaceTaskSettings:
-    weights = {"expression": 0.15, "jaw": 0.1} | ({"latent": 1.0} if "latent" in name or name == "codes" else {})
+    weights = {"expression": 0.15, "jaw": 0.1} | (
+        {"latent": 1.0} if "latent" in name or name == "autoregressive_codes" else {}
+    )
     return FaceTaskSettings.model_validate(
         {
             "kind": "speech_to_face",
             "parts": ["face"],
-            "prior": None,
+            "tokenizer": None,
             "speech": {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
             "style": ["speaker", "emotion", "intensity"],
             "speaker_dropout": 0.1,
@@ -249,10 +251,10 @@ def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout:
     settings = prior_settings(kind, layout)
     build_face_tokenizer = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
     build_face_tokenizer.module.eval()
-    before = build_face_tokenizer.error(build_face_tokenizer.val_faces).normal
+    before = build_face_tokenizer.error(build_face_tokenizer.val_faces).normalised_l1
     first, second = prior_of(settings), prior_of(settings)
     error = first.error(first.val_faces)
-    assert error.normal < 0.5 * before
+    assert error.normalised_l1 < 0.5 * before
     same = zip(first.module.state_dict().values(), second.module.state_dict().values(), strict=True)
     assert all(torch.equal(a, b) for a, b in same)
     if kind == "vq":
@@ -276,17 +278,17 @@ def test_a_prior_that_is_none_is_one_clear_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_a_model_learns_is_saved_and_samples_the_same(
-    name: str, priors: dict[str, FaceTokenizer], tmp_path: Path
+    name: str, tokenizers: dict[str, FaceTokenizer], tmp_path: Path
 ) -> None:
-    settings, prior, known = model_settings(name), prior_for(name, priors), data()
-    task = FaceTask(settings, 0, known, prior)
+    settings, tokenizer, known = model_settings(name), tokenizer_for(name, tokenizers), data()
+    task = FaceTask(settings, 0, known, tokenizer)
     history = train(task, settings.loop, name)
     assert history[-1]["loss/total"] < history[0]["loss/total"]
     chosen = task.choose_temperature()
     assert float(task.module.temperature) == min(
-        settings.temperatures, key=lambda each: chosen[f"energy_score_at/{each:g}"]
+        settings.temperatures, key=lambda each: chosen[f"energy_score/{each:g}"]
     )
-    checkpoint.save(tmp_path, task.module.state_dict(), face_config(settings, known, prior), history)
+    checkpoint.save(tmp_path, task.module.state_dict(), face_config(settings, known, tokenizer), history)
     assert is_face_model(tmp_path)
     generator = load_face_generator(tmp_path, BASIS)
     assert isinstance(generator, TrainedFaceGenerator)
@@ -302,14 +304,14 @@ def test_a_model_learns_is_saved_and_samples_the_same(
 
 
 @pytest.fixture(scope="module")
-def talker(priors: dict[str, FaceTokenizer]) -> Any:
+def talker(tokenizers: dict[str, FaceTokenizer]) -> Any:
     weights = {"latent": 1.0, "expression": 1.0, "jaw": 1.0}
     settings = model_settings("latent_vae", weights=weights, loop=LOOP | {"steps": 80, "validate_every": 80})
-    task = FaceTask(settings, 0, data(), priors["vae"])
+    task = FaceTask(settings, 0, data(), tokenizers["vae"])
     task.module.eval()
-    before = task.validate()["score"]
+    before = task.validate()["validation_score"]
     train(task, settings.loop, "talker")
-    assert task.validate()["score"] > before
+    assert task.validate()["validation_score"] > before
     return task
 
 
@@ -328,7 +330,7 @@ def test_the_emotion_is_seen_and_may_change_along_a_clip(talker: Any) -> None:
     assert after[0] > before[0] + 0.03, "the brows come down"
 
 
-def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, priors: dict[str, FaceTokenizer]) -> None:
+def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, tokenizers: dict[str, FaceTokenizer]) -> None:
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
 
     def smile(task: Any, speaker: str) -> float:
@@ -336,7 +338,7 @@ def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, priors: 
         return float(task.module.generate(speech, style, [1], 0.0)[0, :, 3].mean())
 
     assert abs(smile(talker, "a") - smile(talker, "b")) > 1e-4
-    deaf = FaceTask(model_settings("latent", style=[]), 0, data(), priors["vq"])
+    deaf = FaceTask(model_settings("latent", style=[]), 0, data(), tokenizers["vq"])
     assert smile(deaf, "a") == smile(deaf, "b")
 
 
@@ -348,7 +350,7 @@ def test_the_jaw_follows_the_speech(talker: Any) -> None:
 
 
 def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
-    priors: dict[str, FaceTokenizer], tmp_path: Path
+    tokenizers: dict[str, FaceTokenizer], tmp_path: Path
 ) -> None:
     settings = model_settings("latent", loop=LOOP | {"steps": 4, "validate_every": 2})
 
@@ -359,20 +361,20 @@ def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
         if step == 2:
             raise Killed
 
-    whole = FaceTask(settings, 0, data(), priors["vq"])
+    whole = FaceTask(settings, 0, data(), tokenizers["vq"])
     train(whole, settings.loop, "whole")
-    resume = ResumeFile.of(tmp_path / "face.progress", [], [])
+    resume = ResumeFile.of(tmp_path / "face.resume", [], [])
     with pytest.raises(Killed):
-        train(FaceTask(settings, 0, data(), priors["vq"]), settings.loop, "cut", on_validation=kill, resume=resume)
-    resumed = FaceTask(settings, 0, data(), priors["vq"])
+        train(FaceTask(settings, 0, data(), tokenizers["vq"]), settings.loop, "cut", on_validation=kill, resume=resume)
+    resumed = FaceTask(settings, 0, data(), tokenizers["vq"])
     train(resumed, settings.loop, "resumed", resume=resume)
     same = zip(whole.module.state_dict().values(), resumed.module.state_dict().values(), strict=True)
     assert all(torch.equal(a, b) for a, b in same)
 
 
-@pytest.mark.parametrize("name", ["latent", "codes"])
+@pytest.mark.parametrize("name", ["latent", "autoregressive_codes"])
 def test_a_generator_without_its_prior_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=r"^model\.prior: should "):
+    with pytest.raises(InputError, match=r"^model\.tokenizer: should "):
         FaceTask(model_settings(name), 0, data(), None)
 
 
@@ -381,7 +383,7 @@ def test_a_generator_without_its_prior_is_refused(name: str) -> None:
 
 def baseline(kind: str, folder: Path) -> TrainedFaceGenerator:
     known = data()
-    settings = BaselineSettings.model_validate({"kind": kind, "parts": ["face"], "prior": None, "neighbours": 2})
+    settings = BaselineSettings.model_validate({"kind": kind, "parts": ["face"], "tokenizer": None, "neighbours": 2})
     joined_faces = [BASIS.to_vector(each.expression, each.jaw) for each in known.train]
     bank = build_motion_bank([each.speech for each in known.train], joined_faces)
     save_face_baseline(folder, settings, bank, known)
@@ -427,9 +429,9 @@ def test_baselines_take_the_mean_or_a_piece_of_one_clip(tmp_path: Path) -> None:
 
 
 def test_the_energy_score_is_least_for_the_true_distribution() -> None:
-    random = np.random.default_rng(0)
-    true = random.normal(0, 1.0, (400, 3))
-    scores = {sd: energy_score(random.normal(0, sd, (8, 400, 3)), true) for sd in (0.01, 0.5, 1.0, 2.0)}
+    rng = np.random.default_rng(0)
+    true = rng.normal(0, 1.0, (400, 3))
+    scores = {sd: energy_score(rng.normal(0, sd, (8, 400, 3)), true) for sd in (0.01, 0.5, 1.0, 2.0)}
     assert min(scores, key=lambda each: scores[each]) == 1.0
     assert energy_score(np.zeros((1, 400, 3)), true) == pytest.approx(np.linalg.norm(true, axis=1).mean())
     assert speed_ratio(np.zeros((2, 400, 3)), true) == 0

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from talkingeyes.animation import face as faces_of
-from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.animator import Animator
+from talkingeyes.animation.controls import Controls
 from talkingeyes.animation.face import FaceAnimator, emotion_lid_closure, find_face_model, interpolate_pchip, with_face
-from talkingeyes.animation.parts import PartOverrides
-from talkingeyes.animation.perform import Animator
+from talkingeyes.animation.part_overrides import PartOverrides
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import expression_shape_names
+from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey, StyleVocabulary
 from talkingeyes.orchestration.config import compose

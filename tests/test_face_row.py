@@ -12,14 +12,14 @@ from toy_workspace import FPS, FRAMES, toy_workspace
 from pipelines import evaluate
 from pipelines.evaluate_face import FaceInputPaths, measure_faces, stack_faces
 from pipelines.face_table import options
-from pipelines.rows import SEEDS
+from pipelines.table_runs import SEEDS
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.face.pictures import heat_colours, heat_map
-from talkingeyes.evaluation.face.row import summarise_face, summarise_seeds
+from talkingeyes.evaluation.face.summary import summarise_face, summarise_seeds
 from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.evaluation.face.table import face_markdown
 from talkingeyes.head.anny import anny_head
@@ -27,12 +27,12 @@ from talkingeyes.head.anny import anny_head
 SHAPES = ("browInnerUp", "mouthFunnel")
 
 
-def faced(motion, random):
+def faced(motion, rng):
     """A motion with a face that moves."""
     return replace(
         motion,
-        jaw=np.stack([random.uniform(0, 0.2, FRAMES), *np.zeros((2, FRAMES))], axis=1),
-        expression=random.uniform(0, 1, (FRAMES, len(SHAPES))),
+        jaw=np.stack([rng.uniform(0, 0.2, FRAMES), *np.zeros((2, FRAMES))], axis=1),
+        expression=rng.uniform(0, 1, (FRAMES, len(SHAPES))),
         expression_names=SHAPES,
     )
 
@@ -40,15 +40,15 @@ def faced(motion, random):
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     """Truth and fit have faces; the model `copy` gives the truth's own, `noise` others."""
-    made, random = toy_workspace(tmp_path_factory.mktemp("workspace")), np.random.default_rng(0)
+    made, rng = toy_workspace(tmp_path_factory.mktemp("workspace")), np.random.default_rng(0)
     corpus = Corpus(made.corpus)
     for clip in corpus.clips:
-        truth = faced(corpus.truth(clip), random)
+        truth = faced(corpus.truth(clip), rng)
         truth.save(shard_path(corpus.root / "truth", clip.id, ".npz"))
         fitted = shard_path(made.data("fit", "motion"), clip.id, ".npz")
         replace(Motion.load(fitted), jaw=truth.jaw, expression=truth.expression, expression_names=SHAPES).save(fitted)
         if clip.split in ("test", "unseen") and clip.take == 0:
-            again = [faced(truth, random) for _ in range(4)]
+            again = [faced(truth, rng) for _ in range(4)]
             for name, drawn in (("copy", [truth] * 4), ("noise", again)):
                 stack_faces(drawn).save(make_shard_path(made.data("sample", name), clip.id, ".npz"))
     return made
@@ -71,7 +71,7 @@ def test_a_model_of_the_face_has_that_part_alone(workspace, tables):
         assert copied[name]["value"] == 0.0 < noise[name]["value"], name
     assert noise["ce"]["value"] < noise["lve"]["value"]
     assert noise["mve"]["low"] <= noise["mve"]["value"] <= noise["mve"]["high"]
-    assert "emotion_recognised" not in noise, "nobody says what the toys feel"
+    assert "emotion_accuracy" not in noise, "nobody says what the toys feel"
     assert workspace.data("evaluate", "copy", "benchmark.json").is_file()
 
 

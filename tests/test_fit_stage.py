@@ -14,10 +14,10 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.fitting.manner import load_speakers
+from talkingeyes.fitting.motion_style import load_speakers
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import Workspace
-from tests.scene import FPS, scene
+from tests.fitting_scene import FPS, scene
 
 GOOD, BAD = 3, 1
 

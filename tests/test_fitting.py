@@ -14,12 +14,12 @@ from talkingeyes.fitting.accuracy import FitReference
 from talkingeyes.fitting.blink import blink_rate_distribution, eye_aspect_ratio, find_blinks, lids
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.fitting.comparison import GroundTruth, evaluate_fit, head_error, match, with_adam
-from talkingeyes.fitting.eyes import eye_calibration, limit_to_range
-from talkingeyes.fitting.face import face, solve_bounded
+from talkingeyes.fitting.expression import face, solve_bounded
+from talkingeyes.fitting.eye_calibration import eye_calibration, limit_to_range
+from talkingeyes.fitting.face_identity import face_identity
 from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import head_pose
 from talkingeyes.fitting.lightgazefit import PupilObservations, direction_and_jacobian, ray_gaze, solve, solve_newton
-from talkingeyes.fitting.person import face_identity
 from talkingeyes.fitting.smoothing import (
     PiecewiseConstantSettings,
     bursts,
@@ -30,7 +30,7 @@ from talkingeyes.fitting.smoothing import (
 from talkingeyes.head.landmarks import RIGID_LANDMARKS, head_to_scene, motion_landmarks, rest_landmarks
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology import saccades as law
-from tests.scene import CAMERA, FPS, Scene, blink_frames, observe, scene
+from tests.fitting_scene import CAMERA, FPS, Scene, blink_frames, observe, scene
 
 SMALL = st.floats(-0.6, 0.6)
 
@@ -114,11 +114,11 @@ def test_eyes_stay_in_their_range(settings: FitSettings):
 
 def test_gain_of_the_pupils_is_found_where_a_head_turns(settings: FitSettings):
     """Eyes that counter-rotate a shaking head, seen at .7 of their turn."""
-    random = np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     head = np.zeros((400, 3))
     head[:, :2] = np.radians(8.0) * np.sin(2 * np.pi * np.array([0.4, 0.5]) * np.arange(400)[:, None] / FPS)
     true = eye_in_head(head, np.zeros((400, 2, 2)))
-    seen = angles_to_gaze(0.7 * gaze_to_angles(true) + np.radians(0.5) * random.normal(size=(400, 2, 2)))
+    seen = angles_to_gaze(0.7 * gaze_to_angles(true) + np.radians(0.5) * rng.normal(size=(400, 2, 2)))
     known = np.ones((400, 2), bool)
     believing = settings.eye_calibration.model_copy(update={"gain_sd": 0.3, "gain_yaw": 1.0, "gain_pitch": 1.0})
     found = eye_calibration(seen, head, known, FPS, believing)
@@ -161,7 +161,7 @@ def test_eyes_that_drift_apart_are_believed_by_the_prior_alone(settings: FitSett
 
 
 def test_jaw_and_brows_are_found(settings: FitSettings):
-    random = np.random.default_rng(5)
+    rng = np.random.default_rng(5)
     frames = 40
     jaw = np.zeros((frames, 3))
     jaw[:, 0] = 0.2 * np.abs(np.sin(np.arange(frames) / 5))
@@ -169,7 +169,7 @@ def test_jaw_and_brows_are_found(settings: FitSettings):
     still = Motion.of(FPS, np.zeros((frames, 3)), np.zeros((frames, 2, 3)), jaw=jaw)
     moving = replace(still, expression=brow, expression_names=("browInnerUp",))
     marks = CAMERA.project(head_to_scene(motion_landmarks(moving), moving.head, moving.translation))
-    marks += 0.15 * random.normal(size=marks.shape)
+    marks += 0.15 * rng.normal(size=marks.shape)
     pose = head_pose(marks, CAMERA, settings.head_pose, rest_landmarks())
     found = face(marks, pose, rest_landmarks(), CAMERA, settings.face)
     assert np.corrcoef(found.jaw[:, 0], jaw[:, 0])[0, 1] > 0.98
@@ -185,10 +185,10 @@ def test_jaw_and_brows_are_found(settings: FitSettings):
 
 
 def test_bounded_least_squares_has_the_optimality_of_its_bounds():
-    random = np.random.default_rng(6)
-    root = random.normal(size=(5, 12, 4))
+    rng = np.random.default_rng(6)
+    root = rng.normal(size=(5, 12, 4))
     hessian = root.swapaxes(1, 2) @ root
-    slope = random.normal(size=(5, 4)) * 10
+    slope = rng.normal(size=(5, 4)) * 10
     found = solve_bounded(hessian, slope, 200)
     gradient = np.einsum("fij,fj->fi", hessian, found) - slope
     inside = (found > 0) & (found < 1)
@@ -270,11 +270,11 @@ def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitS
 def test_another_persons_head_is_not_turned(settings: FitSettings):
     """A face with a longer nose and another outline is a person, not a turn of the head."""
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
-    random, errors = np.random.default_rng(0), []
+    rng, errors = np.random.default_rng(0), []
     for seed in range(4):
         moving = scene(5 + seed, frames=60, noise=0.0).motion
         silent = replace(moving, jaw=np.zeros_like(moving.jaw))
-        identity = tuple(0.15 * random.standard_normal(6))
+        identity = tuple(0.15 * rng.standard_normal(6))
         marks = CAMERA.project(head_to_scene(motion_landmarks(silent, identity), silent.head, silent.translation))
         who = face_identity(marks, CAMERA, unsmoothed, settings.face_identity)
         found = [head_pose(marks, CAMERA, unsmoothed, points).head for points in (who.face, rest_landmarks())]
@@ -386,10 +386,10 @@ def test_a_squint_a_wink_and_a_lasting_fall_are_no_blinks(settings: FitSettings)
 
 def test_a_step_survives_smoothing_and_a_burst_does_not():
     steps = variant("fit/smoothing=steps").smoothing
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     space = np.zeros((120, 2, 2))
     space[60:, :, 0] = np.radians(8.0)
-    noisy = space + np.radians(0.5) * random.normal(size=space.shape)
+    noisy = space + np.radians(0.5) * rng.normal(size=space.shape)
     noisy[30:33, 1] += np.radians(15.0)
     seen = np.ones((120, 2), bool)
     assert np.flatnonzero(bursts(noisy, seen, steps.burst)[:, 1]).tolist() == [30, 31, 32]
@@ -401,12 +401,12 @@ def test_a_step_survives_smoothing_and_a_burst_does_not():
 
 def test_saccades_are_laid_where_they_were(settings: FitSettings):
     """A saccade of 5 degrees takes 37 ms: mostly two steps of frames, which noise hides and one step makes steeper."""
-    random = np.random.default_rng(1)
+    rng = np.random.default_rng(1)
     sharp, fitted, true = [], [], []
     for onset_s in np.arange(2.0, 2.04, 0.004):
-        shift = law.saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), random)
+        shift = law.saccade(onset_s, np.zeros(2), np.radians([5.0, 0.0]), rng)
         path = law.path([shift], np.zeros(2), np.arange(100) / FPS)
-        noisy = path + np.radians(0.6) * random.normal(size=path.shape)
+        noisy = path + np.radians(0.6) * rng.normal(size=path.shape)
         both = np.repeat(noisy[:, None], 2, axis=1)
         seen = np.ones((100, 2), bool)
         for found, kind in ((sharp, "steps"), (fitted, "saccades")):
@@ -419,10 +419,10 @@ def test_saccades_are_laid_where_they_were(settings: FitSettings):
 
 @pytest.mark.parametrize(("kind", "peak"), [("gaussian", 0.5), ("quadratic", 0.5), ("saccades", 0.8)])
 def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
-    random = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     space = np.zeros((200, 2, 2))
     space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step of frames
-    noisy = space + np.radians(0.2) * random.normal(size=space.shape)
+    noisy = space + np.radians(0.2) * rng.normal(size=space.shape)
     smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, variant(f"fit/smoothing={kind}").smoothing)
     speed = np.abs(np.diff(smooth[:, 0, 0]))
     assert speed[:90].mean() < 0.4 * np.abs(np.diff(noisy[:90, 0, 0])).mean()
@@ -430,14 +430,14 @@ def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: floa
 
 
 def test_quadratic_term_is_the_least(settings: FitSettings):
-    random = np.random.default_rng(3)
-    track, known = random.normal(size=(30, 2)), random.random(30) < 0.8
+    rng = np.random.default_rng(3)
+    track, known = rng.normal(size=(30, 2)), rng.random(30) < 0.8
 
     def energy(path: np.ndarray) -> float:
         return float(np.sum((path - track)[known] ** 2) + 3.0 * np.sum(np.diff(path, axis=0) ** 2))
 
     best = whittaker_smooth(track, known, 3.0)
-    assert all(energy(best + 0.01 * random.normal(size=best.shape)) > energy(best) for _ in range(20))
+    assert all(energy(best + 0.01 * rng.normal(size=best.shape)) > energy(best) for _ in range(20))
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=30))

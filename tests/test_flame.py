@@ -11,9 +11,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.head.flame import PUPILS, load_flame, read_flame
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.head.skinning import pose_vertices
 
 
@@ -74,10 +74,10 @@ def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.nd
 
 
 def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], head: HeadModel):
-    random = np.random.default_rng(1)
-    pose = random.normal(0, 0.3, 15)
+    rng = np.random.default_rng(1)
+    pose = rng.normal(0, 0.3, 15)
     pose[:3] = 0  # the head turns about the neck; the root stays
-    shape, expression, moved = random.normal(size=300), random.normal(size=100), random.normal(0, 0.1, 3)
+    shape, expression, moved = rng.normal(size=300), rng.normal(size=100), rng.normal(0, 0.1, 3)
     tensors = {
         "expression": np.concatenate([expression, np.zeros(10)])[None],
         "head": pose[None, 3:6],

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from toy import CHANNELS, recordings
 
 from talkingeyes.models.gaze.categorical import stay_mask
+from talkingeyes.models.gaze.gaze_signal import find_stays, mirror_motion, to_gaze, to_signal
 from talkingeyes.models.gaze.generator import GazeCondition
 from talkingeyes.models.gaze.history import NoisyTeacherForcing
-from talkingeyes.models.gaze.signal import find_stays, mirrored, to_gaze, to_signal
 from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
-from talkingeyes.models.layers.draw import sample_categorical
-from talkingeyes.models.layers.pace import set_trained_steps
+from talkingeyes.models.layers.categorical_sampling import sample_categorical
+from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_motion import MotionBatch, SpeechToMotion, SpeechToMotionSettings
 
 TRANSFORMER = {"width": 16, "layers": 2, "heads": 2, "dropout": 0.0, "lookback": 20}
@@ -28,7 +28,7 @@ VAE = {
     "latent_frames": 25,
     "kl": {"annealing": None, "free_bits": 0.0},
 }
-CLEAN = {"kind": "clean"}
+CLEAN = {"kind": "teacher_forcing"}
 HALF = {"truth": 0.5, "posterior": 0.5, "prior": 0.0}
 GAZE: dict[str, dict[str, Any]] = {
     "categorical": {
@@ -39,7 +39,7 @@ GAZE: dict[str, dict[str, Any]] = {
         "history": CLEAN,
         "top_p": 1.0,
     },
-    "events": {
+    "point_process": {
         "fps": 25.0,
         "observation_noise_deg": 0.9,
         "process": {
@@ -47,17 +47,17 @@ GAZE: dict[str, dict[str, Any]] = {
             "bin_frames": 2,
             "absolute_components": 8,
             "relative_components": 2,
-            "codebook": "learnt",
+            "mixture_centres": "learned",
             "adaptive_components": False,
-            "steps": 0,
-            "returns": 2,
+            "previous_steps": 0,
+            "previous_locations": 2,
             "layers": 1,
             "dropout": 0.0,
             "history_dropout": 0.0,
             "history_noise": 0.0,
         },
     },
-    "regressed": {"transformer": TRANSFORMER, "condition_lookback": 3, "condition_lookahead": 3, "history": CLEAN},
+    "regression": {"transformer": TRANSFORMER, "condition_lookback": 3, "condition_lookahead": 3, "history": CLEAN},
     "vae": VAE,
 }
 
@@ -83,7 +83,7 @@ class Member:
     quantiser: dict[str, Any] = field(default_factory=lambda: CODEBOOK)
 
 
-NOISE, SCHEDULED = {"kind": "noise", "sigma": 0.5}, {"kind": "scheduled", "max_fraction": 0.5, "ramp_steps": 1}
+NOISE, SCHEDULED = {"kind": "noise", "sigma": 0.5}, {"kind": "scheduled_sampling", "max_fraction": 0.5, "ramp_steps": 1}
 MEMBERS = {
     **{kind: Member(kind) for kind in GAZE},
     "categorical_noise": Member("categorical", {"history": NOISE}),
@@ -91,11 +91,11 @@ MEMBERS = {
     "categorical_top_p": Member("categorical", {"top_p": 0.9}),
     "categorical_fsq": Member("categorical", quantiser=FSQ),
     "categorical_residual": Member("categorical", {"history": NOISE}, quantiser=RESIDUAL),
-    "regressed_noise": Member("regressed", {"history": NOISE}),
-    "regressed_scheduled": Member("regressed", {"history": SCHEDULED}),
-    "regressed_free": Member("regressed", {"history": {"kind": "free", "truncation_frames": 8}}),
-    "regressed_fsq": Member("regressed", quantiser=FSQ),
-    "regressed_residual": Member("regressed", quantiser=RESIDUAL),
+    "regression_noise": Member("regression", {"history": NOISE}),
+    "regression_scheduled": Member("regression", {"history": SCHEDULED}),
+    "regression_free": Member("regression", {"history": {"kind": "free_running", "truncation_frames": 8}}),
+    "regression_fsq": Member("regression", quantiser=FSQ),
+    "regression_residual": Member("regression", quantiser=RESIDUAL),
     "vae_annealed": Member("vae", {"kl": {"annealing": {"shape": "linear", "steps": 10}, "free_bits": 0.0}}),
     "vae_free_bits": Member("vae", {"kl": {"annealing": None, "free_bits": 0.25}}),
 }
@@ -126,13 +126,13 @@ def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = 
     """A small joint model, untrained."""
     member = MEMBERS[kind]
     patch, tolerance = (4, 1.0) if member.kind == "categorical" else (1, None)
-    book = None if member.kind in ("vae", "events") else codebook(patch, tolerance, member.quantiser)
+    book = None if member.kind in ("vae", "point_process") else codebook(patch, tolerance, member.quantiser)
     torch.manual_seed(1)
     return SpeechToMotion(
         SpeechToMotionSettings(
             kind="speech_to_motion",
             parts=("head", "gaze"),
-            prior=None,
+            tokenizer=None,
             speech={"channels": None, "width": 12, "layers": 2, "dropout": 0.0, "channel_dropout": 0.0},
             head=VAE | {"kind": "vae", "latent_frames": head_frames},
             gaze={"kind": member.kind, **GAZE[member.kind], **member.changes},
@@ -163,10 +163,10 @@ def test_signal_and_gaze_are_inverse(name: Any) -> None:
 
 def test_the_mirror_is_its_own_inverse_and_swaps_sides() -> None:
     each = recordings(1, seed=2)[0]
-    head, gaze = mirrored(each.head, each.gaze)
+    head, gaze = mirror_motion(each.head, each.gaze)
     space, reflected = to_signal("gaze_in_space", each.head, each.gaze), to_signal("gaze_in_space", head, gaze)
     np.testing.assert_allclose(reflected[:, [2, 3, 0, 1]] * [-1, 1, -1, 1], space, atol=1e-5)
-    np.testing.assert_array_equal(mirrored(head, gaze)[1], each.gaze)
+    np.testing.assert_array_equal(mirror_motion(head, gaze)[1], each.gaze)
 
 
 @settings(max_examples=30, deadline=None)
@@ -243,7 +243,7 @@ class TestContract:
         network = model(kind).train()
         loss_terms = network.loss_terms(batch())
         assert all(torch.isfinite(value) for value in loss_terms.values())
-        sum(value for name, value in loss_terms.items() if name != "copy_last").backward()
+        sum(value for name, value in loss_terms.items() if name != "copy_last_frame").backward()
         assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in network.speech.parameters())
 
     def test_shapes_at_odd_lengths(self, kind: str) -> None:
@@ -271,12 +271,12 @@ class TestContract:
 
 
 @pytest.mark.parametrize(
-    "kind", [*GAZE, "categorical_scheduled", pytest.param("regressed_free", marks=pytest.mark.slow)]
+    "kind", [*GAZE, "categorical_scheduled", pytest.param("regression_free", marks=pytest.mark.slow)]
 )
 def test_gradient_steps_lower_the_loss_on_one_batch(kind: str) -> None:
     network, data = model(kind).train(), batch(2, 24)
-    names = {"categorical": "gaze_codes", "events": "gaze_where"}
-    name = names.get(kind.split("_", maxsplit=1)[0], "gaze_reconstruction")
+    names = {"categorical": "gaze_codes", "point_process": "gaze_location"}
+    name = next((term for prefix, term in names.items() if kind.startswith(prefix)), "gaze_reconstruction")
     optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
     values = []
     for _ in range(40):
@@ -309,7 +309,7 @@ def terms_at(network: SpeechToMotion, steps: int) -> dict[str, torch.Tensor]:
     return network.loss_terms(batch(2, 40))
 
 
-@pytest.mark.parametrize("kind", ["categorical", "regressed"])
+@pytest.mark.parametrize("kind", ["categorical", "regression"])
 def test_a_scheduled_history_begins_as_the_true_one_and_grows(kind: str) -> None:
     loss = "gaze_codes" if kind == "categorical" else "gaze_reconstruction"
     clean, scheduled = (terms_at(model(each).train(), 0) for each in (kind, f"{kind}_scheduled"))
@@ -336,7 +336,7 @@ def test_noise_moves_codes_to_near_ones_and_leaves_stays() -> None:
 
 
 def test_training_in_free_running_sees_what_generation_makes() -> None:
-    network = model("regressed_free")
+    network = model("regression_free")
     data = batch(2, 40)
     condition = GazeCondition(network.speech(data.speech), data.head, network.head.normal(data.head))
     made = network.gaze.sample(condition, [1, 2], 0.0)
@@ -347,7 +347,7 @@ def test_training_in_free_running_sees_what_generation_makes() -> None:
 
 def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
     """Of the last frame, to the features of the frames before it."""
-    gaze = model("regressed_free").gaze
+    gaze = model("regression_free").gaze
     memory, kept = torch.randn(1, 12, 16), []
 
     def nearest(features: torch.Tensor, step: int) -> torch.Tensor:

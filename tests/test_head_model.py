@@ -12,16 +12,16 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import PARENTS
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import pose_vertices, posed_vertices, rotation_matrices
 
 
 def pose(frames: int, seed: int = 0) -> dict[str, torch.Tensor]:
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     shapes = {"expression": (len(anny_head().expression_names),), "head": (3,), "jaw": (3,), "gaze": (2, 3)}
     shapes["translation"] = (3,)
-    return {name: torch.from_numpy(random.normal(0, 0.2, (frames, *shape))) for name, shape in shapes.items()}
+    return {name: torch.from_numpy(rng.normal(0, 0.2, (frames, *shape))) for name, shape in shapes.items()}
 
 
 def test_matrices_are_rodrigues() -> None:

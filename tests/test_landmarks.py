@@ -9,8 +9,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.fitting.blink import aspect_ratio, eye_aspect_ratio
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.drive import motion_to_pose
-from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import EYE_LANDMARKS, LANDMARK_NAMES
 from talkingeyes.head.landmarks import (
     EYE_CENTRES,
     PUPIL_OFFSET_M,
@@ -20,6 +19,7 @@ from talkingeyes.head.landmarks import (
     landmarks,
     pupils,
 )
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 
 ANGLES = st.floats(-0.5, 0.5)
@@ -44,14 +44,14 @@ def test_every_point_has_one_name():
 
 
 def test_points_and_pupils_are_those_of_the_posed_head():
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     motion = Motion.of(
         25.0,
-        random.normal(0, 0.2, (5, 3)),
-        random.normal(0, 0.2, (5, 2, 3)),
-        lid=random.uniform(0, 1, (5, 2)),
-        jaw=np.abs(random.normal(0, 0.1, (5, 3))),
-        translation=random.normal(0, 0.01, (5, 3)),
+        rng.normal(0, 0.2, (5, 3)),
+        rng.normal(0, 0.2, (5, 2, 3)),
+        lid=rng.uniform(0, 1, (5, 2)),
+        jaw=np.abs(rng.normal(0, 0.1, (5, 3))),
+        translation=rng.normal(0, 0.01, (5, 3)),
     )
     head = anny_head()
     np.testing.assert_allclose(head.eye_centres, EYE_CENTRES, atol=1e-6)

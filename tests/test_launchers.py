@@ -16,8 +16,8 @@ from talkingeyes.orchestration.run import parallel_backend, parallel_map
 pytestmark = pytest.mark.slow
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
-SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_codes")
-PAPER = "target=assess@talkingeyes_paper"
+SEARCHED = ("pretrain.gaze_patches", "model.talkingeyes_categorical")
+PAPER = "target=validate@talkingeyes_paper"
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def workspace(shared_folder):
 
 def sweep(repository, workspace, *arguments):
     """The command; what it said."""
-    command = [sys.executable, "-m", "pipelines.experiment", "-m", "experiment=least", f"workspace={workspace}"]
+    command = [sys.executable, "-m", "pipelines.experiment", "-m", "experiment=smoke_test", f"workspace={workspace}"]
     environment = {**os.environ, "HOME": str(workspace)}  # Ray keeps a token there
     command += arguments
     result = subprocess.run(
@@ -38,9 +38,9 @@ def sweep(repository, workspace, *arguments):
     return result.stdout + result.stderr
 
 
-def assessed(workspace, job):
+def validation_metrics(workspace, job):
     """The figures on val of a job, by number."""
-    path = Path(workspace, "jobs", str(job), "data/assess/talkingeyes_codes/metrics.json")
+    path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes_categorical/metrics.json")
     return json.loads(path.read_text())
 
 
@@ -60,7 +60,7 @@ def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository,
         repository, root, f"result_store={workspace}/store", "hydra/launcher=basic", PAPER, f"{CODES}=32,48,64,96"
     )
     made = re.findall(r"^== (\S+)(?: \S+)?$", said, re.MULTILINE)
-    for stage in ("pretrain", "train", "assess"):
+    for stage in ("pretrain", "train", "validate"):
         assert made.count(stage) == 4
     for stage in ("synthesize", "fit", "embed", "critic"):
         assert made.count(stage) <= 1
@@ -93,16 +93,19 @@ def test_optuna_and_ray_together(repository, workspace):
     root = workspace / "ray"
     short = [f"{each}.loop.{key}" for each in SEARCHED for key in ("steps=4", "batch=4", "validate_every=2")]
     sizes = "pretrain.gaze_patches.network.quantiser.codes=choice(32,64)"
-    arguments = ["sweep=codebook", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
+    arguments = ["sweep=codebook_size", "hydra/launcher=ray_local", "hydra.sweeper.n_trials=2", sizes, *short]
     said = sweep(repository, root, f"result_store={workspace}/store", *arguments)
     assert "Ray Launcher is launching 2 jobs" in said
-    assert "study codebook: 2 trials complete" in said
-    with (root / "codebook/trials.csv").open() as file:
+    assert "study codebook_size: 2 trials complete" in said
+    with (root / "codebook_size/trials.csv").open() as file:
         trials = list(csv.DictReader(file))
     for number, trial in enumerate(trials):
-        figures = assessed(root, number)
-        assert [float(trial["corr"]), float(trial["distance"])] == [figures["corr"], figures["distance"]]
-    assert (root / "codebook/pareto.png").exists()
+        figures = validation_metrics(root, number)
+        assert [float(trial["corr"]), float(trial["dynamics_distance"])] == [
+            figures["corr"],
+            figures["dynamics_distance"],
+        ]
+    assert (root / "codebook_size/pareto.png").exists()
 
 
 def squared(number):

@@ -125,10 +125,10 @@ def test_conditional_vae_takes_any_length(latent_frames: int | None) -> None:
     ).eval()
     for frames in (10, 130, 1100):
         condition = torch.randn(2, frames, 5)
-        codes = torch.randn(2, network.codes(frames), 4)
+        codes = torch.randn(2, network.latent_count(frames), 4)
         assert network.decode(codes, condition).shape == (2, frames, 3)
-    assert network.codes(200) == (8 if latent_frames else 1)
-    assert network.codes(1100) == (44 if latent_frames else 3)
+    assert network.latent_count(200) == (8 if latent_frames else 1)
+    assert network.latent_count(1100) == (44 if latent_frames else 3)
 
 
 def test_interpolated_codes_keep_their_variance() -> None:

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.head.eyelid.anatomy import EyelidParameters, upper_lid_rotation_rad
-from talkingeyes.head.eyelid.construction import predictors
-from talkingeyes.head.face_points import EYE_LANDMARKS
+from talkingeyes.head.eyelid.model import predictors
+from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.landmarks import EYE_CENTRES, landmarks
 from talkingeyes.physiology import lids
 from talkingeyes.physiology.lids import MEAN_EYELIDS, add_blinks, lid_closure_by_gaze, sample_eyelids
@@ -56,12 +56,12 @@ def test_gains_are_those_of_becker_and_fuchs():
 
 
 def test_the_form_of_the_model_explains_most_but_not_all():
-    random = np.random.default_rng(0)
-    angles = np.repeat(np.clip(random.normal(0, np.radians([5.5, 4.0]), (1500, 1, 2)), -0.5, 0.35), 2, axis=1)
+    rng = np.random.default_rng(0)
+    angles = np.repeat(np.clip(rng.normal(0, np.radians([5.5, 4.0]), (1500, 1, 2)), -0.5, 0.35), 2, axis=1)
     times = np.linspace(0, 300, 1500)
     for seed in range(3):
-        random = np.random.default_rng(seed)
-        lid = followed(angles, sample_eyelids(random), _lid_drift(random).at(times))
+        rng = np.random.default_rng(seed)
+        lid = followed(angles, sample_eyelids(rng), _lid_drift(rng).at(times))
         height = upper_deg(angles, lid)[:, 0]
         inputs = np.column_stack([predictors(angles[:, 0]), np.ones(len(height))])
         left = height - inputs @ np.linalg.lstsq(inputs, height, rcond=None)[0]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from directed import motion
+from toy_performer import motion
 
-from talkingeyes.animation.direction import Liveliness
+from talkingeyes.animation.controls import Liveliness
 from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, MoonshineEncoder, MoonshineSettings, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech

@@ -16,7 +16,7 @@ from talkingeyes.evaluation.bootstrap import (
     quantile_statistic,
     ratio_statistic,
 )
-from talkingeyes.evaluation.discrepancy import distance, diversity, l2_error
+from talkingeyes.evaluation.paper_metrics.l2_diversity import distance, diversity, l2_error
 
 SETTINGS = BootstrapSettings(n_resamples=400, confidence_level=0.95, seed=3)
 
@@ -42,8 +42,8 @@ def test_diversity_by_hand() -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 6))
 def test_distances_are_symmetric_and_scale(seed: int, count: int) -> None:
-    random = np.random.default_rng(seed)
-    samples = random.normal(size=(count, 9, 6))
+    rng = np.random.default_rng(seed)
+    samples = rng.normal(size=(count, 9, 6))
     assert distance(samples[0], samples[1]) == pytest.approx(distance(samples[1], samples[0]))
     assert diversity(samples[::-1]) == pytest.approx(diversity(samples))
     assert diversity(samples * 3 + 1) == pytest.approx(3 * diversity(samples))
@@ -68,9 +68,9 @@ def test_counter_rotating_eyes_move_in_the_head_and_rest_in_space() -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000))
 def test_speed_in_space_does_not_depend_on_where_the_world_looks(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    head, gaze = random.normal(0, 0.2, (12, 3)), random.normal(0, 0.2, (12, 2, 3))
-    turned = matrix_to_rotvec(rotvec_to_matrix(random.normal(0, 1, 3)) @ rotvec_to_matrix(head))
+    rng = np.random.default_rng(seed)
+    head, gaze = rng.normal(0, 0.2, (12, 3)), rng.normal(0, 0.2, (12, 2, 3))
+    turned = matrix_to_rotvec(rotvec_to_matrix(rng.normal(0, 1, 3)) @ rotvec_to_matrix(head))
     assert gaze_in_space_speed_deg_s(turned, gaze, 25.0) == pytest.approx(
         gaze_in_space_speed_deg_s(head, gaze, 25.0), abs=1e-6
     )
@@ -82,10 +82,10 @@ def test_still_counts_frames_below_the_threshold() -> None:
 
 
 def test_interval_covers_the_mean_about_as_often_as_it_says() -> None:
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     inside = 0
     for _ in range(200):
-        estimate = bootstrap(mean_statistic(random.normal(5, 2, 40)), 40, SETTINGS)
+        estimate = bootstrap(mean_statistic(rng.normal(5, 2, 40)), 40, SETTINGS)
         inside += estimate.low <= 5 <= estimate.high
     assert 175 <= inside <= 199
 
@@ -98,8 +98,8 @@ def test_bootstrap_is_seeded_and_paired() -> None:
 
 
 def test_quantile_is_that_of_the_pooled_frames() -> None:
-    random = np.random.default_rng(2)
-    groups = [random.exponential(10, size) for size in (100, 300, 50)]
+    rng = np.random.default_rng(2)
+    groups = [rng.exponential(10, size) for size in (100, 300, 50)]
     statistic = quantile_statistic(groups, 0.99)
     for clips in ([0, 1, 2], [2, 2, 0]):
         pooled = np.concatenate([groups[clip] for clip in clips])

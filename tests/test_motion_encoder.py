@@ -58,7 +58,7 @@ def test_steps_hold_angles_in_degrees_and_logarithms_of_speed() -> None:
 
 
 def test_it_learns_and_keeps_unseen_people_too(learnt) -> None:
-    explained = [row["explained"] for row in learnt.history]
+    explained = [row["explained_variance"] for row in learnt.history]
     assert explained[-1] > max(0.15, explained[0])
 
 
@@ -116,13 +116,13 @@ def test_frozen_smoothed_and_trembling_motion_is_farther_than_half_of_the_truth(
             groups.append(encoder(head[None], gaze[None], FPS))
         return Moments.of(groups)
 
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     truth = moments(lambda head, gaze: (head, gaze))
     floor = split_half(truth, 20, 0).mean()
     changes = {
         "frozen": lambda head, gaze: (head * 0 + head[0], gaze * 0 + gaze[0]),
         "smooth": lambda head, gaze: (head, eye_in_head(head, smooth(gaze_in_space(head, gaze)))),
-        "trembling": lambda head, gaze: (head, gaze + random.normal(0, 0.015, gaze.shape)),
+        "trembling": lambda head, gaze: (head, gaze + rng.normal(0, 0.015, gaze.shape)),
     }
     for name, change in changes.items():
         assert frechet(moments(change).gaussian(), truth.gaussian()) > 2 * floor, name

@@ -11,15 +11,15 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.drive import motion_to_pose
-from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import EYE_CENTRES, rest_landmarks
 from talkingeyes.head.observation import Observation
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.face import FACE_SHAPES
-from talkingeyes.synthesis import mishaps, noise
-from talkingeyes.synthesis.noise import NoiseSettings
+from talkingeyes.synthesis import corruptions, detector_noise
+from talkingeyes.synthesis.detector_noise import NoiseSettings
 from talkingeyes.synthesis.observations import (
     CameraSettings,
     exact_landmarks_px,
@@ -69,8 +69,8 @@ def test_pupils_are_those_of_the_head():
 
 
 def test_landmarks_are_those_of_the_head_with_its_expression():
-    random = np.random.default_rng(0)
-    expression = random.uniform(0, 0.4, (2, len(FACE_SHAPES)))
+    rng = np.random.default_rng(0)
+    expression = rng.uniform(0, 0.4, (2, len(FACE_SHAPES)))
     motion = Motion.of(
         FPS,
         np.zeros((2, 3)),
@@ -237,14 +237,19 @@ def test_an_observation_keeps_what_is_known_of_the_head(tmp_path):
         (CameraSettings, SECTION["camera"], {"identity_std": -0.1}, "identity_std"),
         (NoiseSettings, SECTION["noise"], {"resolution": 0.0}, "resolution"),
         (
-            mishaps.OcclusionSettings,
+            corruptions.OcclusionSettings,
             SECTION["noise"]["occlusion"],
             {"radius_min_px": 99.0},
             "radius_max_px should be",
         ),
-        (mishaps.OcclusionSettings, SECTION["noise"]["occlusion"], {"rate_per_min": -1.0}, "rate_per_min"),
-        (mishaps.FrameDropSettings, SECTION["noise"]["frame_drops"], {"dropped_fraction": 1.0}, "dropped_fraction"),
-        (noise.PupilNoiseSettings, SECTION["noise"]["pupil"], {"gain_x_min": 1.5}, "gain_x_max should be at least"),
+        (corruptions.OcclusionSettings, SECTION["noise"]["occlusion"], {"rate_per_min": -1.0}, "rate_per_min"),
+        (corruptions.FrameDropSettings, SECTION["noise"]["frame_drops"], {"dropped_fraction": 1.0}, "dropped_fraction"),
+        (
+            detector_noise.PupilNoiseSettings,
+            SECTION["noise"]["pupil"],
+            {"gain_x_min": 1.5},
+            "gain_x_max should be at least",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(settings, section, changes, message):
@@ -282,7 +287,7 @@ def test_pupil_noise_is_slow_and_hidden_by_lids():
 
 def test_autoregressive_noise_is_stationary_at_any_rate():
     for fps in (25.0, 100.0):
-        drawn = noise.autoregressive((400, 500), 0.5, 0.95, fps, np.random.default_rng(0))
+        drawn = detector_noise.autoregressive((400, 500), 0.5, 0.95, fps, np.random.default_rng(0))
         assert drawn[0].std() == pytest.approx(0.5, rel=0.1) and drawn[-1].std() == pytest.approx(0.5, rel=0.1)
         lag = round(0.04 * fps)
         assert np.mean(drawn[:-lag] * drawn[lag:]) / np.mean(drawn**2) == pytest.approx(0.95, abs=0.02)
@@ -292,7 +297,7 @@ def test_noise_grows_with_the_head_turned():
     settings = NOISE.landmark
     exact = np.zeros((300, 40, 2))
     near, far = (
-        noise.noisy_landmarks(exact, np.full(300, yaw), FPS, settings, np.random.default_rng(0)).std()
+        detector_noise.noisy_landmarks(exact, np.full(300, yaw), FPS, settings, np.random.default_rng(0)).std()
         for yaw in (0.0, np.radians(30))
     )
     assert far / near == pytest.approx(1.5)

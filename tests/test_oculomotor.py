@@ -7,8 +7,7 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.course import GazeTrajectory, main_sequence_saccade
-from talkingeyes.animation.events import saccade_staircase
+from talkingeyes.animation.gaze_trajectory import GazeTrajectory, main_sequence_saccade
 from talkingeyes.animation.oculomotor import (
     INTRUSIONS_PER_S,
     MAX_AMPLITUDE_RAD,
@@ -18,6 +17,7 @@ from talkingeyes.animation.oculomotor import (
     add_saccadic_intrusions,
     limit_amplitude,
 )
+from talkingeyes.animation.saccade_resampling import saccade_staircase
 
 FPS = 25.0
 

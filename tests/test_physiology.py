@@ -70,21 +70,21 @@ def test_a_chain_holds_between_saccades():
 
 
 def test_eyes_alive():
-    random = np.random.default_rng(0)
-    amplitude = np.degrees(saccades.sample_amplitudes_rad(20_000, random))
+    rng = np.random.default_rng(0)
+    amplitude = np.degrees(saccades.sample_amplitudes_rad(20_000, rng))
     assert 6.0 < amplitude.mean() < 7.2 and amplitude.max() <= 27.5
     assert (amplitude < 5).mean() == pytest.approx(0.5, abs=0.03)
-    least = saccades.sample_amplitudes_rad(1000, random, min_deg=4.0, max_deg=8.0)
+    least = saccades.sample_amplitudes_rad(1000, rng, min_deg=4.0, max_deg=8.0)
     assert np.degrees(least.min()) >= 4.0 and np.degrees(least.max()) <= 8.0
-    step = saccades.sample_directions(20_000, random)
+    step = saccades.sample_directions(20_000, rng)
     angle = np.degrees(np.arctan2(step[:, 1] / saccades.VERTICAL_SHRINK, step[:, 0])) % 90
     cardinal = (angle < 22.5) | (angle > 67.5)
     assert cardinal.sum() / (~cardinal).sum() == pytest.approx(2.2, abs=0.3)
 
 
 def test_drawn_saccades_scatter_about_the_law():
-    random = np.random.default_rng(0)
-    drawn = [saccades.saccade(0.0, np.zeros(2), np.array([0.1, 0.0]), random) for _ in range(500)]
+    rng = np.random.default_rng(0)
+    drawn = [saccades.saccade(0.0, np.zeros(2), np.array([0.1, 0.0]), rng) for _ in range(500)]
     logs = np.log([each.duration_s / saccades.duration_s(0.1) for each in drawn])
     assert abs(logs.mean()) < 0.02 and logs.std() == pytest.approx(0.08, abs=0.015)
 
@@ -175,13 +175,13 @@ def test_the_eyes_keep_to_their_range(yaw, pitch, head_yaw):
 
 
 def test_blink_rates_of_the_profiles():
-    random = np.random.default_rng(0)
-    paper = np.array([blinks.sample_blink_rate(blinks.PAPER, random) for _ in range(1000)])
+    rng = np.random.default_rng(0)
+    paper = np.array([blinks.sample_blink_rate(blinks.PAPER, rng) for _ in range(1000)])
     assert paper.mean() == pytest.approx(40.10, abs=1.5) and paper.std() == pytest.approx(15.42, abs=1.0)
-    physio = np.array([blinks.sample_blink_rate(blinks.PHYSIOLOGICAL, random) for _ in range(500)])
+    physio = np.array([blinks.sample_blink_rate(blinks.PHYSIOLOGICAL, rng) for _ in range(500)])
     assert kstest((np.log(physio) - np.log(23)) / 0.35, "norm").pvalue > 0.05
     own = replace(blinks.PHYSIOLOGICAL, distribution="normal", centre_per_min=12.0, spread=1.0)
-    assert np.mean([blinks.sample_blink_rate(own, random) for _ in range(200)]) == pytest.approx(12.0, abs=0.3)
+    assert np.mean([blinks.sample_blink_rate(own, rng) for _ in range(200)]) == pytest.approx(12.0, abs=0.3)
 
 
 @pytest.mark.parametrize("rate", [6.0, 24.0, 50.0])
@@ -207,13 +207,13 @@ def test_blinks_prefer_phrase_ends():
 
 
 def test_blink_kinematics():
-    random = np.random.default_rng(0)
-    drawn = [blinks.sample_blink(blinks.PHYSIOLOGICAL, 0.0, random) for _ in range(500)]
+    rng = np.random.default_rng(0)
+    drawn = [blinks.sample_blink(blinks.PHYSIOLOGICAL, 0.0, rng) for _ in range(500)]
     closing, opening = np.mean([b.closing_s for b in drawn]), np.mean([b.opening_s for b in drawn])
     assert 0.06 < closing < 0.12 and 0.15 < opening < 0.32 and 1.3 < opening / closing < 3.0
     assert 0.22 < np.mean([blinks.end_s(b) for b in drawn]) < 0.42
     assert np.mean([b.depth == 1.0 for b in drawn]) == pytest.approx(0.7, abs=0.06)
-    window = blinks.sample_blink(blinks.PAPER, 1.0, random)
+    window = blinks.sample_blink(blinks.PAPER, 1.0, rng)
     assert blinks.end_s(window) == pytest.approx(1.2)
     assert (
         blinks.evoked_blink_probability(np.radians(4)) == 0.0 < blinks.evoked_blink_probability(np.radians(33)) <= 0.97
@@ -222,8 +222,8 @@ def test_blink_kinematics():
 
 @given(st.lists(st.floats(0.0, 9.0), max_size=8), st.integers(0, 1000))
 def test_closure_stays_between_open_and_shut(onsets, seed):
-    random = np.random.default_rng(seed)
-    drawn = blinks.drop_overlapping([blinks.sample_blink(blinks.PHYSIOLOGICAL, onset, random) for onset in onsets])
+    rng = np.random.default_rng(seed)
+    drawn = blinks.drop_overlapping([blinks.sample_blink(blinks.PHYSIOLOGICAL, onset, rng) for onset in onsets])
     shut = blinks.closure(drawn, np.linspace(0.0, 10.0, 1001))
     assert (shut >= 0.0).all() and (shut <= 1.0).all()
 
@@ -236,8 +236,8 @@ def test_closure_reaches_the_depth_and_opens_again():
 
 @pytest.fixture
 def continuous_motion():
-    random = np.random.default_rng(3)
-    waves = render.Sinusoids(random.uniform(0.1, 6, 5), random.normal(0, 0.01, (5, 3)), random.uniform(0, 6, (5, 3)))
+    rng = np.random.default_rng(3)
+    waves = render.Sinusoids(rng.uniform(0.1, 6, 5), rng.normal(0, 0.01, (5, 3)), rng.uniform(0, 6, (5, 3)))
     return render.ContinuousMotion(
         gaze_rest_rad=(0.0, 0.0),
         kappa_rad=np.radians([[4.0, -1.0], [-5.0, -1.0]]),

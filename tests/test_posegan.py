@@ -22,15 +22,14 @@ from talkingeyes.corpus.poses import (
     resample_linear,
     to_poses,
 )
-from talkingeyes.corpus.windows import Normaliser
-from talkingeyes.evaluation.pose.classifier import (
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.evaluation.head_pose.classifier import (
     ClassifierSettings,
     LabelledWindows,
     classifier_scores,
     train_classifier,
 )
-from talkingeyes.evaluation.pose.correlation import SVMSettings, acceptance_rates, correlations
-from talkingeyes.evaluation.pose.movement import (
+from talkingeyes.evaluation.head_pose.movement import (
     clip_difference,
     distances,
     jitter,
@@ -38,18 +37,19 @@ from talkingeyes.evaluation.pose.movement import (
     seam_speed_ratio,
     style_distance,
 )
-from talkingeyes.evaluation.pose.transfer import blend_styles
-from talkingeyes.evaluation.pose.windows import PoseWindows, pose_windows, sliding_windows
+from talkingeyes.evaluation.head_pose.one_class_svm import SVMSettings, acceptance_rates, correlations
+from talkingeyes.evaluation.head_pose.transfer import blend_styles
+from talkingeyes.evaluation.head_pose.windows import PoseWindows, pose_windows, sliding_windows
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.sag import FaceSurface
 from talkingeyes.orchestration.config import CONFIG_DIR, compose
 from talkingeyes.training.checkpoint import load, save
 from talkingeyes.training.loop import AdversarialTask, LoopSettings, train
-from talkingeyes.training.pgface import PGFaceTask, PGFaceTaskSettings, ShapeRecording
-from talkingeyes.training.poses import PoseTask, PoseTaskSettings, movement_ratios
-from talkingeyes.training.progress import ResumeFile
-from talkingeyes.training.trained import HeadThenGazeSettings, load_generator, save_head_then_gaze
-from talkingeyes.training.trained_poses import PoseModelGenerator, pose_config
+from talkingeyes.training.motion_generators import HeadThenGazeSettings, load_generator, save_head_then_gaze
+from talkingeyes.training.pgface_task import PGFaceTask, PGFaceTaskSettings, ShapeRecording
+from talkingeyes.training.pose_generators import PoseModelGenerator, pose_config
+from talkingeyes.training.pose_task import PoseTask, PoseTaskSettings, movement_ratios
+from talkingeyes.training.resume import ResumeFile
 
 CHANNELS = 6
 HEADS = ("head_mean", "head_random", "head_similar", "head_cnn", "head_vae", "head_vqvae", "posegan")
@@ -76,14 +76,14 @@ SMALL = {
 
 def recordings(frames: int = 150, clips: int = 4) -> list[PoseRecording]:
     """Two people: one slow and wide, one quick and small; speech that says nothing."""
-    random = np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     made = []
     for index in range(clips):
         who = index % 2
         hz, size = ((0.3, 0.10), (2.0, 0.03))[who]
-        phase = random.uniform(0, 6, 6)
+        phase = rng.uniform(0, 6, 6)
         pose = size * np.sin(2 * np.pi * hz * np.arange(frames)[:, None] / 30 + phase)
-        speech = random.standard_normal((frames, CHANNELS)).astype(np.float32)
+        speech = rng.standard_normal((frames, CHANNELS)).astype(np.float32)
         made.append(PoseRecording(clip(f"c{index}", "ab"[who]), speech, pose.astype(np.float32), np.full(6, 0.1)))
     return made
 
@@ -115,8 +115,8 @@ def task(name: str, seed: int = 0, **changes: Any) -> PoseTask:
 
 class TestPoses:
     def test_six_numbers_and_back(self) -> None:
-        random = np.random.default_rng(0)
-        head, shift = 0.4 * random.standard_normal((50, 3)), random.standard_normal((50, 3))
+        rng = np.random.default_rng(0)
+        head, shift = 0.4 * rng.standard_normal((50, 3)), rng.standard_normal((50, 3))
         pose = to_poses(head, shift)
         np.testing.assert_allclose(
             rotation.rotvec_to_matrix(head_rotations(pose)), rotation.rotvec_to_matrix(head), atol=1e-9
@@ -182,7 +182,7 @@ class TestHeads:
         np.testing.assert_array_equal(ours.head, theirs.head)
         _save_gaze(tmp_path / "gaze")
         joined = HeadThenGazeSettings(
-            kind="head_then_gaze", parts=("head", "gaze"), prior=None, source_models=("posegan", "gaze")
+            kind="head_then_gaze", parts=("head", "gaze"), tokenizer=None, source_models=("posegan", "gaze")
         )
         save_head_then_gaze(tmp_path / "joined", joined, load(tmp_path / "posegan"), load(tmp_path / "gaze"))
         both = load_generator(tmp_path / "joined").generate(speech, [1, 2], 25.0)
@@ -196,8 +196,8 @@ class TestHeads:
 def _save_gaze(folder: Path) -> None:
     """The smallest model with a gaze decoder, untrained."""
     from talkingeyes.models.speech_to_motion import SpeechToMotion
-    from talkingeyes.training.trained import network_config
-    from talkingeyes.training.translation import MotionTaskSettings
+    from talkingeyes.training.motion_generators import network_config
+    from talkingeyes.training.motion_task import MotionTaskSettings
 
     node = yaml.safe_load((CONFIG_DIR / "model" / "vae.yaml").read_text())
     found = MotionTaskSettings.model_validate(node)
@@ -234,7 +234,7 @@ class TestContest:
             optimiser.zero_grad()
             loss_terms["total"].backward()
             optimiser.step()
-            told.append(float((loss_terms["believed_true"] - loss_terms["believed_made"]).detach()))
+            told.append(float((loss_terms["real_probability"] - loss_terms["fake_probability"]).detach()))
         assert told[-1] > told[0] + 0.2
 
     def test_one_that_was_killed_ends_in_the_same_weights(self, tmp_path: Path) -> None:
@@ -286,24 +286,24 @@ class TestChaining:
 
 class TestMeasures:
     def test_correlations_are_pearson(self) -> None:
-        random = np.random.default_rng(0)
-        speech, pose = random.standard_normal((2, 64, 3)), random.standard_normal((2, 64, 6))
+        rng = np.random.default_rng(0)
+        speech, pose = rng.standard_normal((2, 64, 3)), rng.standard_normal((2, 64, 6))
         pose[:, :, 5] = 1.0
         found = correlations(speech, pose).reshape(2, 3, 6)
         assert found[1, 2, 4] == pytest.approx(np.corrcoef(speech[1, :, 2], pose[1, :, 4])[0, 1])
         assert (found[:, :, 5] == 0).all()
 
     def test_the_svm_prefers_own_poses_where_speech_and_pose_are_tied(self) -> None:
-        random = np.random.default_rng(0)
+        rng = np.random.default_rng(0)
 
         def made(count: int) -> PoseWindows:
-            speech = random.standard_normal((count, 64, 6))
-            pose = speech @ np.eye(6)[::-1] + 0.3 * random.standard_normal((count, 64, 6))
+            speech = rng.standard_normal((count, 64, 6))
+            pose = speech @ np.eye(6)[::-1] + 0.3 * rng.standard_normal((count, 64, 6))
             return PoseWindows(speech, pose, np.zeros(count, int))
 
         found = acceptance_rates(made(80), made(40), ["a"], SVMSettings(features=6, nu=0.1, seed=0))
-        assert found.own[0] > 0.6
-        assert found.random[0, 0] < 0.2
+        assert found.matched[0] > 0.6
+        assert found.random_poses[0, 0] < 0.2
 
     def test_the_classifier_tells_people_and_a_still_head_is_nobodys(self) -> None:
         windows = pose_windows(recordings(300, 6), ["a", "b"], 64, 8)
@@ -344,7 +344,7 @@ class TestMeasures:
 
 
 def pgface_task() -> PGFaceTask:
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     node = yaml.safe_load((CONFIG_DIR / "model" / "pgface.yaml").read_text())
     node["network"] |= {"coefficients": 4, "dropout": 0.0}
     node["network"]["speech"] |= {"width": 8, "channel_dropout": 0.0}
@@ -352,8 +352,8 @@ def pgface_task() -> PGFaceTask:
     node["validation_windows"] = 20
     found = []
     for _ in range(3):
-        head = np.cumsum(0.02 * random.standard_normal((200, 3)), axis=0)
-        speech = random.standard_normal((200, CHANNELS)).astype(np.float32)
+        head = np.cumsum(0.02 * rng.standard_normal((200, 3)), axis=0)
+        speech = rng.standard_normal((200, CHANNELS)).astype(np.float32)
         motion = Motion.of(30.0, head, np.zeros((200, 2, 3)))
         found.append(ShapeRecording(speech, to_poses(head, np.zeros((200, 3))).astype(np.float32), motion))
     settings = PGFaceTaskSettings.model_validate(node)
@@ -377,7 +377,7 @@ class TestPGFace:
     def test_it_learns_the_pose(self) -> None:
         made = pgface_task()
         history = train(made, made.settings.loop, "pgface")
-        assert history[-1]["mm"] < 0.7 * history[-1]["mm_mean_shape"]
+        assert history[-1]["vertex_error_mm"] < 0.7 * history[-1]["mean_shape_error_mm"]
 
     def test_eq_7_is_the_masked_sum_over_vertices(self) -> None:
         from talkingeyes.models.pgface import PGFace
@@ -398,15 +398,15 @@ def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None
     models = compose(["experiment=posegan"])["model"]
     assert {*HEADS, *ABLATIONS, *GAZE, "pgface", "talkingeyes"} <= set(models)
     assert models["posegan_without_motion"]["weights"]["motion"] == 0
-    assert not models["posegan_without_start"]["head"]["initial_pose"]
-    assert models["gaze_after_vqvae"]["source_models"] == ["head_vqvae", "talkingeyes"]
+    assert not models["posegan_without_initial_pose"]["head"]["initial_pose"]
+    assert models["head_vqvae_then_gaze"]["source_models"] == ["head_vqvae", "talkingeyes"]
 
 
 class TestTables:
     """From what is measured to the page."""
 
     def test_new_people_are_measured_by_style_and_language(self) -> None:
-        from talkingeyes.evaluation.pose import measuring
+        from talkingeyes.evaluation.head_pose.evaluation import _languages, _transfer
 
         made = task("posegan").module
         people = [recordings(300, 4)[index::2] for index in (0, 1)]
@@ -417,15 +417,15 @@ class TestTables:
         )  # fmt: skip
         labelled = LabelledWindows(windows.pose, windows.speaker)
         classifier = train_classifier(ClassifierSettings(seed=0, width=8, dropout=0.0, loop=loop), labelled, labelled)
-        found = measuring._transfer(made, people, classifier, 0)
+        found = _transfer(made, people, classifier, 0)
         assert found["the best of the learnt styles"] <= found["any learnt style"]
         assert found["the person's own other clip"] < found["another new person"]
-        languages = measuring._languages(made, [clips[0] for clips in people], classifier, 0)
+        languages = _languages(made, [clips[0] for clips in people], classifier, 0)
         assert set(languages) == {"en"}
         assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
 
     def test_the_page_has_every_table_with_the_paper_beside(self) -> None:
-        from talkingeyes.evaluation.pose.page import page
+        from talkingeyes.evaluation.head_pose.page import page
 
         row = {
             "l2_pose": 1.0, "l2_motion": 0.1, "confidence": [0.25, 0.75], "accuracy": [0.0, 1.0], "range": 1.0,
@@ -444,13 +444,13 @@ class TestTables:
         }
         other = {**seed, "rows": {name: {**row, "l2_pose": 2.0} for name in HEADS}}
         measures = {
-            "measures": {
-                "gaze/x": {"value": {"value": 3.0}, "apart": True},
-                "gaze/y": {"value": None, "apart": None},
-                "corr/head": {"value": {"value": 0.25}, "apart": False},
+            "metrics": {
+                "gaze/x": {"value": {"value": 3.0}, "worse": True},
+                "gaze/y": {"value": None, "worse": None},
+                "corr/head": {"value": {"value": 0.25}, "worse": False},
             }
         }
-        text = page([seed, other], {"truth": [measures, measures], "gaze_after_cnn": [measures, measures]})
+        text = page([seed, other], {"truth": [measures, measures], "head_cnn_then_gaze": [measures, measures]})
         assert "| CNN | 1.50 <sub>1.00–2.00</sub> | 0.100 <sub>0.100–0.100</sub> | 0.82 | 0.11 |" in text
         assert "| mean | 0.85 (paper 0.85) | 0.35 (paper 0.65) |" in text
         assert "0.50 <sub>0.50–0.50</sub>" in text
@@ -458,6 +458,6 @@ class TestTables:
         assert "gaze/y" not in text
         every = text[text.index("Every head before one gaze decoder") :].split("\n\n")[1].splitlines()
         assert len(every) == 3  # only the CNN's gaze was measured
-        assert "apart, of 3" in every[0]
+        assert "worse, of 3" in every[0]
         assert every[2].startswith("| CNN | 1.50 <sub>1.00–2.00</sub> | 0.50")
         assert "| 1 <sub>1–1</sub> | 0.25 <sub>0.25–0.25</sub> | – |" in every[2]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from talkingeyes.corpus.recordings_of_people import SACCADE, read_andersson, read_conversation, read_openface
+from talkingeyes.corpus.gaze_datasets import SACCADE, read_andersson, read_conversation, read_openface
 from talkingeyes.evaluation.detectors.fixations import detect_fixations
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
 from talkingeyes.evaluation.detectors.scoring import DetectionCounts, cohen_kappa, count_matches, event_mask

@@ -12,15 +12,15 @@ import types
 from pathlib import Path
 from typing import Any
 
-import moving
 import numpy as np
 import pytest
+import toy_motions
 
 import talkingeyes as te
 from talkingeyes.formats.readers.live_link import ANGLE_SIGNS
 from talkingeyes.formats.rotations import euler_yxz
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 
 FRAMES = (0, 13, 28, 52, 74)  # 28 and 52 have lids beyond the shapes' own range
@@ -38,7 +38,7 @@ def recipe(repository: Path, name: str) -> Any:
 @pytest.mark.parametrize("fps", [25.0, 60.0])
 def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path, fps: float) -> None:
     """Unpacked as receivers of the app's packets do, from a socket."""
-    shown = moving.motion(fps)
+    shown = toy_motions.motion(fps)
     te.export(shown, tmp_path / "a.csv")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
@@ -62,7 +62,7 @@ def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path
 
 def test_gaussian_avatars_finds_its_motion(tmp_path: Path) -> None:
     """What its viewer takes of --motion_path: float32 arrays by these names, a row a frame, the rest passed over."""
-    shown = moving.flame_motion()
+    shown = toy_motions.flame_motion()
     te.export(shown, tmp_path / "a.npz", format="vhap")
     with np.load(tmp_path / "a.npz") as file:
         taken = {name: value for name, value in file.items() if value.dtype == np.float32}
@@ -73,7 +73,7 @@ def test_gaussian_avatars_finds_its_motion(tmp_path: Path) -> None:
 
 def test_the_blender_script_reads_the_rate(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "bpy", types.SimpleNamespace(types=types.SimpleNamespace(Material=object)))
-    te.export(moving.motion(60.0), tmp_path / "a.glb")
+    te.export(toy_motions.motion(60.0), tmp_path / "a.glb")
     rate, frames = recipe(repository, "blender_import").read_rate(tmp_path / "a.glb")
     assert (round(rate, 3), frames) == (60.0, 180)
 
@@ -81,7 +81,7 @@ def test_the_blender_script_reads_the_rate(repository: Path, tmp_path: Path, mon
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="the package bpy (Blender) is not installed")
 def test_blender_poses_the_head_as_we_do(repository: Path, tmp_path: Path) -> None:
-    te.export(moving.motion(), tmp_path / "a.glb")
+    te.export(toy_motions.motion(), tmp_path / "a.glb")
     script = repository / "docs" / "recipes" / "blender_import.py"
     subprocess.run([sys.executable, str(script), str(tmp_path / "a.glb"), str(tmp_path / "a.blend")], check=True)
     code = f"""
@@ -102,7 +102,7 @@ json.dump(found, open({str(tmp_path / "a.json")!r}, "w"))
 
 def vertices() -> np.ndarray:
     """Our own pose of the head at FRAMES."""
-    moved = moving.motion()
+    moved = toy_motions.motion()
     return np.concatenate(
         [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
     )

@@ -8,8 +8,8 @@ import pytest
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
+from talkingeyes.rendering.contact_sheet import contact_sheet, static_motion
 from talkingeyes.rendering.render import HeadRenderer
-from talkingeyes.rendering.sheet import contact_sheet, static_motion
 from talkingeyes.rendering.view import FRAMINGS, Framing
 
 

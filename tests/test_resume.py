@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from test_learning import Line, loop
+from test_training import Line, loop
 from toy_training import command, toy_training
 
 from pipelines import critic, pretrain
 from pipelines import train as train_stage
 from talkingeyes.training.loop import train
-from talkingeyes.training.progress import ResumeFile, TrainingState
+from talkingeyes.training.resume import ResumeFile, TrainingState
 
 STEPS = {"steps": 20, "validate_every": 4, "batch": 4}
 STAGES = [("pretrain", "codes"), ("train", "joint"), ("critic",)]
@@ -58,13 +58,13 @@ def test_a_killed_stage_ends_in_the_same_bytes(stage: tuple[str, ...], whole: Pa
     toy_training(tmp_path, **STEPS)
     if stage[0] == "train":
         (tmp_path / "data" / "pretrain").symlink_to(whole / "data" / "pretrain")
-    resume = f".{'-'.join(stage)}.progress" if len(stage) > 1 else ".critic-space.progress"
+    resume = f".{'-'.join(stage)}.resume" if len(stage) > 1 else ".critic-gaze_in_space.resume"
     kill_halfway(tmp_path, resume, *stage)
     assert not (tmp_path / "data").joinpath(*stage).exists()
     said = finish(tmp_path, *stage)
     assert f"{resume}: goes on from step" in said
     assert files((tmp_path / "data").joinpath(*stage)) == files((whole / "data").joinpath(*stage))
-    assert not list((tmp_path / "data").glob(".*.progress*")), "nothing is left when the stage has ended"
+    assert not list((tmp_path / "data").glob(".*.resume*")), "nothing is left when the stage has ended"
 
 
 class Stopped(Exception):
@@ -84,7 +84,7 @@ class Noisy(Line):
 
     def losses(self, step: int) -> dict[str, torch.Tensor]:
         error = super().losses(step)["total"]
-        return {"total": error * (1 + 0.1 * float(self.random.normal())) + 0.1 * torch.randn(()) * self.module.bias[0]}
+        return {"total": error * (1 + 0.1 * float(self.rng.normal())) + 0.1 * torch.randn(()) * self.module.bias[0]}
 
 
 def test_best_weights_history_and_generators_come_back(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def interrupted(path: Path, fingerprint: str) -> ResumeFile:
 
 def restored(resume: ResumeFile) -> TrainingState:
     task = Noisy()
-    return resume.restore(task.module, torch.optim.AdamW(task.module.parameters()), task.random)
+    return resume.restore(task.module, torch.optim.AdamW(task.module.parameters()), task.rng)
 
 
 def test_progress_of_something_else_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,7 +134,7 @@ def test_other_code_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     resume = interrupted(tmp_path / "p", "a")
     (tmp_path / "package" / "models").mkdir(parents=True)
     (tmp_path / "package" / "models" / "new.py").write_text("")
-    monkeypatch.setattr("talkingeyes.training.progress.PACKAGE", tmp_path / "package")
+    monkeypatch.setattr("talkingeyes.training.resume.PACKAGE", tmp_path / "package")
     assert restored(resume).step == 0
 
 

@@ -10,9 +10,9 @@ import pytest
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import expression_shape_names, motion_to_pose
 from talkingeyes.head.flame import load_flame
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import expression_shape_names, motion_to_pose
 from talkingeyes.head.retarget import expression_map
 
 
@@ -25,16 +25,16 @@ def flame(tmp_path_factory: pytest.TempPathFactory) -> HeadModel:
 
 def performance(head: HeadModel, frames: int = 6) -> Motion:
     """Random expressions of a head, with everything else in motion too."""
-    random = np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     names = expression_shape_names(head)
     return Motion.of(
         25.0,
-        random.normal(0, 0.1, (frames, 3)),
-        random.normal(0, 0.1, (frames, 2, 3)),
-        lid=random.random((frames, 2)),
-        jaw=random.normal(0, 0.1, (frames, 3)),
-        translation=random.normal(0, 0.01, (frames, 3)),
-        expression=random.random((frames, len(names))) * (random.random((frames, len(names))) < 0.2),
+        rng.normal(0, 0.1, (frames, 3)),
+        rng.normal(0, 0.1, (frames, 2, 3)),
+        lid=rng.random((frames, 2)),
+        jaw=rng.normal(0, 0.1, (frames, 3)),
+        translation=rng.normal(0, 0.01, (frames, 3)),
+        expression=rng.random((frames, len(names))) * (rng.random((frames, len(names))) < 0.2),
         expression_names=names,
         head_model=head.name,
     )
@@ -42,10 +42,10 @@ def performance(head: HeadModel, frames: int = 6) -> Motion:
 
 def another(head: HeadModel, scale: float, shift: np.ndarray) -> HeadModel:
     """The same face in another size and place, with other shapes that span the same: its truth is known."""
-    random = np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     names = expression_shape_names(head)
     rows = [head.shape(name) for name in names]
-    mixed = np.linalg.qr(random.normal(size=(len(rows), len(rows))))[0] @ head.expression[rows].reshape(len(rows), -1)
+    mixed = np.linalg.qr(rng.normal(size=(len(rows), len(rows))))[0] @ head.expression[rows].reshape(len(rows), -1)
     return replace(
         head,
         name="another",

@@ -29,7 +29,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from talkingeyes.animation.streaming import LiveModel
-from talkingeyes.apps.viewer.head_file import POSE_COLUMNS
+from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, open_browser
@@ -210,8 +210,8 @@ class TestStreams:
         heard = np.frombuffer(pcm(sound), "<i2") / np.float32(32768)
         assert end == {"end": True, "frames": int(SECONDS * 25)}
         assert len(rows) == end["frames"]
-        whole = live.whole(heard.astype(np.float32), 5)
-        from talkingeyes.apps.viewer.head_file import pose_rows
+        whole = live.generate_offline(heard.astype(np.float32), 5)
+        from talkingeyes.apps.viewer.pose_encoding import pose_rows
         from talkingeyes.head.anny import anny_head
 
         np.testing.assert_allclose(rows, pose_rows(anny_head(), whole), atol=1e-4)

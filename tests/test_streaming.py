@@ -10,29 +10,29 @@ import torch
 from live_model import CODES, content, embedding_settings, write_live_model
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Liveliness
+from talkingeyes.animation.controls import Liveliness
 from talkingeyes.animation.streaming import MAX_LATENCY_S, LiveControls, LiveModel, StreamFrames
 from talkingeyes.audio.encoder import make_encoder
-from talkingeyes.audio.live import DEFAULT_LEVEL_DBFS, RunningLevel, StreamingProsody
+from talkingeyes.audio.streaming_prosody import DEFAULT_LEVEL_DBFS, RunningLevel, StreamingProsody
 from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.kinematics import eye_speed_deg_s
 from talkingeyes.core.motion import Motion
 from talkingeyes.models.layers.convolution import CausalConvolutionStack
-from talkingeyes.models.streaming import MotionStream, StreamingModules
+from talkingeyes.models.motion_stream import MotionStream, StreamingModules
 
 SECONDS = 3.3
 
 
 def speech(seconds: float = SECONDS, seed: int = 0) -> ndarray:
     """Syllables: bursts of a buzz whose pitch glides, and pauses."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
     pitch = 120 + 40 * np.sin(2 * np.pi * 0.7 * times)
     buzz = np.sign(np.sin(2 * np.pi * np.cumsum(pitch) / SAMPLE_RATE))
     loud = np.clip(np.sin(2 * np.pi * 3 * times), 0, 1) * (np.sin(2 * np.pi * 0.4 * times) > -0.3)
-    return (0.2 * loud * buzz + 0.002 * random.standard_normal(len(times))).astype(np.float32)
+    return (0.2 * loud * buzz + 0.002 * rng.standard_normal(len(times))).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def close(one: StreamFrames | Motion, other: StreamFrames | Motion) -> None:
 @pytest.mark.parametrize("seconds", [0.31, 0.7, 1.0, SECONDS])
 def test_a_stream_is_what_the_whole_speech_gives(live: LiveModel, seconds: float) -> None:
     sound = speech(seconds)
-    whole = live.whole(sound, 4)
+    whole = live.generate_offline(sound, 4)
     assert len(whole) == frame_count(len(sound), live.fps)
     close(streamed(live, sound, [640]), whole)
 
@@ -88,13 +88,13 @@ def test_no_bit_depends_on_the_chunks(live: LiveModel) -> None:
 def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) -> None:
     sound = speech()
     found = streamed(codes, sound, [640])
-    close(found, codes.whole(sound, 4))
+    close(found, codes.generate_offline(sound, 4))
     np.testing.assert_array_equal(found.gaze, streamed(codes, sound, [1, 7000, 333, 0]).gaze)
     assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
 def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
-    one, other = live.whole(speech(), 1), live.whole(speech(), 2)
+    one, other = live.generate_offline(speech(), 1), live.generate_offline(speech(), 2)
     assert eye_speed_deg_s(one.gaze[None], live.fps).max() > 10
     assert np.abs(one.head - other.head).max() > 0.01
     assert np.abs(one.gaze - other.gaze).max() > 0.01
@@ -119,7 +119,7 @@ def test_what_is_said_later_changes_no_frame_that_was_given(live: LiveModel) -> 
     sound = speech()
     cut = round(1.8 * SAMPLE_RATE)
     other = np.concatenate([sound[:cut], speech(seed=9)[: len(sound) - cut] * 3])
-    first, second = live.whole(sound, 4), live.whole(other, 4)
+    first, second = live.generate_offline(sound, 4), live.generate_offline(other, 4)
     same = int((cut / SAMPLE_RATE - live.latency_s) * live.fps)
     np.testing.assert_allclose(first.head[:same], second.head[:same], atol=1e-5)
     np.testing.assert_allclose(first.gaze[:same], second.gaze[:same], atol=1e-5)
@@ -142,11 +142,11 @@ def test_dials(live: LiveModel) -> None:
     ]
     assert counts[0] == 0
     assert 1.7 * counts[1] < counts[2] < 2.3 * counts[1]
-    still = live.whole(sound, 1, LiveControls(liveliness=Liveliness(head=0.0)))
+    still = live.generate_offline(sound, 1, LiveControls(liveliness=Liveliness(head=0.0)))
     np.testing.assert_allclose(still.head, still.head[:1].repeat(len(still), 0), atol=1e-6)
     controls = LiveControls("paper", Liveliness(2.0, 0.5, 1.0))
-    close(streamed(live, sound, [3000], 1, controls), live.whole(sound, 1, controls))
-    own, calm = (live.whole(sound, 1, LiveControls("paper", Liveliness(gaze=each))) for each in (1.0, 0.5))
+    close(streamed(live, sound, [3000], 1, controls), live.generate_offline(sound, 1, controls))
+    own, calm = (live.generate_offline(sound, 1, LiveControls("paper", Liveliness(gaze=each))) for each in (1.0, 0.5))
     both = [rotation.gaze_in_space(each.head, each.gaze) for each in (own, calm)]
     np.testing.assert_allclose(both[1].mean(1), 0.5 * both[0].mean(1), atol=1e-6)
     np.testing.assert_allclose(both[1][:, 0] - both[1][:, 1], both[0][:, 0] - both[0][:, 1], atol=1e-6)

@@ -18,12 +18,12 @@ import yaml
 from fastapi.testclient import TestClient
 
 from talkingeyes.apps.study.answers import Answer, AnswerDatabase
+from talkingeyes.apps.study.counterbalancing import ATTENTION_CHECK, Pair, assign_pairs
 from talkingeyes.apps.study.design import DESIGNS_FOLDER, Design, load_design, names
 from talkingeyes.apps.study.films import SOUND_DELAY_S, film_motion, static_lids
-from talkingeyes.apps.study.folder import Study, film_id, required_films
-from talkingeyes.apps.study.plan import ATTENTION_CHECK, Pair, assign_pairs
 from talkingeyes.apps.study.results import preference_rates, wilcoxon_p
 from talkingeyes.apps.study.server import study_app
+from talkingeyes.apps.study.study_folder import Study, film_id, required_films
 from talkingeyes.apps.study.tables import format_p_value, table
 from talkingeyes.audio.annotation import Annotation
 from talkingeyes.cli import main as cli
@@ -31,11 +31,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.corpus.store import Corpus, make_shard_path
-from talkingeyes.corpus.takes import load_motions
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 from talkingeyes.workflows.study import make, results
 from tests.browser import CHROMIUM, open_browser
@@ -96,14 +96,14 @@ def test_films_are_dealt_evenly_and_sides_are_fair() -> None:
     assert first != assign_pairs(design, pools(design), 4, 0)
 
 
-def chooses_a(pair: Pair, prefers: dict[tuple[str, str], float], careless: bool, random: np.random.Generator) -> bool:
+def chooses_a(pair: Pair, prefers: dict[tuple[str, str], float], careless: bool, rng: np.random.Generator) -> bool:
     """A person with known preferences; the careless ones miss the check."""
-    return not careless if pair.attention else bool(random.random() < prefers[pair.a, pair.b])
+    return not careless if pair.attention else bool(rng.random() < prefers[pair.a, pair.b])
 
 
 def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], careless: int = 0) -> None:
     """People who answer all that they are asked."""
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     for person in range(people):
         token = study.answers.register()
         pairs = study.pairs(person)
@@ -113,8 +113,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
             if who.done:
                 break
             chosen = {
-                question.name: chooses_a(pair, prefers, person < careless, random)
-                for question in study.design.questions
+                question.name: chooses_a(pair, prefers, person < careless, rng) for question in study.design.questions
             }
             last = place + 1 == len(pairs)
             assert study.answers.add(who, pair, chosen, last, study.design.attention.ends_study)
@@ -122,7 +121,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
 
 def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float], careless: bool, seed: int) -> None:
     """One of them, through the pages: all that is known there are two names of films."""
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     token = page.post("/api/begin").json()["token"]
     state = page.get(f"/api/state/{token}").json()
     while not state["done"]:
@@ -132,7 +131,7 @@ def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float],
             right.condition,
         ) not in prefers and left.condition != study.design.attention.condition
         a, b = (right, left) if swapped else (left, right)
-        a_chosen = chooses_a(Pair(a.condition, b.condition, a.stratum, a.clip, not swapped), prefers, careless, random)
+        a_chosen = chooses_a(Pair(a.condition, b.condition, a.stratum, a.clip, not swapped), prefers, careless, rng)
         answers = {question["name"]: "right" if a_chosen == swapped else "left" for question in state["questions"]}
         sent = page.post(f"/api/state/{token}", json={"place": state["place"], "answers": answers})
         assert sent.status_code == 200, sent.text
@@ -281,19 +280,19 @@ def test_bad_requests_are_refused_with_a_reason_and_change_nothing(tmp_path: Pat
 
 def toy_data(root: Path, clips: int = 4) -> Path:
     """A data folder: a corpus with truth, and samples of two models, one of faces."""
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     corpus = Corpus(root / "data" / "synthesize")
     corpus.root.mkdir(parents=True)
     index = []
     for number in range(clips):
         name = f"c{number}"
-        gaze = angles_to_gaze(random.normal(0, 0.1, (FRAMES, 2, 2)))
-        truth = Motion.of(FPS, random.normal(0, 0.1, (FRAMES, 3)), gaze, lid=np.full((FRAMES, 2), 0.25))
-        sound = random.normal(0, 0.1, int(FRAMES / FPS * 16_000)).astype(np.float32)
+        gaze = angles_to_gaze(rng.normal(0, 0.1, (FRAMES, 2, 2)))
+        truth = Motion.of(FPS, rng.normal(0, 0.1, (FRAMES, 3)), gaze, lid=np.full((FRAMES, 2), 0.25))
+        sound = rng.normal(0, 0.1, int(FRAMES / FPS * 16_000)).astype(np.float32)
         corpus.write_sound(name, sound, Annotation())
         folder = root / "data" / "sample"
         truth.save(make_shard_path(corpus.root / "truth", name, ".npz"))
-        drawn = Samples(FPS, random.normal(0, 0.1, (2, FRAMES, 3)), np.stack([gaze, gaze]))
+        drawn = Samples(FPS, rng.normal(0, 0.1, (2, FRAMES, 3)), np.stack([gaze, gaze]))
         drawn.save(make_shard_path(folder / "talkingeyes", name, ".npz"))
         faces = FaceSamples(FPS, np.full((2, FRAMES, 3), 0.1), np.full((2, FRAMES, 1), 0.5), ("jawOpen",), "anny")
         faces.save(make_shard_path(folder / "probtalk3d", name, ".npz"))
@@ -426,10 +425,10 @@ def test_static_lids_blink_but_do_not_follow() -> None:
     [
         (["make", "duck", "-o", "x"], "design: should be eyelid_follow, posegan_shape"),
         (["make", "none.yaml", "-o", "x"], "none.yaml: not a readable design"),
-        (["make", "bad.yaml", "-o", "x"], "bad.yaml.title: Field required"),
+        (["make", "bad.yaml", "-o", "x"], "bad.yaml.title: is missing"),
         (["make", "talkingeyes_table4", "-o", "x"], "mean: should have motions (.npz) or films (.mp4)"),
         (["make", "eyelid_follow", "-o", "x"], "all_clips: should have 20 clips that all conditions have, got 4"),
-        (["make", "eyelid_follow", "-o", "x", "--fewer", "--size", "5"], "size: should be 16 to 1080"),
+        (["make", "eyelid_follow", "-o", "x", "--allow-fewer", "--size", "5"], "size: should be 16 to 1080"),
         (["make", "eyelid_follow", "-o", "x", "--condition", "a"], "condition: should be NAME=DIR, got 'a'"),
         (
             ["make", "eyelid_follow", "-o", "x", "--condition", "a=b"],

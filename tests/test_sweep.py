@@ -12,8 +12,8 @@ import optuna
 import pytest
 
 import pipelines.experiment
-import pipelines.sweep
-from pipelines.study import prepare, storage
+import pipelines.pruned_sweep
+from pipelines.optuna_study import prepare, storage
 from talkingeyes.core.errors import InputError
 
 # Optuna's old words for distributions, which Hydra's sweeper speaks.
@@ -42,7 +42,7 @@ def run(monkeypatch, *arguments):
         (["objective.metrics=[diversity]"], "objective.metrics.0"),
         (["workspace=."], "workspace: should be another folder than the repository"),
         (
-            ["-m", "sweep=alive", "objective.metrics=[corr,distance]"],
+            ["-m", "sweep=free_running", "objective.metrics=[corr,dynamics_distance]"],
             "objective.metrics: should be one for each direction",
         ),
     ],
@@ -76,9 +76,11 @@ def test_an_error_inside_a_job_is_one_line(tmp_path, monkeypatch, capfd):
 
 
 def test_a_changed_search_space_is_refused(tmp_path):
-    overrides = ["sweep=alive", f"workspace={tmp_path}"]
+    overrides = ["sweep=free_running", f"workspace={tmp_path}"]
     assert prepare(overrides).remaining_trials == 16
-    with pytest.raises(InputError, match=rf"^study alive: began as another search, {PLACES} changed; .*study=NAME$"):
+    with pytest.raises(
+        InputError, match=rf"^study free_running: began as another search, {PLACES} changed; .*study=NAME$"
+    ):
         prepare([*overrides, f"{PLACES}=choice(16,32)"])
     assert (
         prepare([*overrides, f"{PLACES}=choice(16,32)", "study=other", "hydra.sweeper.n_trials=20"]).remaining_trials
@@ -87,7 +89,11 @@ def test_a_changed_search_space_is_refused(tmp_path):
 
 
 def test_a_storage_may_be_a_database(tmp_path):
-    overrides = ["sweep=alive", f"workspace={tmp_path}", f"hydra.sweeper.storage.where=sqlite:///{tmp_path}/s.db"]
+    overrides = [
+        "sweep=free_running",
+        f"workspace={tmp_path}",
+        f"hydra.sweeper.storage.where=sqlite:///{tmp_path}/s.db",
+    ]
     assert prepare(overrides).remaining_trials == 16
     assert (tmp_path / "s.db").exists()
 
@@ -100,7 +106,7 @@ import pipelines.experiment as experiment
 
 def chain(params, view, overrides=(), watch=None):
     codes = params["pretrain"]["gaze_patches"]["network"]["quantiser"]["codes"]
-    weight = params["model"]["talkingeyes_codes"]["weights"]["head_kl"]
+    weight = params["model"]["talkingeyes_categorical"]["weights"]["head_kl"]
     with open(Path(params["workspace"], "asked"), "a") as file:
         print(json.dumps([os.getpid(), codes, weight]), file=file)
     time.sleep(0.3)
@@ -112,7 +118,7 @@ experiment.main()
 
 
 def test_a_killed_sweep_goes_on_and_repeats_nothing(repository, tmp_path):
-    arguments = ["-m", "sweep=codebook", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
+    arguments = ["-m", "sweep=codebook_size", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
     command = [sys.executable, "-c", FAKE, *arguments, "hydra.sweeper.n_trials=8"]
     asked = tmp_path / "asked"
     with subprocess.Popen(command, cwd=repository, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
@@ -127,13 +133,13 @@ def test_a_killed_sweep_goes_on_and_repeats_nothing(repository, tmp_path):
     assert result.returncode == 0, result.stderr
     lines = [tuple(json.loads(line)[1:]) for line in asked.read_text().splitlines()]
     assert len(set(lines)) == len(lines), "a trial was replayed"
-    study = optuna.load_study(study_name="codebook", storage=storage(f"{tmp_path}/sweeps.journal"))
+    study = optuna.load_study(study_name="codebook_size", storage=storage(f"{tmp_path}/sweeps.journal"))
     states = [trial.state.name for trial in study.trials]
     assert states.count("COMPLETE") == 8
     assert states.count("FAIL") == 1  # the one that was killed
     assert len(lines) == 9 > before
-    assert (tmp_path / "codebook/pareto.png").stat().st_size > 5000
-    assert "study codebook: 8 trials complete" in result.stdout
+    assert (tmp_path / "codebook_size/pareto.png").stat().st_size > 5000
+    assert "study codebook_size: 8 trials complete" in result.stdout
     assert prepare([*arguments[1:], "hydra.sweeper.n_trials=8"]).remaining_trials == 0
 
 
@@ -141,30 +147,32 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
     steps = []
 
     def chain(params, view, overrides, on_validation):
-        weight = params["model"]["talkingeyes"]["weights"]["head_where"]
+        weight = params["model"]["talkingeyes"]["weights"]["head_location"]
         for step in (1, 2, 3):
             steps.append(step)
-            on_validation(step, {"score": -weight})
+            on_validation(step, {"validation_score": -weight})
         return [weight]
 
-    monkeypatch.setattr(pipelines.sweep, "run_pipeline", chain)
+    monkeypatch.setattr(pipelines.pruned_sweep, "run_pipeline", chain)
     monkeypatch.setattr(
-        sys, "argv", ["sweep", "sweep=alive", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=9"]
+        sys,
+        "argv",
+        ["sweep", "sweep=free_running", f"workspace={tmp_path}", "machine.jobs=1", "hydra.sweeper.n_trials=9"],
     )
-    pipelines.sweep.main()
-    study = optuna.load_study(study_name="alive", storage=storage(f"{tmp_path}/sweeps.journal"))
+    pipelines.pruned_sweep.main()
+    study = optuna.load_study(study_name="free_running", storage=storage(f"{tmp_path}/sweeps.journal"))
     states = [trial.state.name for trial in study.trials]
     assert len(states) == 9
     assert set(states) == {"COMPLETE", "PRUNED"}
     pruned = [trial for trial in study.trials if trial.state.name == "PRUNED"]
     assert len(steps) == 3 * states.count("COMPLETE") + sum(len(trial.intermediate_values) for trial in pruned)
-    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_where"])
-    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_where"] for trial in study.trials)
+    worst = max(study.trials, key=lambda trial: trial.params["model.talkingeyes.weights.head_location"])
+    assert study.best_value == min(trial.params["model.talkingeyes.weights.head_location"] for trial in study.trials)
     assert worst.number < 4 or worst.state.name == "PRUNED"
 
 
 def test_pruning_needs_one_objective(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook", f"workspace={tmp_path}"])
+    monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook_size", f"workspace={tmp_path}"])
     with pytest.raises(InputError, match="pruning needs one objective"):
-        pipelines.sweep.main()
+        pipelines.pruned_sweep.main()
     assert not Path(tmp_path, "asked").exists()

@@ -20,8 +20,8 @@ from talkingeyes.orchestration.config import compose, write_params
 from talkingeyes.orchestration.run import Workspace
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.plan import SynthesizeSettings
-from talkingeyes.synthesis.voices import synthesize_conversation
-from tests.fixtures_corpus import make_tiny_corpus
+from talkingeyes.synthesis.speech_synthesis import synthesize_conversation
+from tests.toy_corpus import make_tiny_corpus
 
 FEW = ("synthesize.clips=10", "synthesize.takes=1")
 
@@ -244,9 +244,9 @@ def test_paper_is_as_large_as_the_paper_and_of_two_sources():
     sounds = plan.sounds(settings)
     assert Counter(sound.source for sound in sounds) == {"interview": 5912, "monologue": 70}
     assert len({sound.speaker for sound in sounds}) == 669
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     hours = {
-        name: each.clips * np.exp(random.uniform(np.log(each.shortest_s), np.log(each.longest_s), 9999)).mean() / 3600
+        name: each.clips * np.exp(rng.uniform(np.log(each.shortest_s), np.log(each.longest_s), 9999)).mean() / 3600
         for name, each in settings.sources.items()
     }
     assert hours["interview"] == pytest.approx(12, abs=0.2) and hours["monologue"] == pytest.approx(2, abs=0.1)

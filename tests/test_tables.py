@@ -11,27 +11,27 @@ import pytest
 from toy import CHANNELS, recordings
 from toy_workspace import toy_workspace, train_random
 
-from pipelines import critic, rows, table_rows, tables
+from pipelines import critic, paper_table_rows, table_runs, tables
 from talkingeyes.core.errors import InputError
-from talkingeyes.corpus.windows import Normaliser
+from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.seeds import ClipStatistic, MultiSeedStatistic, nanmean_statistic
-from talkingeyes.evaluation.tables.declared import TABLES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.order import rank_order
+from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, nanmean_statistic
+from talkingeyes.evaluation.tables.definitions import TABLES, TITLES, Column, PaperTable
 from talkingeyes.evaluation.tables.page import as_json, markdown, table_result
-from talkingeyes.evaluation.tables.row import high_frequency_motion, range_rad, row_metrics
-from talkingeyes.models.gaze.canonical import (
+from talkingeyes.evaluation.tables.rank_order import rank_order
+from talkingeyes.evaluation.tables.row_metrics import high_frequency_motion, range_rad, row_metrics
+from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelationSettings,
     Example,
     fit_canonical_correlation,
     generate_gaze,
 )
 from talkingeyes.orchestration.config import compose
-from talkingeyes.orchestration.recipe import StageCall
 from talkingeyes.orchestration.run import Report
+from talkingeyes.orchestration.stage_graph import StageCall
+from talkingeyes.training.canonical_gaze import CanonicalModelSettings, fit_canonical_gaze, save_canonical
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.trained import load_generator
-from talkingeyes.training.trained_canonical import CanonicalModelSettings, fit_canonical_gaze, save_canonical
+from talkingeyes.training.motion_generators import load_generator
 
 BOOTSTRAP = BootstrapSettings(n_resamples=200, confidence_level=0.95, seed=0)
 CANONICAL = CanonicalCorrelationSettings(
@@ -96,7 +96,7 @@ TABLE = PaperTable(
     "Table X: toys",
     "Which?",
     (Column("Div.", "gaze/diversity"),),
-    (Column("still", "gaze/still", 2),),
+    (Column("still", "gaze/still_fraction", 2),),
     {"vae": (0.25,), "talkingeyes_paper": (0.5,), "talkingeyes": None},
 )
 
@@ -131,10 +131,10 @@ def test_every_row_is_a_model_with_a_title_and_the_papers_numbers_stand_in_conf(
                 assert f"{number:g}" in text or f"{number:.5f}" in text, (name, row, number)
     paper = params["model"]["talkingeyes_paper"]
     for row in ("codes_256", "codes_512", "codes_2048"):
-        codes = params["pretrain"][params["model"][row]["prior"]]["network"]["quantiser"]["codes"]
+        codes = params["pretrain"][params["model"][row]["tokenizer"]]["network"]["quantiser"]["codes"]
         assert row == f"codes_{codes}"
-        assert {**params["model"][row], "prior": paper["prior"]} == paper
-    assert params["pretrain"][paper["prior"]]["network"]["quantiser"]["codes"] == 1024
+        assert {**params["model"][row], "tokenizer": paper["tokenizer"]} == paper
+    assert params["pretrain"][paper["tokenizer"]]["network"]["quantiser"]["codes"] == 1024
 
 
 def test_what_is_asked():
@@ -152,13 +152,13 @@ def test_fast_motion_is_what_is_above_five_hertz():
     head[:, 1] = np.radians(2) * np.sin(2 * np.pi * 1 * times)
     gaze[..., 1] = (np.radians(2) * np.sin(2 * np.pi * 8 * times))[:, None]
     measured = high_frequency_motion(head, gaze, 25.0)
-    assert measured["head/fast_share"] < 1e-3
-    assert measured["gaze/fast_share"] > 0.999
+    assert measured["head/power_fraction_above_5hz"] < 1e-3
+    assert measured["gaze/power_fraction_above_5hz"] > 0.999
     # Differences of 25 frames a second are slower than the true speed by sin(x) / x with x = pi 8 / 25.
     x = np.pi * 8 / 25
     expected = 2 * 2 * np.pi * 8 * np.sin(x) / x / np.sqrt(2) / np.sqrt(2)  # of two moving components in four
-    assert measured["gaze/fast"] == pytest.approx(expected, rel=0.02)
-    assert high_frequency_motion(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/fast"] == 0.0
+    assert measured["gaze/speed_above_5hz"] == pytest.approx(expected, rel=0.02)
+    assert high_frequency_motion(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/speed_above_5hz"] == 0.0
 
 
 def test_the_range_is_the_middle_of_what_turns():
@@ -178,13 +178,13 @@ def workspace(tmp_path_factory):
 def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     figures = {}
     for row in ("truth", "random", "mismatched"):
-        table_rows.measure_row(StageCall("table_row", row, (), (), ()), workspace)
-        figures[row] = json.loads(workspace.data("table_row", row, "figures.json").read_text())
+        paper_table_rows.measure_row(StageCall("table_row", row, (), (), ()), workspace)
+        figures[row] = json.loads(workspace.data("table_row", row, "metrics.json").read_text())
     random, truth = (row_metrics([figures[name]], "test") for name in ("random", "truth"))
     assert random["gaze/l2"].count == 4
-    assert len(figures["random"]["long"]["test"]) == table_rows.LONG_MOTIONS
+    assert len(figures["random"]["long"]["test"]) == paper_table_rows.LONG_MOTIONS
     assert truth["gaze/range_ratio"].estimate(BOOTSTRAP).value == pytest.approx(1.0)
-    assert 0 < random["head/fast_share"].estimate(BOOTSTRAP).value < 1
+    assert 0 < random["head/power_fraction_above_5hz"].estimate(BOOTSTRAP).value < 1
     assert "gaze/diversity" in random
     both = row_metrics([figures["random"], figures["random"]], "unseen")
     assert len(both["head/corr"].by_seed) == 2
@@ -198,7 +198,7 @@ def test_what_was_measured_is_not_measured_again(tmp_path):
     def measure_row(call, workspace):
         measured.append(call.item)
         with workspace.output(call.stage, *call.names) as folder:
-            (folder / rows.FIGURES).write_text("{}")
+            (folder / table_runs.METRICS_FILE).write_text("{}")
         return Report()
 
     params = {
@@ -207,12 +207,12 @@ def test_what_was_measured_is_not_measured_again(tmp_path):
         "evaluate": {"seed": 0},
         "machine": {},
     }
-    kind = rows.RowSpec("toy_row", (), (), ("evaluate",), measure_row, (), ("truth",))
-    first, again = (rows._row(kind, {}, (params, "truth")) for _ in range(2))
+    kind = table_runs.RowSpec("toy_row", (), (), ("evaluate",), measure_row, (), ("truth",))
+    first, again = (table_runs._row(kind, {}, (params, "truth")) for _ in range(2))
     assert measured == ["truth"]
     assert first == again
     assert first.figures.is_file()
-    rows._row(kind, {}, ({**params, "evaluate": {"seed": 1}}, "truth"))
+    table_runs._row(kind, {}, ({**params, "evaluate": {"seed": 1}}, "truth"))
     assert measured == ["truth", "truth"]
 
 
@@ -227,12 +227,14 @@ def test_what_a_model_is_made_of_is_trained_before_it(monkeypatch, tmp_path):
         if call.stage == "sample":
             raise Stop
 
-    monkeypatch.setattr(rows, "_obtain", get_or_run)
-    kind = rows.RowSpec("toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("canonical",), ())
+    monkeypatch.setattr(table_runs, "_obtain", get_or_run)
+    kind = table_runs.RowSpec(
+        "toy_row", (), (), ("evaluate",), lambda call, workspace: Report(), ("canonical_correlation",), ()
+    )
     with pytest.raises(Stop):
-        rows._row(kind, {}, (params, "canonical"))
-    assert asked == ["train@talkingeyes_paper", "train@canonical", "sample@canonical"]
-    assert [call.address for call in rows.shared_calls(params, ["canonical"], critic=True)] == [
+        table_runs._row(kind, {}, (params, "canonical_correlation"))
+    assert asked == ["train@talkingeyes_paper", "train@canonical_correlation", "sample@canonical_correlation"]
+    assert [call.address for call in table_runs.shared_calls(params, ["canonical_correlation"], critic=True)] == [
         "synthesize", "fit", "embed", "pretrain@gaze_frames", "critic",
     ]  # fmt: skip
 
@@ -269,7 +271,7 @@ def test_a_canonical_model_is_a_generator_and_comes_back_from_its_folder(tmp_pat
     clips = [replace(each, speech=each.speech[:, :5]) for each in recordings(6, seed=4)]
     names = json.loads(workspace.data("embed", "embedding.json").read_text())["channels"]
     settings = CanonicalModelSettings(
-        kind="canonical", parts=("head", "gaze"), prior=None, source_models=("random",), gaze=CANONICAL
+        kind="canonical_correlation", parts=("head", "gaze"), tokenizer=None, source_models=("random",), gaze=CANONICAL
     )
     normaliser = Normaliser(tuple(names), np.zeros(5, np.float32), np.ones(5, np.float32))
     model = fit_canonical_gaze(settings, clips, normaliser, seed=0)

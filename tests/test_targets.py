@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from directed import motion, perform_toy
+from toy_performer import motion, perform_toy
 
-from talkingeyes.animation import sight
+from talkingeyes.animation import line_of_sight
 from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack, constant_target, load_targets
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -31,11 +31,11 @@ def test_lines_of_sight_meet_at_the_target(fps: float) -> None:
     for target in TRACK.targets:
         object_track = TRACK.object_track(target.name).at(times)
         on = (times >= target.start_s + 1.0) & (times < target.end_s - 0.05)
-        miss = np.degrees(sight.gaze_error_rad(made.head, made.gaze, object_track, "world"))
+        miss = np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, object_track, "world"))
         assert miss[on].max() < 0.25
         landed = (times >= target.start_s + 0.4) & (times < target.end_s - 0.05)  # vergence comes later
-        both = sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))
-        beside = np.degrees(np.hypot(*(both - sight.point_direction_rad(made.head, object_track)).T))
+        both = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))
+        beside = np.degrees(np.hypot(*(both - line_of_sight.point_direction_rad(made.head, object_track)).T))
         assert beside[landed].max() < 1.0
         off = (times >= target.end_s + 1.0) & (times < target.end_s + 1.5)
         assert target.name == "lamp" or miss[off].max() > 2.0
@@ -45,7 +45,7 @@ def test_eyes_converge_by_the_distance() -> None:
     for distance in (0.3, 0.6, 2.0):
         track = TargetTrack((Target(1.0, 5.0, "it"),), {"it": ObjectTrack.fixed(0.0, 0.0, distance)})
         made = motion(targets=track)
-        sight_rad = rotation.gaze_to_angles(made.gaze) - sight.KAPPA_RAD
+        sight_rad = rotation.gaze_to_angles(made.gaze) - line_of_sight.KAPPA_RAD
         vergence = np.degrees(sight_rad[:, 1, 0] - sight_rad[:, 0, 0])[75:120].mean()
         assert vergence == pytest.approx(np.degrees(2 * np.arctan(0.03145 / distance)), rel=0.1)
 
@@ -85,9 +85,9 @@ def test_the_head_goes_along_and_eyes_stay_within_their_range() -> None:
     assert 40 < head_yaw.min() < head_yaw.max() < 65
     assert eye_yaw.max() < 29.6
     assert (
-        np.degrees(sight.gaze_error_rad(made.head, made.gaze, track.object_track("door").at(np.zeros(750)), "world"))[
-            80:145
-        ].max()
+        np.degrees(
+            line_of_sight.gaze_error_rad(made.head, made.gaze, track.object_track("door").at(np.zeros(750)), "world")
+        )[80:145].max()
         < 0.3
     )
 
@@ -96,7 +96,7 @@ def test_a_target_in_the_heads_frame_goes_with_the_head() -> None:
     track = TargetTrack((Target(1.0, 20.0, "brim"),), {"brim": ObjectTrack.fixed(0.05, 0.1, 0.5)}, "head")
     made = motion(targets=track)
     miss = np.degrees(
-        sight.gaze_error_rad(made.head, made.gaze, track.object_track("brim").at(np.zeros(len(made))), "head")
+        line_of_sight.gaze_error_rad(made.head, made.gaze, track.object_track("brim").at(np.zeros(len(made))), "head")
     )
     assert miss[60:490].max() < 0.1
     np.testing.assert_array_equal(made.head, motion().head)
@@ -174,6 +174,6 @@ def test_what_is_no_track_is_one_clear_line(tmp_path: Path, text: str) -> None:
 def test_a_name_alone_is_an_object_all_the_time() -> None:
     made = motion(targets=constant_target("camera"))
     ahead = np.tile([0.0, 0.0, 1.0], (len(made), 1))
-    assert np.degrees(sight.gaze_error_rad(made.head, made.gaze, ahead, "world")).max() < 0.1
+    assert np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, ahead, "world")).max() < 0.1
     with pytest.raises(InputError, match="camera, listener or a file"):
         constant_target("moon")

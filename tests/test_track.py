@@ -18,12 +18,12 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.orchestration.config import compose
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
-from talkingeyes.tracking import ledger
+from talkingeyes.tracking import journal
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import frames, probe_video
@@ -111,8 +111,8 @@ def test_what_is_left_out_is_listed_with_its_reason(corpus: Path):
     assert reasons["blank.mp4"] == "no face was found"
     assert reasons["ben.mp4"].startswith("a copy of ann-talk")
     assert reasons["pair.mp4"].startswith("more than one face")
-    assert {row["video"] for row in rows(corpus / "retry.csv")} == {"broken.mp4", "text.mkv"}
-    total = json.loads((corpus / "yield.json").read_text())
+    assert {row["video"] for row in rows(corpus / "failed.csv")} == {"broken.mp4", "text.mkv"}
+    total = json.loads((corpus / "summary.json").read_text())
     assert (total["videos"], total["videos_failed"]) == (6, 2)
     page = (corpus / "thumbnails.html").read_text()
     assert all(f"{word}: " in page for word in ("Kept", "Rejected"))
@@ -166,10 +166,10 @@ def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
 def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list[np.ndarray], tmp_path: Path):
     video = filmed(tmp_path / "talk.mp4", drawn, 0.8)
     call = ["track", str(video), "-o", str(tmp_path / "out"), "--set", "clip_filter.min_duration_s=0.5"]
-    planned = CliRunner().invoke(app, [*call, "--plan"], catch_exceptions=False)
+    planned = CliRunner().invoke(app, [*call, "--dry-run"], catch_exceptions=False)
     assert "1 videos, 0.00 h, 20 frames" in planned.output
     assert not (tmp_path / "out").exists()
-    done = CliRunner().invoke(app, [*call, "--silent", "--no-thumbnails", "--overlay"], catch_exceptions=False)
+    done = CliRunner().invoke(app, [*call, "--keep-silent", "--no-thumbnails", "--overlay"], catch_exceptions=False)
     assert "1 clips kept" in done.output
     assert not (tmp_path / "out" / "thumbnails").exists()
     film = next((tmp_path / "out" / "overlay").iterdir())
@@ -220,7 +220,7 @@ def test_real_faces_side_by_side_at_29_97_and_truncated(clips: tuple[list[np.nda
     assert lengths["ntsc"] == pytest.approx(60 * 1001 / 30000, abs=0.05)
     cut = [entry for outcome in tracked.outcomes if outcome.source.name == "joined.mp4" for entry in outcome.entries]
     assert [round(entry.start_s * 25) for entry in cut] == [0, 50]
-    assert "truncated" in lengths or "truncated.mp4" in {row["video"] for row in rows(tmp_path / "out/retry.csv")}
+    assert "truncated" in lengths or "truncated.mp4" in {row["video"] for row in rows(tmp_path / "out/failed.csv")}
 
 
 @real
@@ -260,7 +260,7 @@ def test_a_truncated_stream_gives_what_is_whole(drawn: list[np.ndarray], tmp_pat
 
 def test_a_ledger_stands_where_its_clip_does(corpus: Path):
     for path in (corpus / "tracking").rglob("*.jsonl"):
-        video_journal = ledger.read(path)
+        video_journal = journal.read(path)
         assert video_journal.done or video_journal.failure
         for entry in video_journal.entries:
             assert entry.id.startswith(path.stem)

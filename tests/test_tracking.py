@@ -9,20 +9,20 @@ import pytest
 import yaml
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import head_to_scene, landmarks, pupils
-from talkingeyes.tracking import ledger
+from talkingeyes.tracking import journal
+from talkingeyes.tracking.clip_filter import ShotQuality, fingerprint, hamming_distance, measure_shot, rejection_reason
+from talkingeyes.tracking.cropping import crop_camera, crop_shot, face_crop, frame_count, pixels_per_mm, resample_at
 from talkingeyes.tracking.face_mesh import MESH_INDICES, DetectedFace
-from talkingeyes.tracking.framing import crop_camera, crop_shot, face_crop, frame_count, pixels_per_mm, resample_at
-from talkingeyes.tracking.judgement import ShotQuality, fingerprint, hamming_distance, measure_shot, rejection_reason
-from talkingeyes.tracking.ledger import ShotRecord
-from talkingeyes.tracking.mouth import lip_gap, lip_sync_score
+from talkingeyes.tracking.journal import ShotRecord
+from talkingeyes.tracking.lip_sync import lip_gap, lip_sync_score
+from talkingeyes.tracking.report import VideoResult, summary, write_tables
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import Shot, TrackedFrame, shots
 from talkingeyes.tracking.sources import sources
 from talkingeyes.tracking.video import Frame, upright
 from talkingeyes.tracking.visibility import disparity, self_occluded
-from talkingeyes.tracking.yields import VideoResult, summary, write_tables
 
 GOOD = ShotQuality(8.0, 0.0, 150.0, 0.3, 0.0, 5.0, 0.0, -15.0, 0.8, 0.4)
 SETTINGS = TrackSettings.model_validate(
@@ -44,13 +44,13 @@ def face(frames: int = 200, yaw_rad: float = 0.0, scale: float = 3.0) -> tuple[n
 def shot(frames: int = 200, fps: float = 25.0, faces: int = 1, yaw_rad: float = 0.0) -> Shot:
     """Those frames as they come out of a video."""
     marks, eyes = face(frames, yaw_rad)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     tracked_frames = [
         TrackedFrame(
             index / fps,
             DetectedFace(marks[index], eyes[index], faces),
             0.3,
-            random.integers(0, 255, (16, 16), np.uint8),
+            rng.integers(0, 255, (16, 16), np.uint8),
         )
         for index in range(frames)
     ]
@@ -192,11 +192,11 @@ def test_measures_of_a_shot():
 
 def test_a_voice_that_follows_the_lips_agrees_more_than_one_that_does_not():
     marks, _ = face(300)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     open_ = lip_gap(marks) / lip_gap(marks).max()
     gap = np.interp(np.arange(300 * 640) / 640, np.arange(300), open_**2)
-    voice = (random.normal(0, 0.1, len(gap)) * gap).astype(np.float32)
-    hum = random.normal(0, 0.1, len(gap)).astype(np.float32)
+    voice = (rng.normal(0, 0.1, len(gap)) * gap).astype(np.float32)
+    hum = rng.normal(0, 0.1, len(gap)).astype(np.float32)
     assert lip_sync_score(marks, voice, 25.0) > 0.4
     assert lip_sync_score(marks, hum, 25.0) < 0.4
     assert lip_sync_score(marks, np.zeros(len(gap), np.float32), 25.0) == 0.0
@@ -204,8 +204,8 @@ def test_a_voice_that_follows_the_lips_agrees_more_than_one_that_does_not():
 
 def test_a_fingerprint_survives_noise_and_scale_and_tells_other_footage():
     marks, _ = face(200)
-    random = np.random.default_rng(0)
-    again = marks * 0.4 + random.normal(0, 0.05, marks.shape)
+    rng = np.random.default_rng(0)
+    again = marks * 0.4 + rng.normal(0, 0.05, marks.shape)
     assert hamming_distance(fingerprint(marks), fingerprint(again)) < SETTINGS.clip_filter.max_duplicate_distance
     other = np.roll(marks, 70, axis=0)
     assert hamming_distance(fingerprint(marks), fingerprint(other)) > 2 * SETTINGS.clip_filter.max_duplicate_distance
@@ -226,21 +226,25 @@ def entry(name: str, reason: str = "") -> ShotRecord:
 
 def test_a_ledger_forgets_a_cut_line_and_ends_like_one_that_was_not_interrupted(tmp_path: Path):
     path, straight = tmp_path / "a" / "v.jsonl", tmp_path / "b.jsonl"
-    ledger.add(path, "begin", True)
-    ledger.add(path, "shot", entry("v-0"))
-    ledger.add(path, "begin", True)
+    journal.add(path, "begin", True)
+    journal.add(path, "shot", entry("v-0"))
+    journal.add(path, "begin", True)
     with path.open("a") as file:
         file.write('{"shot": {"id": "v-1", "sta')
-    assert (len(ledger.read(path).entries), ledger.read(path).attempt_count, ledger.read(path).resume_s) == (1, 1, 8.0)
-    ledger.add(path, "shot", entry("v-1"))
-    ledger.finish(path, 16.0)
+    assert (len(journal.read(path).entries), journal.read(path).attempt_count, journal.read(path).resume_s) == (
+        1,
+        1,
+        8.0,
+    )
+    journal.add(path, "shot", entry("v-1"))
+    journal.finish(path, 16.0)
     for kind, content in (("begin", True), ("shot", entry("v-0")), ("shot", entry("v-1"))):
-        ledger.add(straight, kind, content)
-    ledger.finish(straight, 16.0)
+        journal.add(straight, kind, content)
+    journal.finish(straight, 16.0)
     assert path.read_bytes() == straight.read_bytes()
-    assert ledger.read(path).done
-    ledger.add(tmp_path / "c", "failed", "damaged")
-    assert (ledger.read(tmp_path / "c").failure, ledger.read(tmp_path / "c").done) == ("damaged", False)
+    assert journal.read(path).done
+    journal.add(tmp_path / "c", "failed", "damaged")
+    assert (journal.read(tmp_path / "c").failure, journal.read(tmp_path / "c").done) == ("damaged", False)
 
 
 def test_names_and_speakers_come_from_the_path_or_a_map(tmp_path: Path):
@@ -277,5 +281,5 @@ def test_the_yield_counts_everything_once(tmp_path: Path):
     assert set(total["rejected"]) == {"too short", "a copy of another", "no face was found"}
     write_tables(tmp_path, outcomes)
     assert len((tmp_path / "rejected.csv").read_text().splitlines()) == 4
-    assert (tmp_path / "retry.csv").read_text().splitlines() == ["video,error", "v.mp4,damaged"]
+    assert (tmp_path / "failed.csv").read_text().splitlines() == ["video,error", "v.mp4,damaged"]
     assert (tmp_path / "tracked.csv").read_text().splitlines()[1].startswith("a,v.mp4,0.000000,7.960000,")

@@ -17,7 +17,7 @@ from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 
 from talkingeyes.apps.viewer.assets import NAMES, asset
-from talkingeyes.apps.viewer.head_file import POSE_COLUMNS, pose_rows
+from talkingeyes.apps.viewer.pose_encoding import POSE_COLUMNS, pose_rows
 from talkingeyes.apps.viewer.scene import traces, waveform_peaks
 from talkingeyes.apps.viewer.server import viewer_app
 from talkingeyes.audio.annotation import Annotation, Span
@@ -28,7 +28,7 @@ from talkingeyes.core.rotation import angles_to_gaze
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.formats.writers.glb import joint_offsets
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import motion_to_pose
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.workflows.view import build_scene
 from tests.browser import CHROMIUM, open_browser
 from tests.toy_workspace import toy_workspace
@@ -37,10 +37,10 @@ FPS, FRAMES = 25.0, 50
 
 
 def motion(seed: int) -> Motion:
-    random = np.random.default_rng(seed)
-    head = np.cumsum(random.normal(0, 0.01, (FRAMES, 3)), axis=0)
-    gaze = angles_to_gaze(np.cumsum(random.normal(0, 0.02, (FRAMES, 2, 2)), axis=0))
-    return Motion.of(FPS, head, gaze, jaw=np.full((FRAMES, 3), [0.1, 0, 0]), lid=random.uniform(0, 1, (FRAMES, 2)))
+    rng = np.random.default_rng(seed)
+    head = np.cumsum(rng.normal(0, 0.01, (FRAMES, 3)), axis=0)
+    gaze = angles_to_gaze(np.cumsum(rng.normal(0, 0.02, (FRAMES, 2, 2)), axis=0))
+    return Motion.of(FPS, head, gaze, jaw=np.full((FRAMES, 3), [0.1, 0, 0]), lid=rng.uniform(0, 1, (FRAMES, 2)))
 
 
 @pytest.fixture
@@ -149,7 +149,7 @@ def test_pages_load_nothing_from_elsewhere() -> None:
         (["none.npz"], "none.npz: not a readable motion"),
         (["a.npz", "--truth", "none.npz"], "none.npz: not a readable motion"),
         (["a.npz", "--sound", "words.json"], "words.json: "),
-        (["a.npz", "--words", "a.wav"], "a.wav: not a readable annotation"),
+        (["a.npz", "--annotation", "a.wav"], "a.wav: not a readable annotation"),
         (["a.npz", "--corpus", "."], "clips.parquet: not a corpus index"),
         (["a.npz", "--head", "duck"], "should be one of anny, flame"),
         (["a.npz"] * 13, "at most 12"),
@@ -196,7 +196,7 @@ def address(place: Path) -> Iterator[str]:
         "true.npz",
         "--sound",
         "a.wav",
-        "--words",
+        "--annotation",
         "words.json",
         "--port",
         "0",

@@ -4,7 +4,7 @@ import numpy as np
 
 from talkingeyes.core import rotation
 from talkingeyes.corpus.index import Clip
-from talkingeyes.corpus.windows import Recording
+from talkingeyes.corpus.recordings import Recording
 
 CHANNELS = 6
 
@@ -19,20 +19,19 @@ def clip(name: str, speaker: str = "a", take: int = 0) -> Clip:
 
 def recordings(count: int, seed: int, frames: int = 210) -> list[Recording]:
     """`count` clips of `frames` frames."""
-    random = np.random.default_rng(seed)
-    return [_recording(f"toy-{seed}-{index}", frames, random) for index in range(count)]
+    rng = np.random.default_rng(seed)
+    return [_recording(f"toy-{seed}-{index}", frames, rng) for index in range(count)]
 
 
-def _recording(name: str, frames: int, random: np.random.Generator) -> Recording:
+def _recording(name: str, frames: int, rng: np.random.Generator) -> Recording:
     times = np.arange(frames)[:, None] / 25
     waves = [
-        np.sin(2 * np.pi * hz * times + random.uniform(0, 6)) * random.normal(0, 0.03, 3) / (1 + hz)
-        for hz in (0.2, 0.5, 1.2)
+        np.sin(2 * np.pi * hz * times + rng.uniform(0, 6)) * rng.normal(0, 0.03, 3) / (1 + hz) for hz in (0.2, 0.5, 1.2)
     ]
     head = np.sum(waves, axis=0)
-    starts = np.cumsum(random.integers(6, 30, frames))
-    targets = random.normal(0, 0.13, (frames, 2))
+    starts = np.cumsum(rng.integers(6, 30, frames))
+    targets = rng.normal(0, 0.13, (frames, 2))
     space = targets[np.searchsorted(starts, np.arange(frames), side="right")]
     gaze = rotation.eye_in_head(head, np.repeat(space[:, None], 2, axis=1))
-    speech = random.standard_normal((frames, CHANNELS)).astype(np.float32)
+    speech = rng.standard_normal((frames, CHANNELS)).astype(np.float32)
     return Recording(clip(name), speech, head.astype(np.float32), gaze.astype(np.float32), np.ones(frames, dtype=bool))

@@ -6,10 +6,10 @@ import numpy as np
 from toy import CHANNELS, clip
 
 from talkingeyes.corpus.faces import FaceRecording
-from talkingeyes.corpus.windows import Normaliser
+from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import StyleVocabulary
-from talkingeyes.training.face_translation import FaceData
+from talkingeyes.training.face_task import FaceData
 
 NAMES = ("browDownLeft", "browDownRight", "mouthSmileLeft", "mouthSmileRight")
 BASIS = FaceBasis("toy", NAMES)
@@ -19,18 +19,18 @@ NORMALISER = Normaliser(tuple(map(str, range(CHANNELS))), np.zeros(CHANNELS, np.
 
 def faces(count: int, seed: int, frames: int = 120) -> list[FaceRecording]:
     """`count` clips of speakers a and b in turn, of three emotions."""
-    random = np.random.default_rng(seed)
-    return [_face(index, f"face-{seed}-{index}", frames, random) for index in range(count)]
+    rng = np.random.default_rng(seed)
+    return [_face(index, f"face-{seed}-{index}", frames, rng) for index in range(count)]
 
 
-def _face(index: int, name: str, frames: int, random: np.random.Generator) -> FaceRecording:
+def _face(index: int, name: str, frames: int, rng: np.random.Generator) -> FaceRecording:
     emotion = list(EMOTIONS)[index % 3]
     brow, smile = EMOTIONS[emotion]
-    speech = random.standard_normal((frames, CHANNELS)).astype(np.float32)
+    speech = rng.standard_normal((frames, CHANNELS)).astype(np.float32)
     slow = np.convolve(speech[:, 0], np.ones(5) / 5**0.5, mode="same")
     jaw = np.stack([0.1 * np.clip(slow, 0, None), 0.01 * slow, 0 * slow], axis=1)
     levels = np.array([brow, brow, smile, smile * (0.5 if index % 2 else 1.0)])
-    expression = np.clip(levels + 0.03 * random.standard_normal((frames, 4)), 0, 1)
+    expression = np.clip(levels + 0.03 * rng.standard_normal((frames, 4)), 0, 1)
     who = replace(clip(name, "ab"[index % 2]), emotion=emotion, intensity=0 if emotion == "neutral" else 2)
     return FaceRecording(who, speech, expression.astype(np.float32), jaw.astype(np.float32))
 

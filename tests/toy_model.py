@@ -11,19 +11,19 @@ from toy import recordings
 
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.models.baselines import BaselineSettings, build_bank
-from talkingeyes.training.trained import save_baseline
+from talkingeyes.training.motion_generators import save_baseline
 
 EMBED = {
     "encoder": {"kind": "logmel", "bands": 20, "window_s": 0.05},
     "prosody": {
         "f0_min_hz": 60.0,
         "f0_max_hz": 450.0,
-        "aperiodicity": 0.25,
+        "yin_threshold": 0.25,
         "energy_window_s": 0.05,
         "energy_floor_dbfs": -80.0,
     },
     "level_dbfs": -20.0,
-    "partner": False,
+    "include_partner": False,
 }
 BLINKS = {"speakers": {"log_normal": {"mean": 3.0, "sd": 0.3}, "count": 9, "without_blinks": 0}}
 
@@ -33,11 +33,11 @@ def toy_model(folder: Path) -> Path:
     folder.mkdir(parents=True)
     channels = make_encoder(EmbedSettings.model_validate(EMBED)).channels
     clips = recordings(6, seed=1)
-    random = np.random.default_rng(0)
-    features = [random.standard_normal((len(clip.head), len(channels))).astype(np.float32) for clip in clips]
+    rng = np.random.default_rng(0)
+    features = [rng.standard_normal((len(clip.head), len(channels))).astype(np.float32) for clip in clips]
     bank = build_bank(features, [clip.head for clip in clips], [clip.gaze for clip in clips])
     settings = BaselineSettings.model_validate(
-        {"kind": "similar", "parts": ["head", "gaze"], "prior": None, "neighbours": 3}
+        {"kind": "similar", "parts": ["head", "gaze"], "tokenizer": None, "neighbours": 3}
     )
     mean, std = np.zeros(len(channels), np.float32), np.ones(len(channels), np.float32)
     save_baseline(folder, settings, bank, mean, std)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from test_learning import prior, translation
+from test_training import tokenizer, translation
 from toy import CHANNELS, recordings
 from toy_workspace import _section
 
@@ -28,12 +28,15 @@ RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
 def toy_training(root: Path, dropout: float = 0.0, **changes: Any) -> Workspace:
     """Codebook `codes`, models `mean` and `joint`, the critic; `changes` are of every loop."""
     critic: Any = _section(Path(__file__).resolve().parents[1], "critic")
-    joint = translation("categorical", **changes).model_dump(mode="json") | {"prior": "codes", "validation_clips": 1}
-    baseline = {"kind": "mean", "parts": ["head", "gaze"], "prior": None, "neighbours": 1}
+    joint = translation("categorical", **changes).model_dump(mode="json") | {
+        "tokenizer": "codes",
+        "validation_clips": 1,
+    }
+    baseline = {"kind": "mean", "parts": ["head", "gaze"], "tokenizer": None, "neighbours": 1}
     params = {
         "corpus": "data/synthesize",
         "machine": {"jobs": 1, "backend": "processes", "ray_address": None, "device": "cpu", "precision": "float32"},
-        "pretrain": {"codes": prior(4, **changes).model_dump(mode="json")},
+        "pretrain": {"codes": tokenizer(4, **changes).model_dump(mode="json")},
         "train": {"seed": 0},
         "model": {"mean": baseline, "joint": joint},
         "critic": critic

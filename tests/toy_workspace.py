@@ -16,7 +16,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.models.baselines import BaselineSettings, build_bank
 from talkingeyes.orchestration.run import Workspace
-from talkingeyes.training.trained import save_baseline
+from talkingeyes.training.motion_generators import save_baseline
 
 FPS, FRAMES, CHANNELS = 25.0, 75, 5
 NAMES = ["one", "two", "energy_dbfs", "f0_octaves", "voicing"]
@@ -34,21 +34,21 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
     corpus = Corpus(root / "data" / "synthesize")
     corpus.root.mkdir(parents=True)
     corpus.write_index(clips)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     embed = root / "data" / "embed"
     for clip in clips:
-        motion = _motion(random)
+        motion = _motion(rng)
         motion.save(make_shard_path(corpus.root / "truth", clip.id, ".npz"))
-        jittered = Motion.of(FPS, motion.head + random.normal(0, 1e-3, (FRAMES, 3)), motion.gaze)
+        jittered = Motion.of(FPS, motion.head + rng.normal(0, 1e-3, (FRAMES, 3)), motion.gaze)
         jittered.save(make_shard_path(root / "data" / "fit" / "motion", clip.id, ".npz"))
         if clip.take == 0:
-            speech = random.normal(size=(FRAMES, CHANNELS)).astype(np.float32)
-            noise = random.uniform(-0.1, 0.1, FRAMES * 640).astype(np.float32)
+            speech = rng.normal(size=(FRAMES, CHANNELS)).astype(np.float32)
+            noise = rng.uniform(-0.1, 0.1, FRAMES * 640).astype(np.float32)
             corpus.write_sound(clip.sound, noise, Annotation())
             np.save(make_shard_path(embed / "speech", clip.sound, ".npy"), speech)
             if clip.split != "train":
-                _samples(random, still=True).save(_sample_path(root, "mean", clip))
-                _samples(random, still=False).save(_sample_path(root, "random", clip))
+                _samples(rng, still=True).save(_sample_path(root, "mean", clip))
+                _samples(rng, still=False).save(_sample_path(root, "random", clip))
     statistics = {"fps": FPS, "channels": NAMES, "mean": [0.0] * CHANNELS, "std": [1.0] * CHANNELS}
     (embed / "embedding.json").write_text(json.dumps(statistics))
     return Workspace.open(root)
@@ -60,7 +60,7 @@ def train_random(made: Workspace) -> None:
     names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
     speech = [each.speech[:, : len(names)] for each in clips]
     bank = build_bank(speech, [each.head for each in clips], [each.gaze for each in clips])
-    settings = BaselineSettings(kind="random", parts=("head", "gaze"), prior=None, neighbours=1)
+    settings = BaselineSettings(kind="random", parts=("head", "gaze"), tokenizer=None, neighbours=1)
     with made.output("train", "random") as folder:
         save_baseline(folder, settings, bank, np.zeros(len(names), np.float32), np.ones(len(names), np.float32))
 
@@ -90,14 +90,14 @@ def _clips() -> list[Clip]:
     return found
 
 
-def _motion(random: np.random.Generator) -> Motion:
-    head = np.cumsum(random.normal(0, 0.01, (FRAMES, 3)), axis=0)
-    gaze = np.repeat(np.cumsum(random.normal(0, 0.02, (FRAMES, 1, 3)) * [1, 1, 0], axis=0), 2, axis=1)
+def _motion(rng: np.random.Generator) -> Motion:
+    head = np.cumsum(rng.normal(0, 0.01, (FRAMES, 3)), axis=0)
+    gaze = np.repeat(np.cumsum(rng.normal(0, 0.02, (FRAMES, 1, 3)) * [1, 1, 0], axis=0), 2, axis=1)
     return Motion.of(FPS, head, gaze)
 
 
-def _samples(random: np.random.Generator, still: bool) -> Samples:
-    motions = [_motion(random) for _ in range(4)]
+def _samples(rng: np.random.Generator, still: bool) -> Samples:
+    motions = [_motion(rng) for _ in range(4)]
     scale = 0.0 if still else 1.0
     return Samples(FPS, scale * np.stack([m.head for m in motions]), scale * np.stack([m.gaze for m in motions]))
 

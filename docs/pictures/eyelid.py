@@ -12,7 +12,7 @@ from pathlib import Path
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import configure_environment
-from talkingeyes.rendering.eyelid_figures import plot_parameters, plot_tracks
+from talkingeyes.rendering.eyelid_plots import plot_parameters, plot_tracks
 
 SECONDS = 8.0
 LEAST_BLINKS = 3

@@ -19,7 +19,7 @@ from talkingeyes.head.sag import FaceSurface
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 from talkingeyes.training.checkpoint import load
-from talkingeyes.training.pgface import PGFaceTaskSettings, cut_windows, pgface_network, read_shape_recording
+from talkingeyes.training.pgface_task import PGFaceTaskSettings, cut_windows, pgface_network, read_shape_recording
 
 PITCHES_DEG = (-18.0, 0.0, 18.0)
 SIZE, LEAST_OPEN = 420, 0.9
@@ -69,7 +69,7 @@ def draw(surface: FaceSurface, shapes: list[np.ndarray], out: Path) -> None:
         brows = model.vertices_of("brow")
         if len(brows):
             normals[:, brows] = model.brows.of(normals)
-        axes[0, column].imshow(renderer.picture(vertices, normals[0].astype(np.float32)))
+        axes[0, column].imshow(renderer.render_frame(vertices, normals[0].astype(np.float32)))
         axes[0, column].set_title(f"pitch {pitch_deg:+.0f}°")
         apart = np.linalg.norm(shape - shapes[1], axis=1) * 1000
         points = axes[1, column].scatter(*shape[:, :2].T, c=apart, s=4, vmin=0, vmax=1.5, cmap="viridis")

@@ -14,7 +14,7 @@ CURVES = {
     "loss/pose": "pose loss",
     "loss/motion": "motion loss",
     "loss/adversarial": "adversarial loss (generator)",
-    "loss/rival_total": "loss of the rival",
+    "loss/discriminator_total": "loss of the discriminator",
     "free_running/range": "range on val (truth 1)",
     "free_running/speed": "speed on val (truth 1)",
 }

@@ -16,9 +16,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.direction import Controls as Controls
-    from talkingeyes.animation.direction import Liveliness as Liveliness
-    from talkingeyes.animation.perform import Animation as Animation
+    from talkingeyes.animation.animator import Animation as Animation
+    from talkingeyes.animation.controls import Controls as Controls
+    from talkingeyes.animation.controls import Liveliness as Liveliness
     from talkingeyes.animation.targets import load_targets as load_targets
     from talkingeyes.core.errors import InputError as InputError
     from talkingeyes.core.motion import Events as Events
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from talkingeyes.workflows.speak import speak as speak
 
 _MODULES = {
-    "Controls": "animation.direction",
+    "Controls": "animation.controls",
     "Events": "core.motion",
     "InputError": "core.errors",
-    "Liveliness": "animation.direction",
+    "Liveliness": "animation.controls",
     "Motion": "core.motion",
-    "Animation": "animation.perform",
+    "Animation": "animation.animator",
     "animate": "workflows.animate",
     "animate_to_folder": "workflows.animate",
     "animate_samples": "workflows.animate",

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Controls
-from talkingeyes.animation.perform import Animation, Animator
+from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.controls import Controls
 
 SECOND_SEED = 1
 

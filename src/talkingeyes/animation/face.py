@@ -31,11 +31,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import expression_shape_names
+from talkingeyes.head.posing import expression_shape_names
 from talkingeyes.models.face.basis import FaceBasis
 from talkingeyes.models.face.style import FaceStyle, StyleKey
 from talkingeyes.physiology.face import EMOTION_EXPRESSIONS, INTENSITY_STRENGTH
-from talkingeyes.training.face_trained import STYLE_FADE_S, TrainedFaceGenerator, is_face_model, load_face_generator
+from talkingeyes.training.face_generators import STYLE_FADE_S, TrainedFaceGenerator, is_face_model, load_face_generator
 
 FACE_MODEL_FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")

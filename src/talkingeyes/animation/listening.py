@@ -18,11 +18,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation, Span
-from talkingeyes.audio.speaking import speaking
+from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
 from talkingeyes.core.motion import HeadMovement
-from talkingeyes.synthesis import gestures
-from talkingeyes.synthesis.conversation import AVERSION_TIMINGS
+from talkingeyes.synthesis import head_gestures
+from talkingeyes.synthesis.gaze_aversion import AVERSION_TIMINGS
 from talkingeyes.synthesis.speakers import LOOK_LISTENING, sample_style
 
 # The partner has the turn until this long after speaking, unless the subject begins before.
@@ -46,16 +46,16 @@ class ListeningBehaviour:
     aversions: tuple[Span, ...]
 
 
-def listening(own: Float[ndarray, " N"], partner: Float[ndarray, " M"], seeds: Sequence[int]) -> ListeningBehaviour:
+def listening_behaviour(
+    own: Float[ndarray, " N"], partner: Float[ndarray, " M"], seeds: Sequence[int]
+) -> ListeningBehaviour:
     """What a person does about a partner's speech (16 kHz, beginning at the same time as the own)."""
-    random = np.random.default_rng(seeds)
+    rng = np.random.default_rng(seeds)
     annotation = detect_turns(own, partner)
-    style = sample_style(random)
-    gaze_fraction = float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98))
-    nods = tuple(gestures.backchannels(annotation, style, random))
-    return ListeningBehaviour(
-        annotation, gaze_fraction, nods, tuple(_sample_aversions(turn_starts(annotation), random))
-    )
+    style = sample_style(rng)
+    gaze_fraction = float(np.clip(rng.beta(*LOOK_LISTENING), 0.5, 0.98))
+    nods = tuple(head_gestures.backchannels(annotation, style, rng))
+    return ListeningBehaviour(annotation, gaze_fraction, nods, tuple(_sample_aversions(turn_starts(annotation), rng)))
 
 
 def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
@@ -83,16 +83,16 @@ def turn_starts(annotation: Annotation) -> list[float]:
     return found
 
 
-def _sample_aversions(starts_s: Sequence[float], random: np.random.Generator) -> list[Span]:
+def _sample_aversions(starts_s: Sequence[float], rng: np.random.Generator) -> list[Span]:
     """From before some of the starts until after them, as people plan what they say (Andrist et al. 2013)."""
     timing = AVERSION_TIMINGS["planning"]
-    spans = [Span(start + random.normal(*timing.start_s), start + random.normal(*timing.end_s)) for start in starts_s]
-    return [span for span in spans if random.random() < AVERSION_PROBABILITY]
+    spans = [Span(start + rng.normal(*timing.start_s), start + rng.normal(*timing.end_s)) for start in starts_s]
+    return [span for span in spans if rng.random() < AVERSION_PROBABILITY]
 
 
 def _detect_speech(sound: Float[ndarray, " N"]) -> tuple[Span, ...]:
     """Where a sound speaks; nowhere if it is silent, which `speaking` would not know."""
-    return () if not len(sound) or loudest_dbfs(sound) < SILENT_DBFS else speaking(sound).speaking
+    return () if not len(sound) or loudest_dbfs(sound) < SILENT_DBFS else detect_speech(sound).speaking
 
 
 def _without(span: Span, others: Sequence[Span]) -> list[Span]:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.course import (
+from talkingeyes.animation.gaze_trajectory import (
     MIN_STEP_RAD,
     GazeTrajectory,
     add_head_turns,
@@ -67,18 +67,18 @@ def add_saccadic_intrusions(trajectory: GazeTrajectory, gain: float, seeds: Sequ
 
     Those that a fit sees are the model's to learn. Gaze that never moves is no fixation and stays still.
     """
-    random = np.random.default_rng(seeds)
+    rng = np.random.default_rng(seeds)
     found = fixations(trajectory, trajectory.cyclopean_rad)
     room_s = np.maximum(found.end_s - found.start_s - 2.0 * MIN_FIXATION_S - INTRUSION_S[0], 0.0)
-    count = random.poisson(INTRUSIONS_PER_S * room_s.sum())
+    count = rng.poisson(INTRUSIONS_PER_S * room_s.sum())
     if not (trajectory.saccades and count and gain):
         return trajectory
-    within = random.choice(len(room_s), count, p=room_s / room_s.sum())
-    out_s = np.sort(found.start_s[within] + MIN_FIXATION_S + random.random(count) * room_s[within])
+    within = rng.choice(len(room_s), count, p=room_s / room_s.sum())
+    out_s = np.sort(found.start_s[within] + MIN_FIXATION_S + rng.random(count) * room_s[within])
     last_s = found.end_s[np.searchsorted(found.start_s, out_s) - 1] - MIN_FIXATION_S
-    back_s = np.minimum(out_s + _log_normal(INTRUSION_S, INTRUSION_RANGE_S, count, random), last_s)
+    back_s = np.minimum(out_s + _log_normal(INTRUSION_S, INTRUSION_RANGE_S, count, rng), last_s)
     free_s = np.concatenate([[-np.inf], np.maximum.accumulate(back_s)[:-1]]) + MIN_FIXATION_S
-    size_deg = _log_normal(INTRUSION_DEG, INTRUSION_RANGE_DEG, count, random) * random.choice([-1.0, 1.0], count)
+    size_deg = _log_normal(INTRUSION_DEG, INTRUSION_RANGE_DEG, count, rng) * rng.choice([-1.0, 1.0], count)
     taken = (out_s >= free_s) & (np.abs(size_deg) < MIN_FITTED_DEG)
     new = split_fixations(trajectory, [*out_s[taken], *back_s[taken]])
     out = np.isin([each.onset_s for each in new.saccades], out_s[taken])
@@ -88,9 +88,9 @@ def add_saccadic_intrusions(trajectory: GazeTrajectory, gain: float, seeds: Sequ
 
 
 def _log_normal(
-    mean_and_sd: tuple[float, float], limits: tuple[float, float], count: int, random: np.random.Generator
+    mean_and_sd: tuple[float, float], limits: tuple[float, float], count: int, rng: np.random.Generator
 ) -> Float[ndarray, " N"]:
     """Draws of a log-normal law of this mean and standard deviation, within limits."""
     mean, sd = mean_and_sd
     variance = np.log1p((sd / mean) ** 2)
-    return np.clip(random.lognormal(np.log(mean) - variance / 2.0, np.sqrt(variance), count), *limits)
+    return np.clip(rng.lognormal(np.log(mean) - variance / 2.0, np.sqrt(variance), count), *limits)

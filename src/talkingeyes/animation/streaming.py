@@ -22,20 +22,20 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
-from talkingeyes.animation.direction import Liveliness
+from talkingeyes.animation.animator import SHUT_CLOSURE, hold_over_blinks, sample_seeds
+from talkingeyes.animation.controls import Liveliness
 from talkingeyes.animation.model_file import open_model
-from talkingeyes.animation.perform import SHUT_CLOSURE, hold_over_blinks, sample_seeds
 from talkingeyes.audio.encoder import EmbedSettings
-from talkingeyes.audio.live import StreamingProsody
+from talkingeyes.audio.streaming_prosody import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
+from talkingeyes.models.motion_stream import MotionStream, StreamingModules, concat_motions
 from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
-from talkingeyes.models.streaming import MotionStream, StreamingModules, concat_motions
 from talkingeyes.physiology import blinks, eye_head
 from talkingeyes.physiology.blinks import BlinkProfile
-from talkingeyes.training.trained import NetworkGenerator, load_generator
+from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
 
 MAX_LATENCY_S = 0.4
 
@@ -57,7 +57,7 @@ class StreamFrames:
 class LiveControls:
     """What a person asks of a stream: the profile of its blinks, and how lively it is (performance.direction)."""
 
-    blinks: str = "physio"
+    blinks: str = "physiological"
     liveliness: Liveliness = field(default_factory=Liveliness)
 
 
@@ -120,7 +120,9 @@ class LiveModel:
         """A new stream; the same seed and sound give the same frames. Raises InputError for unknown blinks."""
         return LiveStream(self, seed, controls)
 
-    def whole(self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS) -> Motion:
+    def generate_offline(
+        self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS
+    ) -> Motion:
         """What a stream of the sound gives, by the model's ordinary generation of a whole speech."""
         features = StreamingProsody(self.embedding, self.fps).whole(sound)
         (own_seed,) = sample_seeds(seed, 1)
@@ -162,9 +164,9 @@ class LiveModel:
         """The blinks of an hour, so that they do not depend on how long the speech turns out to be."""
         if controls.blinks not in self.blink_profiles:
             raise InputError(f"blinks: should be one of {', '.join(self.blink_profiles)}, got {controls.blinks}")
-        profile, random = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
-        rate = blinks.sample_blink_rate(profile, random) * controls.liveliness.blinks
-        return blinks.sample_blinks(profile, LONGEST_S, random, rate_per_min=rate) if rate else ()
+        profile, rng = self.blink_profiles[controls.blinks], np.random.default_rng([seed, 0])
+        rate = blinks.sample_blink_rate(profile, rng) * controls.liveliness.blinks
+        return blinks.sample_blinks(profile, LONGEST_S, rng, rate_per_min=rate) if rate else ()
 
 
 class LiveStream:

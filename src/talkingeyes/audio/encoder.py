@@ -41,7 +41,9 @@ class EmbedSettings(Settings):
     encoder: Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(ENCODERS.parse)]
     prosody: ProsodySettings
     level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
-    partner: bool  # whether the partner's channel of a conversation is embedded too, for models that are told it
+    include_partner: (
+        bool  # whether the partner's channel of a conversation is embedded too, for models that are told it
+    )
 
 
 @runtime_checkable

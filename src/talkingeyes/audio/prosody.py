@@ -31,7 +31,7 @@ class ProsodySettings(Settings):
 
     f0_min_hz: Annotated[float, Field(ge=40, le=200)]
     f0_max_hz: Annotated[float, Field(ge=200, le=1000)]
-    aperiodicity: Annotated[float, Field(gt=0, lt=1)]  # YIN's absolute threshold: below it a step is voiced
+    yin_threshold: Annotated[float, Field(gt=0, lt=1)]  # YIN's absolute threshold: below it a step is voiced
     energy_window_s: Annotated[float, Field(ge=0.01, le=0.2)]
     energy_floor_dbfs: Annotated[float, Field(ge=-120, le=-40)]
 
@@ -92,14 +92,14 @@ def _yin_steps(frames: Float[ndarray, "K W"], max_lag: int, settings: ProsodySet
     min_lag = int(SAMPLE_RATE / settings.f0_max_hz)
     inner = normalised[:, min_lag : max_lag - 1]
     valley = (inner <= normalised[:, min_lag - 1 : max_lag - 2]) & (inner < normalised[:, min_lag + 1 : max_lag])
-    below = valley & (inner < settings.aperiodicity)
+    below = valley & (inner < settings.yin_threshold)
     lag = min_lag + np.where(below.any(axis=1), below.argmax(axis=1), inner.argmin(axis=1))
     rows = np.arange(len(frames))
     before, at, after = (normalised[rows, lag + k] for k in (-1, 0, 1))
     curvature = before - 2 * at + after
     shift = np.where(curvature > 1e-9, 0.5 * (before - after) / np.maximum(curvature, 1e-9), 0)
     f0 = SAMPLE_RATE / (lag + np.clip(shift, -0.5, 0.5))
-    return Pitch(np.where(at < settings.aperiodicity, f0, 0), at)
+    return Pitch(np.where(at < settings.yin_threshold, f0, 0), at)
 
 
 def _normalised_difference(frames: Float[ndarray, "K W"], max_lag: int) -> Float[ndarray, "K L"]:

@@ -1,4 +1,4 @@
-"""The command line: every word that follows `talkingeyes`, and the function in commands/ that it calls.
+"""Entry point of the command line: the commands, and the function of each.
 
 A command is a function there with its options as annotated arguments, and a line here; what it does stands elsewhere.
 A mistake is one line on stderr and exit status 2.
@@ -12,21 +12,21 @@ from collections.abc import Callable, Mapping
 import typer
 from typer.exceptions import TyperException
 
-from talkingeyes.cli import corpora, files, measures, pages, performances, pictures
+from talkingeyes.cli import animation, conversion, evaluation, rendering, servers, tracking
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import run_command
 
 COMMANDS: Mapping[str, Callable[..., None]] = {
-    "animate": performances.animate,
-    "evaluate": measures.evaluate,
-    "render": pictures.render,
-    "head": pictures.render_head,
-    "export": files.export_motion,
-    "import": files.import_motions,
-    "pack": files.pack,
-    "track": corpora.track,
-    "view": pages.view,
-    "serve": pages.serve,
+    "animate": animation.animate,
+    "evaluate": evaluation.evaluate,
+    "render": rendering.render,
+    "head": rendering.render_head,
+    "export": conversion.export_motion,
+    "import": conversion.import_motions,
+    "pack": conversion.pack,
+    "track": tracking.track,
+    "view": servers.view,
+    "serve": servers.serve,
 }
 
 app = typer.Typer(
@@ -37,7 +37,7 @@ app = typer.Typer(
 )
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
-app.add_typer(pages.study, name="study")
+app.add_typer(servers.study, name="study")
 
 
 def main() -> None:

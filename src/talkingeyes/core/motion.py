@@ -199,31 +199,30 @@ class Events:
 
     def save(self, path: Path) -> None:
         """Write as JSON with the schema inside."""
-        rows = {JSON_NAMES.get(name, name): found for name, found in asdict(self).items()}
-        path.write_text(json.dumps({"schema": "talkingeyes.events/1", **rows}, indent=1))
+        path.write_text(json.dumps({"schema": EVENTS_SCHEMA, **asdict(self)}, indent=1))
 
     @classmethod
     def load(cls, path: Path) -> Events:
         """Read events JSON; a kind that is absent has none. Raises InputError if it is not events."""
         try:
             content = json.loads(path.read_text())
-            kinds = {field.name: JSON_NAMES.get(field.name, field.name) for field in fields(cls)}
-            if not any(name in content for name in kinds.values()):
-                raise ValueError(f"should hold {', '.join(kinds.values())}")
-            rows = {field: content.get(name, ()) for field, name in kinds.items()}
-            return cls(**{field: tuple(_event(EVENT_TYPES[field], row) for row in rows[field]) for field in kinds})
+            if content.get("schema") != EVENTS_SCHEMA:
+                raise InputError(f"{path}: schema should be {EVENTS_SCHEMA}, got {content.get('schema')}")
+            rows = {kind: content.get(kind, ()) for kind in EVENT_TYPES}
+            return cls(**{kind: tuple(_event(EVENT_TYPES[kind], row) for row in rows[kind]) for kind in rows})
+        except InputError:
+            raise
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not a readable events file ({error!r})") from None
 
 
+EVENTS_SCHEMA = "talkingeyes.events/2"
 EVENT_TYPES = {
     "saccades": Saccade,
     "head_movements": HeadMovement,
     "blinks": Blink,
     "vergence_movements": VergenceMovement,
 }
-# Fields of `Events` that events JSON (talkingeyes.events/1) calls otherwise.
-JSON_NAMES = {"head_movements": "head_moves", "vergence_movements": "refocuses"}
 
 
 def _event(kind: type, row: dict[str, Any]) -> Any:

@@ -102,6 +102,8 @@ def _line(section: str, error: pydantic.ValidationError, node: Any) -> str:
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if isinstance(inner, pydantic.ValidationError):
         return _line(key, inner, node) + more
+    if first["type"] == "missing":
+        return f"{key}: is missing{more}"
     if first["type"] in ("kind", "bounds"):
         return f"{key}: {first['msg']}{more}"
     return f"{key}: {first['msg']}, got {first['input']!r}{more}"

@@ -17,13 +17,13 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
     furthest below its share, so a corpus of few sentences still gets all three splits; sounds that share none are
     dealt out speaker by speaker.
     """
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     speakers = sorted(set(speaker_of.values()))
     count = round(UNSEEN_SPEAKER_RATIO * len(speakers)) if len(speakers) > 1 else 0
-    unseen = set(random.choice(speakers, size=max(count, int(len(speakers) > 1)), replace=False))
+    unseen = set(rng.choice(speakers, size=max(count, int(len(speakers) > 1)), replace=False))
     split = {sound: "unseen" for sound, speaker in speaker_of.items() if speaker in unseen}
     groups = _groups({sound: sentences_of[sound] for sound in speaker_of if sound not in split})
-    random.shuffle(groups)
+    rng.shuffle(groups)
     groups.sort(key=len, reverse=True)
     total = sum(map(len, groups))
     filled = dict.fromkeys(SPLIT_RATIOS, 0)

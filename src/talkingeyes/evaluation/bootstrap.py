@@ -46,8 +46,8 @@ def bootstrap(statistic: Statistic, count: int, settings: BootstrapSettings) -> 
 
 def resample_indices(count: int, settings: BootstrapSettings) -> Int[ndarray, "D N"]:
     """Indices of clips drawn with replacement, a row a draw."""
-    random = np.random.default_rng([settings.seed, count])
-    return random.integers(count, size=(settings.n_resamples, count))
+    rng = np.random.default_rng([settings.seed, count])
+    return rng.integers(count, size=(settings.n_resamples, count))
 
 
 def percentile_interval(values: Float[ndarray, " D"], settings: BootstrapSettings) -> tuple[float, float]:

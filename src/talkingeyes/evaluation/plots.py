@@ -14,7 +14,7 @@ from numpy import ndarray
 from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
 from talkingeyes.core.rotation import direction_to_angles, gaze_in_space, rotvec_to_direction
 from talkingeyes.corpus.samples import Samples
-from talkingeyes.evaluation.table import TITLES, Column, MethodMetrics, metric, order_rows
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, Column, MethodMetrics, metric, order_rows
 
 COLOURS = {
     "truth": "#111111",
@@ -32,12 +32,12 @@ PANELS = (
     Column("Diversity / truth's\neye-in-head", "gaze", "diversity_ratio"),
     Column("L2 to fitted\neye-in-head, radians", "gaze", "l2"),
     Column("Corr.\neye-in-head", "gaze", "corr"),
-    Column("Corr.\ngaze in space", "space", "corr"),
+    Column("Corr.\ngaze in space", "gaze_in_space", "corr"),
     Column("Corr.\nhead", "head", "corr"),
     Column("Eye speed\n/ truth's", "gaze", "speed_ratio"),
-    Column("Gaze in space\nstill, share", "space", "still"),
+    Column("Gaze in space\nstill, share", "gaze_in_space", "still_fraction"),
 )
-PARTS = {"gaze": "eye-in-head", "space": "gaze in space", "head": "head"}
+PARTS = {"gaze": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles
 from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.face_points import EYE_LANDMARKS
+from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.landmarks import eye_landmarks, head_to_scene
 
 Share = Annotated[float, Field(gt=0, lt=1)]

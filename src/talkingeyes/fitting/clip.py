@@ -20,12 +20,17 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import eye_in_head, gaze_in_space
 from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.blink import BlinkSettings, EyelidMotion, expected_aspect_ratio, eye_aspect_ratio, lids
-from talkingeyes.fitting.eyes import EyeCalibrationSettings, OculomotorRangeSettings, eye_calibration, limit_to_range
-from talkingeyes.fitting.face import ExpressionSettings, face
+from talkingeyes.fitting.expression import ExpressionSettings, face
+from talkingeyes.fitting.eye_calibration import (
+    EyeCalibrationSettings,
+    OculomotorRangeSettings,
+    eye_calibration,
+    limit_to_range,
+)
+from talkingeyes.fitting.face_identity import FaceIdentity, FaceIdentitySettings, face_identity
 from talkingeyes.fitting.gaps import interpolate_gaps, runs
 from talkingeyes.fitting.head_pose import HeadPose, HeadPoseSettings, head_pose
 from talkingeyes.fitting.lightgazefit import LightGazeFitSettings, PupilObservations, Solution, solve
-from talkingeyes.fitting.person import FaceIdentity, FaceIdentitySettings, face_identity
 from talkingeyes.fitting.smoothing import SmoothingSettings, smooth_gaze
 from talkingeyes.head.observation import Observation
 

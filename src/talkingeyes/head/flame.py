@@ -21,9 +21,9 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
-from talkingeyes.head.eyelid.drive import lid_landmarks, with_eyelids
+from talkingeyes.head.eyelid.blendshapes import lid_landmarks, with_eyelids
 from talkingeyes.head.model import PARENTS, PARTS, HeadModel, Landmarks
-from talkingeyes.head.pickles import as_array, read_pickle
+from talkingeyes.head.restricted_pickle import as_array, read_pickle
 
 VERTICES, FACES, SHAPES, EXPRESSIONS, CORRECTIVES = 5023, 9976, 300, 100, 36
 EYEBALLS = (slice(3931, 4477), slice(4477, 5023))

@@ -25,9 +25,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import rotvec_to_direction, rotvec_to_matrix
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.eyeball import APEX_M
-from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import EYE_LANDMARKS, LANDMARK_NAMES
+from talkingeyes.head.posing import shape_weights
 
 EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])  # a test holds the head to them
 PUPIL_OFFSET_M = APEX_M  # from the eye's centre to the pupil, along the optical axis

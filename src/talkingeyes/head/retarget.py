@@ -17,8 +17,8 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.drive import expression_shape_names
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import expression_shape_names
 
 RIDGE = 1e-3  # of the mean square of the target's displacements: keeps weights small where shapes overlap
 FACE_RADIUS_M = 0.11  # of the face around the middle between the eyes, on a head with 63 mm between its pupils

@@ -18,8 +18,8 @@ from numpy import ndarray
 
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.rotation import rotvec_to_matrix
-from talkingeyes.head.drive import shape_weights
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import shape_weights
 
 SAG_M = 0.004
 DOWN = np.array([0.0, -1.0, 0.0])

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
-from talkingeyes.head.drive import Pose
 from talkingeyes.head.model import PARENTS, HeadModel
+from talkingeyes.head.posing import Pose
 
 
 def pose_vertices(

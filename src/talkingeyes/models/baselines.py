@@ -24,7 +24,7 @@ class BaselineSettings(Settings):
 
     kind: Literal["mean", "random", "similar"]
     parts: tuple[Literal["head", "gaze", "face"], ...]
-    prior: None
+    tokenizer: None
     neighbours: Annotated[int, Field(gt=0)]
 
 
@@ -98,7 +98,7 @@ def _sample_one(
     bank: MotionBank,
     standardised: Float[ndarray, "T C"],
     frames: int,
-    random: np.random.Generator,
+    rng: np.random.Generator,
 ) -> Float[ndarray, "T M"]:
     if settings.kind == "mean":
         return np.repeat(bank.motion.mean(0, keepdims=True), frames, axis=0)
@@ -107,10 +107,10 @@ def _sample_one(
     if settings.kind == "similar":
         distance = np.linalg.norm(bank.features[candidates] - mean_and_std(standardised), axis=1)
         candidates = candidates[np.argsort(distance, kind="stable")[: settings.neighbours]]
-    clip = int(random.choice(candidates))
+    clip = int(rng.choice(candidates))
     source = bank.motion[bank.starts[clip] : bank.starts[clip + 1]]
     if settings.kind == "random":
-        offset = int(random.integers(max(len(source) - frames, 0) + 1))
+        offset = int(rng.integers(max(len(source) - frames, 0) + 1))
         source = source[offset:]
     source = source[:frames]
     return np.concatenate([source, np.repeat(source[-1:], frames - len(source), axis=0)])

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
+from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
 
 class PGFaceNetworkSettings(Settings):
@@ -33,10 +33,10 @@ class PGFaceNetworkSettings(Settings):
     output_frame: Annotated[int, Field(gt=0)]
     coefficients: Annotated[int, Field(gt=0)]
     # m of eq. 7 on the lower face; 1 elsewhere.
-    mask: Annotated[float, Field(ge=1)]
+    lower_face_weight: Annotated[float, Field(ge=1)]
     # mu_1 and mu_2 of eq. 8.
-    shape: Annotated[float, Field(ge=0)]
-    motion: Annotated[float, Field(ge=0)]
+    shape_weight: Annotated[float, Field(ge=0)]
+    motion_weight: Annotated[float, Field(ge=0)]
 
 
 class PGFace(nn.Module):
@@ -65,7 +65,7 @@ class PGFace(nn.Module):
         """Take the basis, and the quadratic form that stands for the masked sum over vertices (square millimetres)."""
         self.mean.copy_(mean)
         self.basis.copy_(basis)
-        mask = torch.where(lower, self.settings.mask, 1.0)[:, None]
+        mask = torch.where(lower, self.settings.lower_face_weight, 1.0)[:, None]
         masked = (1000.0 * basis * mask).flatten(1)
         self.weighted_gram.copy_(masked @ masked.T / (3 * len(mean)))
 
@@ -96,7 +96,7 @@ class PGFace(nn.Module):
         shape = self.masked_squared_error(true - generated)
         motion = self.masked_squared_error((true_next - true) - (generated_next - generated))
         return {
-            "total": self.settings.shape * shape + self.settings.motion * motion,
+            "total": self.settings.shape_weight * shape + self.settings.motion_weight * motion,
             "shape": shape,
             "motion": motion,
         }

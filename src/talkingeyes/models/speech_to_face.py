@@ -18,7 +18,7 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder
 from talkingeyes.models.face.generator import FACE_GENERATORS, FaceComponentSettings, FaceGenerator
 from talkingeyes.models.face.style import StyleInput, StyleVocabulary
-from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
+from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
 
 class SpeechToFaceSettings(Settings):
@@ -27,7 +27,7 @@ class SpeechToFaceSettings(Settings):
     kind: Literal["speech_to_face"]
     parts: tuple[Literal["face"], ...]
     # The pretrained motion autoencoder that the generator needs; null: none.
-    prior: str | None
+    tokenizer: str | None
     speech: SpeechProjectionSettings
     # What of the style is told; none: the paper's ablation.
     style: tuple[StyleInput, ...]
@@ -66,7 +66,7 @@ class SpeechToFace(nn.Module):
         channels: Sequence[str],
         vocabulary: StyleVocabulary,
         face_dim: int,
-        prior: FaceAutoencoder | None,
+        tokenizer: FaceAutoencoder | None,
     ) -> None:
         super().__init__()
         self.settings, self.speakers = settings, len(vocabulary.speakers)
@@ -76,7 +76,7 @@ class SpeechToFace(nn.Module):
         self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
         if self.style is not None:
             nn.init.ones_(self.style.bias)  # training starts from speech as it is
-        self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, prior)
+        self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, tokenizer)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
         self.register_buffer("min_face", torch.full((face_dim,), -torch.inf))
         self.register_buffer("max_face", torch.full((face_dim,), torch.inf))

@@ -31,9 +31,13 @@ from talkingeyes.models.condition.conditioner import (
 from talkingeyes.models.gaze.generator import GAZE_GENERATORS, GazeComponentSettings, GazeCondition, GazeGenerator
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
 from talkingeyes.models.head.generator import HEAD_GENERATORS, HeadComponentSettings, HeadGenerator
-from talkingeyes.models.layers import share
-from talkingeyes.models.speech import CausalSpeechProjectionSettings, SpeechProjection, SpeechProjectionSettings
-from talkingeyes.models.wave import WaveformEncoder, WaveformSpeechSettings
+from talkingeyes.models.layers import distributed
+from talkingeyes.models.speech_projection import (
+    CausalSpeechProjectionSettings,
+    SpeechProjection,
+    SpeechProjectionSettings,
+)
+from talkingeyes.models.waveform_encoder import WaveformEncoder, WaveformSpeechSettings
 
 
 class HeadMixSettings(Settings):
@@ -62,7 +66,7 @@ class SpeechToMotionSettings(Settings):
     # The parts of a performance that the model gives.
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
-    prior: str | None
+    tokenizer: str | None
     speech: CausalSpeechProjectionSettings | WaveformSpeechSettings | SpeechProjectionSettings
     # What it is told besides its own speech: parts of models/condition/, perhaps none.
     conditions: tuple[ConditionSettings, ...]
@@ -78,10 +82,12 @@ class SpeechToMotionSettings(Settings):
         """Codes that are decoded are moved by their own term alone: without a weight they stay where they began."""
         for part in ("head", "gaze"):
             process = getattr(getattr(self, part), "process", None)
-            if getattr(process, "codebook", None) == "vq_vae" and not self.weights.get(f"{part}_codebook"):
+            if getattr(process, "mixture_centres", None) == "vq_vae" and not self.weights.get(
+                f"{part}_mixture_centres"
+            ):
                 raise bounds_error(
-                    f"weights.{part}_codebook should be above 0 for {part}.process.codebook=vq_vae",
-                    self.weights.get(f"{part}_codebook", "none"),
+                    f"weights.{part}_mixture_centres should be above 0 for {part}.process.mixture_centres=vq_vae",
+                    self.weights.get(f"{part}_mixture_centres", "none"),
                 )
         return self
 
@@ -203,7 +209,7 @@ class SpeechToMotion(nn.Module):
         head = torch.where((drawn < mix.posterior)[:, None, None], posterior, true)
         if mix.prior == 0:
             return head
-        seeds = share.local_rows(torch.randint(2**31, (len(true) * share.world_size(),)).tolist())
+        seeds = distributed.local_rows(torch.randint(2**31, (len(true) * distributed.world_size(),)).tolist())
         with torch.no_grad():
             prior = self.head.sample(speech, seeds)
         return torch.where((drawn >= 1 - mix.prior)[:, None, None], prior, head)

@@ -19,15 +19,15 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.poses import PoseSettings
-from talkingeyes.models.head.pose import (
+from talkingeyes.models.head.discriminator import Discriminator, DiscriminatorSettings
+from talkingeyes.models.head.pose_generator import (
     POSE_GENERATORS,
     PoseComponentSettings,
     PoseGenerator,
     PoseInputs,
     PosePrediction,
 )
-from talkingeyes.models.head.rival import Discriminator, DiscriminatorSettings
-from talkingeyes.models.speech import SpeechProjection, SpeechProjectionSettings
+from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
 # Poses that a first window may start at, of each speaker.
 START_POSES = 64
@@ -38,7 +38,7 @@ class SpeechToPoseSettings(Settings):
 
     kind: Literal["speech_to_pose"]
     parts: tuple[Literal["head"], ...]
-    prior: None
+    tokenizer: None
     poses: PoseSettings
     speech: SpeechProjectionSettings
     head: PoseComponentSettings
@@ -67,7 +67,7 @@ class SpeechToPose(nn.Module):
         super().__init__()
         self.settings, self.speakers = settings, tuple(speakers)
         self.speech = SpeechProjection(settings.speech, channels)
-        self.styles = nn.Linear(len(speakers), settings.speech.width, bias=False)
+        self.style_embedding = nn.Linear(len(speakers), settings.speech.width, bias=False)
         embedding = len(self.speech.channel_indices)
         self.head: PoseGenerator = POSE_GENERATORS.build(settings.head, settings.speech.width, embedding)
         self.discriminator = Discriminator(settings.discriminator, len(speakers)) if settings.discriminator else None
@@ -77,7 +77,7 @@ class SpeechToPose(nn.Module):
 
     def encode_speech(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> PoseInputs:
         """Learnt features with the style added, the style, and the embedding as it comes."""
-        vector = self.styles(style)
+        vector = self.style_embedding(style)
         return PoseInputs(self.speech(speech) + vector[:, None], vector, self.speech.standardise(speech))
 
     def predict(self, batch: PoseBatch) -> PosePrediction:

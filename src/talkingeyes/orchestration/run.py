@@ -22,7 +22,7 @@ import yaml
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings, validate_section
-from talkingeyes.orchestration.record import MethodResult, Report, log_run
+from talkingeyes.orchestration.mlflow_logging import MethodResult, Report, log_run
 
 S = TypeVar("S", bound=Settings)
 A = TypeVar("A")
@@ -106,7 +106,7 @@ class Workspace:
         """
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
-        mark = partial / "MADE_OF"
+        mark = partial / "FINGERPRINT"
         if fingerprint is None or not mark.is_file() or mark.read_text() != fingerprint:
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)

@@ -53,18 +53,18 @@ class BlinkProfile:
 
 PAPER = BlinkProfile("normal", 40.10, 15.42, window_s=0.200, speech_dependent=False)
 PHYSIOLOGICAL = BlinkProfile("lognormal", 23.0, 0.35)
-PROFILES = {"paper": PAPER, "physio": PHYSIOLOGICAL}
+PROFILES = {"paper": PAPER, "physiological": PHYSIOLOGICAL}
 
 
-def sample_blink_rate(profile: BlinkProfile, random: np.random.Generator) -> float:
+def sample_blink_rate(profile: BlinkProfile, rng: np.random.Generator) -> float:
     """Blinks a minute of one person (or clip)."""
     if profile.distribution == "lognormal":
         return float(
-            np.clip(profile.centre_per_min * np.exp(profile.spread * random.standard_normal()), *RATE_LIMITS_PER_MIN)
+            np.clip(profile.centre_per_min * np.exp(profile.spread * rng.standard_normal()), *RATE_LIMITS_PER_MIN)
         )
     rate = -1.0
     while rate <= 0:
-        rate = random.normal(profile.centre_per_min, profile.spread)
+        rate = rng.normal(profile.centre_per_min, profile.spread)
     return float(rate)
 
 
@@ -79,7 +79,7 @@ def blink_rate_quantile(profile: BlinkProfile, share: float) -> float:
 def sample_blinks(
     profile: BlinkProfile,
     seconds: float,
-    random: np.random.Generator,
+    rng: np.random.Generator,
     annotation: Annotation | None = None,
     rate_per_min: float | None = None,
     full: float = COMPLETE_PROBABILITY,
@@ -89,31 +89,31 @@ def sample_blinks(
     A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives, if
     the profile heeds it.
     """
-    rate = sample_blink_rate(profile, random) if rate_per_min is None else rate_per_min
+    rate = sample_blink_rate(profile, rng) if rate_per_min is None else rate_per_min
     mean_s = 60.0 / max(rate, 1e-6)
     length_s = profile.window_s or MEAN_BLINK_S + REFRACTORY_S
     dead_s = min(length_s, 0.6 * mean_s)
     warm_up_s = 4.0 * mean_s
     count = int(2.0 * (seconds + warm_up_s) / mean_s) + 20
-    steps_s = dead_s + random.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
+    steps_s = dead_s + rng.gamma(INTERVAL_SHAPE, (mean_s - dead_s) / INTERVAL_SHAPE, count)
     even_s = np.cumsum(steps_s) - warm_up_s
     even_s = even_s[(even_s >= 0) & (even_s < seconds)]
     onsets_s = _warp_times(even_s, seconds, annotation if profile.speech_dependent else None)
-    return drop_overlapping([sample_blink(profile, onset, random, full) for onset in onsets_s])
+    return drop_overlapping([sample_blink(profile, onset, rng, full) for onset in onsets_s])
 
 
 def sample_blink(
-    profile: BlinkProfile, onset_s: float, random: np.random.Generator, full: float = COMPLETE_PROBABILITY
+    profile: BlinkProfile, onset_s: float, rng: np.random.Generator, full: float = COMPLETE_PROBABILITY
 ) -> Blink:
     """One blink; `full` is the probability that the lids meet."""
     if profile.window_s is not None:
         return Blink(float(onset_s), 0.4 * profile.window_s, 0.2 * profile.window_s, 0.4 * profile.window_s, 1.0)
     return Blink(
         onset_s=float(onset_s),
-        closing_s=float(max(0.045, random.normal(0.085, 0.015))),
-        hold_s=float(0.025 * np.exp(0.6 * random.standard_normal())),
-        opening_s=float(max(0.100, random.normal(0.210, 0.045))),
-        depth=1.0 if random.random() < full else float(random.uniform(0.4, 0.9)),
+        closing_s=float(max(0.045, rng.normal(0.085, 0.015))),
+        hold_s=float(0.025 * np.exp(0.6 * rng.standard_normal())),
+        opening_s=float(max(0.100, rng.normal(0.210, 0.045))),
+        depth=1.0 if rng.random() < full else float(rng.uniform(0.4, 0.9)),
     )
 
 

@@ -40,9 +40,9 @@ def head_duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarra
     return np.asarray(0.250 + 0.012 * np.degrees(amplitude_rad))
 
 
-def sample_onset_lag_s(random: np.random.Generator) -> float:
+def sample_onset_lag_s(rng: np.random.Generator) -> float:
     """How much later than the eye the head starts (negative: earlier)."""
-    return float(np.clip(random.normal(*ONSET_LAG_S), *ONSET_LAG_LIMITS_S))
+    return float(np.clip(rng.normal(*ONSET_LAG_S), *ONSET_LAG_LIMITS_S))
 
 
 def minimum_jerk(phase: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:

@@ -19,8 +19,8 @@ from numpy import ndarray
 
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.eyelid.anatomy import EyelidParameters, sample_eyelid_parameters, upper_lid_rotation_rad
-from talkingeyes.head.eyelid.construction import predictors
-from talkingeyes.head.eyelid.drive import AHEAD, LID_SHAPES, SIDES
+from talkingeyes.head.eyelid.blendshapes import AHEAD, LID_SHAPES, SIDES
+from talkingeyes.head.eyelid.model import predictors
 
 LID_LAG_S = 0.005  # the lid after the eye
 MIN_OPENING_M = 0.002  # openings that gaze leaves are taken to be at least this, in what lids are measured by
@@ -31,9 +31,9 @@ MEAN_EYELIDS = (EyelidParameters(), EyelidParameters())
 LID_ASYMMETRY_RAD = np.radians(0.5)
 
 
-def sample_eyelids(random: np.random.Generator) -> tuple[EyelidParameters, EyelidParameters]:
+def sample_eyelids(rng: np.random.Generator) -> tuple[EyelidParameters, EyelidParameters]:
     """The lids of somebody's left and right eye: alike, but at rest half a degree apart."""
-    person, apart_rad = sample_eyelid_parameters(random), LID_ASYMMETRY_RAD * random.standard_normal(2)
+    person, apart_rad = sample_eyelid_parameters(rng), LID_ASYMMETRY_RAD * rng.standard_normal(2)
     left, right = (replace(person, droop_rad=float(person.droop_rad + each)) for each in apart_rad)
     return left, right
 

@@ -125,33 +125,33 @@ def peak_speed(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*
 
 
 def saccade(
-    onset_s: float, start_rad: Float[ndarray, " 2"], end_rad: Float[ndarray, " 2"], random: np.random.Generator
+    onset_s: float, start_rad: Float[ndarray, " 2"], end_rad: Float[ndarray, " 2"], rng: np.random.Generator
 ) -> Saccade:
     """A saccade between two directions, its duration and skew jittered, so that peak speeds vary by about 10 %."""
     amplitude = float(np.hypot(*(end_rad - start_rad)))
     return Saccade(
         onset_s=float(onset_s),
-        duration_s=float(duration_s(amplitude) * np.exp(DURATION_JITTER * random.standard_normal())),
+        duration_s=float(duration_s(amplitude) * np.exp(DURATION_JITTER * rng.standard_normal())),
         start_rad=(float(start_rad[0]), float(start_rad[1])),
         end_rad=(float(end_rad[0]), float(end_rad[1])),
-        skew=float(np.clip(skew(amplitude) * np.exp(PEAK_JITTER * random.standard_normal()), 0.15, 0.6)),
+        skew=float(np.clip(skew(amplitude) * np.exp(PEAK_JITTER * rng.standard_normal()), 0.15, 0.6)),
     )
 
 
 def sample_amplitudes_rad(
-    count: int, random: np.random.Generator, min_deg: float = 0.0, max_deg: float = MAX_TALKING_AMPLITUDE_DEG
+    count: int, rng: np.random.Generator, min_deg: float = 0.0, max_deg: float = MAX_TALKING_AMPLITUDE_DEG
 ) -> Float[ndarray, " N"]:
     """Amplitudes of Eyes Alive's law, .315 + Exp(6.9) degrees, between two bounds (by the inverse of the cut law)."""
     low, high = (
         1.0 - np.exp(-max(0.0, bound - AMPLITUDE_MIN_DEG) / AMPLITUDE_MEAN_DEG) for bound in (min_deg, max_deg)
     )
-    return np.asarray(np.radians(AMPLITUDE_MIN_DEG - AMPLITUDE_MEAN_DEG * np.log1p(-random.uniform(low, high, count))))
+    return np.asarray(np.radians(AMPLITUDE_MIN_DEG - AMPLITUDE_MEAN_DEG * np.log1p(-rng.uniform(low, high, count))))
 
 
 def sample_directions(
-    count: int, random: np.random.Generator, octants: Float[ndarray, " 8"] = DIRECTION_PERCENT
+    count: int, rng: np.random.Generator, octants: Float[ndarray, " 8"] = DIRECTION_PERCENT
 ) -> Float[ndarray, "N 2"]:
     """Steps of unit amplitude; Eyes Alive's directions, cardinals about twice as often as diagonals, unless given."""
-    octant = random.choice(8, size=count, p=octants / octants.sum())
-    angle = octant * np.pi / 4 + DIRECTION_JITTER_RAD * random.standard_normal(count)
+    octant = rng.choice(8, size=count, p=octants / octants.sum())
+    angle = octant * np.pi / 4 + DIRECTION_JITTER_RAD * rng.standard_normal(count)
     return np.stack([np.cos(angle), VERTICAL_SHRINK * np.sin(angle)], axis=-1)

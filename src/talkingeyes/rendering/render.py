@@ -18,9 +18,9 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import PARTS, HeadModel
 from talkingeyes.head.normals import incidence, normals_from_incidence
+from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.rendering.shading import BACKGROUND, EYE, GLOSSY, MATT, specular_highlights, to_pixels, vertex_light
 from talkingeyes.rendering.view import OrbitCamera
 
@@ -88,9 +88,9 @@ class HeadRenderer:
             if len(self._brows):  # a strip of hair shows the form of the skin under it
                 normals[:, self._brows] = self.model.brows.of(normals)
             for frame, frame_normals in zip(vertices, normals, strict=True):
-                yield self.picture(frame, frame_normals.astype(np.float32))
+                yield self.render_frame(frame, frame_normals.astype(np.float32))
 
-    def picture(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> UInt8[ndarray, "H W 3"]:
+    def render_frame(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> UInt8[ndarray, "H W 3"]:
         """One frame."""
         camera = self.view.camera
         picture = np.empty((camera.height, camera.width, 3), np.uint8)

@@ -45,42 +45,42 @@ class AcousticsSettings(Settings):
 
 
 def apply_acoustics(
-    sound: Float[ndarray, " N"], settings: AcousticsSettings, random: np.random.Generator
+    sound: Float[ndarray, " N"], settings: AcousticsSettings, rng: np.random.Generator
 ) -> Float[ndarray, " N"]:
     """The sound as the microphone gets it: as it is, or in a room, with noise, or both."""
-    in_room, with_noise = random.random(2) < (settings.reverb_probability, settings.noise_probability)
+    in_room, with_noise = rng.random(2) < (settings.reverb_probability, settings.noise_probability)
     if not in_room and not with_noise:
         return sound
     found = sound.astype(np.float64)
     if in_room:
-        rt60_s = random.uniform(settings.rt60_min_s, settings.rt60_max_s)
-        found = add_reverb(found, rt60_s, random.uniform(settings.drr_min_db, settings.drr_max_db), random)
+        rt60_s = rng.uniform(settings.rt60_min_s, settings.rt60_max_s)
+        found = add_reverb(found, rt60_s, rng.uniform(settings.drr_min_db, settings.drr_max_db), rng)
     if with_noise:
-        level_db = random.uniform(settings.snr_min_db, settings.snr_max_db)
-        found = found + coloured_noise(len(found), random) * _speech_rms(sound) * 10 ** (-level_db / 20)
+        level_db = rng.uniform(settings.snr_min_db, settings.snr_max_db)
+        found = found + coloured_noise(len(found), rng) * _speech_rms(sound) * 10 ** (-level_db / 20)
     return np.asarray(found * min(1.0, PEAK / max(np.abs(found).max(), 1e-9)), np.float32)
 
 
 def add_reverb(
-    sound: Float[ndarray, " N"], rt60_s: float, drr_db: float, random: np.random.Generator
+    sound: Float[ndarray, " N"], rt60_s: float, drr_db: float, rng: np.random.Generator
 ) -> Float[ndarray, " N"]:
     """The sound with the echo of a room, not shifted in time."""
     times_s = np.arange(round(rt60_s * SAMPLE_RATE)) / SAMPLE_RATE
-    echo = random.standard_normal(len(times_s)) * 10 ** (-3.0 * times_s / rt60_s)
+    echo = rng.standard_normal(len(times_s)) * 10 ** (-3.0 * times_s / rt60_s)
     echo[times_s < FIRST_ECHO_S] = 0.0
     echo *= 10 ** (-drr_db / 20) / np.sqrt(np.sum(echo**2))
     echo[0] = 1.0
     return np.asarray(oaconvolve(sound, echo)[: len(sound)])
 
 
-def coloured_noise(samples: int, random: np.random.Generator) -> Float[ndarray, " N"]:
+def coloured_noise(samples: int, rng: np.random.Generator) -> Float[ndarray, " N"]:
     """Coloured noise of RMS 1, its level wandering by some decibels."""
     frequency_hz = np.maximum(np.fft.rfftfreq(samples, 1.0 / SAMPLE_RATE), LOWEST_HZ)
-    spectrum = np.fft.rfft(random.standard_normal(samples)) * frequency_hz ** (
-        -random.uniform(0.0, MAX_SPECTRAL_EXPONENT) / 2
+    spectrum = np.fft.rfft(rng.standard_normal(samples)) * frequency_hz ** (
+        -rng.uniform(0.0, MAX_SPECTRAL_EXPONENT) / 2
     )
     steps = 2 + int(samples / SAMPLE_RATE / WANDER_STEP_S)
-    wander_db = np.interp(np.linspace(0, steps - 1, samples), np.arange(steps), random.normal(0.0, WANDER_DB, steps))
+    wander_db = np.interp(np.linspace(0, steps - 1, samples), np.arange(steps), rng.normal(0.0, WANDER_DB, steps))
     made = np.fft.irfft(spectrum, samples) * 10 ** (wander_db / 20)
     return np.asarray(made / np.sqrt(np.mean(made**2)))
 

@@ -22,27 +22,27 @@ QUESTION_S = 0.6  # a question's raise starts so long before its end
 
 
 def sample_brow_raises(
-    annotation: Annotation, speech_coupling: float, seconds: float, random: np.random.Generator
+    annotation: Annotation, speech_coupling: float, seconds: float, rng: np.random.Generator
 ) -> tuple[BrowRaise, ...]:
     """Raises in order of onset; `speech_coupling` is how far what is said moves this person at all."""
     raises = []
     for phoneme in annotation.phonemes:
-        if random.random() < ACCENT_PROBABILITY * phoneme.prominence * speech_coupling:
-            raises.append(_raise(phoneme.start_s - random.normal(*LEAD_S), ACCENT_SIZE, random))
+        if rng.random() < ACCENT_PROBABILITY * phoneme.prominence * speech_coupling:
+            raises.append(_raise(phoneme.start_s - rng.normal(*LEAD_S), ACCENT_SIZE, rng))
     for sentence in annotation.sentences:
-        if sentence.label == "question" and random.random() < QUESTION_PROBABILITY * speech_coupling:
-            start_s = max(sentence.start_s, sentence.end_s - QUESTION_S + random.normal(0.0, 0.2))
-            raises.append(_raise(start_s, QUESTION_SIZE, random, hold_s=0.4))
-    for onset_s in random.uniform(0.0, seconds, random.poisson(SPONTANEOUS_PER_S * seconds)):
-        raises.append(_raise(float(onset_s), ACCENT_SIZE, random))
+        if sentence.label == "question" and rng.random() < QUESTION_PROBABILITY * speech_coupling:
+            start_s = max(sentence.start_s, sentence.end_s - QUESTION_S + rng.normal(0.0, 0.2))
+            raises.append(_raise(start_s, QUESTION_SIZE, rng, hold_s=0.4))
+    for onset_s in rng.uniform(0.0, seconds, rng.poisson(SPONTANEOUS_PER_S * seconds)):
+        raises.append(_raise(float(onset_s), ACCENT_SIZE, rng))
     return tuple(sorted(raises, key=lambda one: one.onset_s))
 
 
-def _raise(onset_s: float, size: float, random: np.random.Generator, hold_s: float = 0.12) -> BrowRaise:
+def _raise(onset_s: float, size: float, rng: np.random.Generator, hold_s: float = 0.12) -> BrowRaise:
     return BrowRaise(
         onset_s=float(onset_s),
-        rise_s=float(np.clip(random.normal(0.18, 0.04), 0.1, 0.3)),
-        hold_s=float(hold_s * np.exp(SPREAD * random.standard_normal())),
-        fall_s=float(np.clip(random.normal(0.30, 0.06), 0.15, 0.5)),
-        size=float(min(size * np.exp(SPREAD * random.standard_normal()), 1.0)),
+        rise_s=float(np.clip(rng.normal(0.18, 0.04), 0.1, 0.3)),
+        hold_s=float(hold_s * np.exp(SPREAD * rng.standard_normal())),
+        fall_s=float(np.clip(rng.normal(0.30, 0.06), 0.15, 0.5)),
+        size=float(min(size * np.exp(SPREAD * rng.standard_normal()), 1.0)),
     )

@@ -20,8 +20,8 @@ from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.head import landmarks as face
 from talkingeyes.head.camera import Camera
 from talkingeyes.head.observation import Observation
-from talkingeyes.synthesis.mishaps import occlusion_mask, quantise, source_frames
-from talkingeyes.synthesis.noise import NoiseSettings, noisy_landmarks, noisy_pupils
+from talkingeyes.synthesis.corruptions import occlusion_mask, quantise, source_frames
+from talkingeyes.synthesis.detector_noise import NoiseSettings, noisy_landmarks, noisy_pupils
 
 IDENTITY_LIMIT = 2.0  # standard deviations: faces beyond are no people
 
@@ -44,9 +44,9 @@ class CameraSettings(Settings):
         return self
 
 
-def make_camera(settings: CameraSettings, random: np.random.Generator) -> Camera:
+def make_camera(settings: CameraSettings, rng: np.random.Generator) -> Camera:
     """A pinhole camera at a distance of the band, with the neutral face in the middle of its picture."""
-    distance_m = float(random.uniform(settings.distance_min_m, settings.distance_max_m))
+    distance_m = float(rng.uniform(settings.distance_min_m, settings.distance_max_m))
     depth_m = distance_m - float(face.EYE_CENTRES[0, 2])
     focal_px = 1000.0 * settings.scale_px_per_mm * depth_m
     heights_m = face.rest_landmarks()[:, 1]
@@ -80,7 +80,7 @@ def observe(
     motion: Motion,
     camera: Camera,
     settings: NoiseSettings,
-    random: np.random.Generator,
+    rng: np.random.Generator,
     identity: Sequence[float] = (),
 ) -> Observation:
     """Landmarks and pupils as detectors would give them; confidence falls with what is hidden, down to 0.
@@ -94,13 +94,13 @@ def observe(
     yaw = motion.head[:, 1]
     exact_px = exact_landmarks_px(motion, camera, identity)
     pupils_px = exact_pupils_px(motion, camera)
-    landmarks = noisy_landmarks(exact_px, yaw, motion.fps, settings.landmark, random)
-    pupils = noisy_pupils(pupils_px, ahead_px, yaw, aperture, motion.fps, settings.pupil, random)
-    hidden = occlusion_mask(exact_px, pupils_px, motion.fps, settings.occlusion, random)
+    landmarks = noisy_landmarks(exact_px, yaw, motion.fps, settings.landmark, rng)
+    pupils = noisy_pupils(pupils_px, ahead_px, yaw, aperture, motion.fps, settings.pupil, rng)
+    hidden = occlusion_mask(exact_px, pupils_px, motion.fps, settings.occlusion, rng)
     landmarks[hidden[:, :-2]] = np.nan
     pupils[hidden[:, -2:]] = np.nan
     openness = np.clip(aperture.min(axis=1) / max(settings.pupil.min_aperture, 1e-9), 0.0, 1.0)
-    shown = source_frames(len(motion), settings.frame_drops, random)
+    shown = source_frames(len(motion), settings.frame_drops, rng)
     lost = shown < 0
     return Observation(
         fps=motion.fps,

@@ -15,9 +15,9 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Phoneme, Span
-from talkingeyes.synthesis.accents import Voice
 from talkingeyes.synthesis.espeak import ESPEAK_SAMPLE_RATE, PHONEME, WORD, EspeakOutput, SpeakFunction
 from talkingeyes.synthesis.text import Filler, Pause, SpeechUnit, Word
+from talkingeyes.synthesis.voice_profiles import Voice
 
 FADE_S = 0.004
 TRIM_LEVEL = 10 ** (-42 / 20)

@@ -16,14 +16,14 @@ from pydantic import Field, model_validator
 from talkingeyes.audio.annotation import EMOTIONS, INTENSITIES
 from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.physiology.blinks import PROFILES, BlinkProfile
-from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, apply_emotion, is_voice, sample_voice
 from talkingeyes.synthesis.acoustics import AcousticsSettings
-from talkingeyes.synthesis.individual import individual
-from talkingeyes.synthesis.noise import NoiseSettings
+from talkingeyes.synthesis.detector_noise import NoiseSettings
+from talkingeyes.synthesis.individuality import individualise_style
 from talkingeyes.synthesis.observations import CameraSettings
 from talkingeyes.synthesis.speakers import Speaker, sample_speaker
+from talkingeyes.synthesis.speech_synthesis import DialogueVoices
 from talkingeyes.synthesis.text import languages
-from talkingeyes.synthesis.voices import DialogueVoices
+from talkingeyes.synthesis.voice_profiles import ACCENTS, VOICE_NAMES, apply_emotion, is_voice, sample_voice
 
 STREAMS = {"speaker": 1, "sound": 2, "motion": 3, "noise": 4, "takes": 5, "scene": 6, "partner": 7, "acoustics": 8}
 STREAMS |= {"individual": 9}
@@ -63,7 +63,7 @@ class SynthesizeSettings(SourceSettings):
     takes: int = Field(ge=1, le=100)  # of each multi-take sound: same sound, motion drawn again
     multi_take_sounds: int = Field(ge=0)  # so many sounds of test, and so many of unseen
     fps: float = Field(ge=5, le=500)  # of motion and observations
-    blinks: Literal["physio", "paper"]  # the profile of blinks
+    blinks: Literal["physiological", "paper"]  # the profile of blinks
     individuality: float = Field(ge=0, le=3)  # how far people differ in their heads' motion beyond what is usual
     languages: tuple[str, ...] = Field(min_length=1)  # speakers take turns in them
     voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; none: all of these languages
@@ -129,11 +129,11 @@ def sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
 
 
 def _sound(settings: SynthesizeSettings, source: str, index: int, speaker: int) -> PlannedSound:
-    random = generator(settings.seed, "scene", index)
-    listening = bool(random.random() < settings.sources[source].dialogue_share)
+    rng = generator(settings.seed, "scene", index)
+    listening = bool(rng.random() < settings.sources[source].dialogue_share)
     emotion, intensity = "neutral", 0
-    if random.random() >= settings.neutral_share:
-        emotion, intensity = EMOTIONS[random.integers(1, len(EMOTIONS))], INTENSITIES[random.integers(len(INTENSITIES))]
+    if rng.random() >= settings.neutral_share:
+        emotion, intensity = EMOTIONS[rng.integers(1, len(EMOTIONS))], INTENSITIES[rng.integers(len(INTENSITIES))]
     return PlannedSound(index, speaker, f"{speaker_name(speaker)}-{index:06d}", source, emotion, intensity, listening)
 
 
@@ -144,17 +144,17 @@ def speaker_name(number: int) -> str:
 
 def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
     """Who says it: the same person in all sounds of that speaker."""
-    random = generator(settings.seed, "speaker", sound.speaker)
+    rng = generator(settings.seed, "speaker", sound.speaker)
     speaker = sample_speaker(
         speaker_name(sound.speaker),
         _language(settings, sound),
-        random,
+        rng,
         settings.blink_profile,
         settings.sources[sound.source].liveliness,
         settings.voices,
     )
     own = generator(settings.seed, "individual", sound.speaker)
-    return replace(speaker, style=individual(speaker.style, settings.individuality, own))
+    return replace(speaker, style=individualise_style(speaker.style, settings.individuality, own))
 
 
 def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> DialogueVoices:
@@ -162,8 +162,8 @@ def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> Dialog
     voice = apply_emotion(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
     if not sound.listening:
         return DialogueVoices(voice)
-    random = generator(settings.seed, "partner", sound.index)
-    return DialogueVoices(voice, sample_voice(random, _language(settings, sound), settings.voices))
+    rng = generator(settings.seed, "partner", sound.index)
+    return DialogueVoices(voice, sample_voice(rng, _language(settings, sound), settings.voices))
 
 
 def _language(settings: SynthesizeSettings, sound: PlannedSound) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile, sample_blink_rate
 from talkingeyes.physiology.lids import sample_eyelids
-from talkingeyes.synthesis.accents import Voice, sample_voice
+from talkingeyes.synthesis.voice_profiles import Voice, sample_voice
 
 LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
 BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)
@@ -71,54 +71,54 @@ class Speaker:
 
 
 def sample_style(
-    random: np.random.Generator, blinks: BlinkProfile = PHYSIOLOGICAL, liveliness: float = 1.0
+    rng: np.random.Generator, blinks: BlinkProfile = PHYSIOLOGICAL, liveliness: float = 1.0
 ) -> SpeakerStyle:
     """A style from the distributions over people; `blinks` is the profile of blink rates."""
     return SpeakerStyle(
         liveliness=liveliness,
-        look=float(np.clip(random.beta(4.0, 3.3), 0.2, 0.9)),
-        aversion_side=float(random.normal(0.0, 0.25)),
-        aversion_scale=float(np.exp(0.25 * random.standard_normal())),
-        saccade_rate=float(np.exp(0.20 * random.standard_normal())),
-        speech_coupling=float(random.beta(5.0, 2.0)),
-        head_scale=float(np.clip(np.exp(0.30 * random.standard_normal()), 0.45, 1.9)),
+        look=float(np.clip(rng.beta(4.0, 3.3), 0.2, 0.9)),
+        aversion_side=float(rng.normal(0.0, 0.25)),
+        aversion_scale=float(np.exp(0.25 * rng.standard_normal())),
+        saccade_rate=float(np.exp(0.20 * rng.standard_normal())),
+        speech_coupling=float(rng.beta(5.0, 2.0)),
+        head_scale=float(np.clip(np.exp(0.30 * rng.standard_normal()), 0.45, 1.9)),
         head_axes=(1.0, 1.0, 1.0),
         translation_scale=1.0,
         head_tempo=1.0,
-        head_threshold=float(np.radians(random.uniform(5.0, 15.0))),
-        head_gain=float(random.uniform(0.3, 0.9)),
-        nod_probability=float(random.uniform(0.2, 0.4)),
-        speaking_lift=float(np.radians(random.normal(3.8, 1.2))),
-        blinks_per_min=sample_blink_rate(blinks, random),
-        rest_pitch=float(np.radians(random.normal(2.0, 2.5))),
-        rest_roll=float(np.radians(random.normal(0.0, 1.5))),
-        lid_rest=float(np.clip(random.normal(0.0, 0.04), -0.1, 0.12)),
-        jaw_scale=float(np.exp(0.15 * random.standard_normal())),
-        jaw_asymmetry=float(random.normal(0.0, 0.12)),
-        lip_scale=float(np.exp(0.12 * random.standard_normal())),
-        expressiveness=float(np.exp(0.2 * random.standard_normal())),
-        eyelids=sample_eyelids(random),
-        partner_gaze_listening=float(np.clip(random.beta(*LOOK_LISTENING), 0.5, 0.98)),
-        blink_completeness=float(random.beta(*BLINK_COMPLETENESS)),
-        kappa=_kappa(random),
+        head_threshold=float(np.radians(rng.uniform(5.0, 15.0))),
+        head_gain=float(rng.uniform(0.3, 0.9)),
+        nod_probability=float(rng.uniform(0.2, 0.4)),
+        speaking_lift=float(np.radians(rng.normal(3.8, 1.2))),
+        blinks_per_min=sample_blink_rate(blinks, rng),
+        rest_pitch=float(np.radians(rng.normal(2.0, 2.5))),
+        rest_roll=float(np.radians(rng.normal(0.0, 1.5))),
+        lid_rest=float(np.clip(rng.normal(0.0, 0.04), -0.1, 0.12)),
+        jaw_scale=float(np.exp(0.15 * rng.standard_normal())),
+        jaw_asymmetry=float(rng.normal(0.0, 0.12)),
+        lip_scale=float(np.exp(0.12 * rng.standard_normal())),
+        expressiveness=float(np.exp(0.2 * rng.standard_normal())),
+        eyelids=sample_eyelids(rng),
+        partner_gaze_listening=float(np.clip(rng.beta(*LOOK_LISTENING), 0.5, 0.98)),
+        blink_completeness=float(rng.beta(*BLINK_COMPLETENESS)),
+        kappa=_kappa(rng),
     )
 
 
-def _kappa(random: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+def _kappa(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
     """The optical axis points to the temple's side of the visual one, mirrored in the eyes, and a little down."""
-    temporal = np.radians(random.normal(*KAPPA_DEG) + KAPPA_EYE_DEG * random.standard_normal(2))
-    down = np.radians(random.normal(*KAPPA_DOWN_DEG, size=2))
+    temporal = np.radians(rng.normal(*KAPPA_DEG) + KAPPA_EYE_DEG * rng.standard_normal(2))
+    down = np.radians(rng.normal(*KAPPA_DOWN_DEG, size=2))
     return (float(temporal[0]), float(-down[0])), (float(-temporal[1]), float(-down[1]))
 
 
 def sample_speaker(
     name: str,
     language: str,
-    random: np.random.Generator,
+    rng: np.random.Generator,
     blinks: BlinkProfile = PHYSIOLOGICAL,
     liveliness: float = 1.0,
     voices: Sequence[str] = (),
 ) -> Speaker:
     """A person who speaks `language`, in one of the named voices if any are."""
-    voice, style = sample_voice(random, language, voices), sample_style(random, blinks, liveliness)
-    return Speaker(name, voice, style, tuple(map(float, random.standard_normal(IDENTITY_SHAPES))))
+    voice, style = sample_voice(rng, language, voices), sample_style(rng, blinks, liveliness)
+    return Speaker(name, voice, style, tuple(map(float, rng.standard_normal(IDENTITY_SHAPES))))

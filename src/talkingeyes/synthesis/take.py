@@ -19,10 +19,10 @@ from talkingeyes.physiology import blinks, face, render
 from talkingeyes.physiology.articulation import ArticulationStyle
 from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.physiology.render import ContinuousMotion, Sinusoids
-from talkingeyes.synthesis import affect, gestures
+from talkingeyes.synthesis import emotion, head_gestures
 from talkingeyes.synthesis.brows import sample_brow_raises
-from talkingeyes.synthesis.conversation import WARM_UP_S, GazeInterval, gaze_intervals
-from talkingeyes.synthesis.looking import generate_gaze
+from talkingeyes.synthesis.gaze_aversion import WARM_UP_S, GazeInterval, gaze_intervals
+from talkingeyes.synthesis.gaze_shifts import generate_gaze
 from talkingeyes.synthesis.speakers import SpeakerStyle
 
 LID_DRIFT_RAD = np.radians(1.2)  # with a memory of half a second, up to 5 degrees; the eyes differ by a part of it
@@ -51,21 +51,26 @@ class Take:
 
 
 def sample_take(
-    annotation: Annotation, style: SpeakerStyle, seconds: float, random: np.random.Generator, profile: BlinkProfile
+    annotation: Annotation, style: SpeakerStyle, seconds: float, rng: np.random.Generator, profile: BlinkProfile
 ) -> Take:
     """Draw a take of a sound that is `seconds` long, in the emotion that it is said in."""
-    style = affect.emotional_style(style, annotation.emotion, _emotion_strength(annotation, style))
-    continuous_motion = _continuous(annotation, style, seconds, random)
+    style = emotion.emotional_style(style, annotation.emotion, _emotion_strength(annotation, style))
+    continuous_motion = _continuous(annotation, style, seconds, rng)
     gestured = [
         move
-        for gesture in (gestures.posture_shifts, gestures.nods, gestures.leaning, gestures.backchannels)
-        for move in gesture(annotation, style, random)
+        for gesture in (
+            head_gestures.posture_shifts,
+            head_gestures.nods,
+            head_gestures.leaning,
+            head_gestures.backchannels,
+        )
+        for move in gesture(annotation, style, rng)
     ]
     head_s = np.arange(-WARM_UP_S, seconds + HEAD_GRID_S, HEAD_GRID_S)
     head = render.head(Events(head_movements=tuple(gestured)), continuous_motion, head_s)
-    states = gaze_intervals(annotation, style, seconds, random)
+    states = gaze_intervals(annotation, style, seconds, rng)
     gaze_builder = generate_gaze(
-        states, style, head_s, rotation.direction_to_angles(rotation.rotvec_to_direction(head)), random
+        states, style, head_s, rotation.direction_to_angles(rotation.rotvec_to_direction(head)), rng
     )
     shifts = tuple(each for each in gaze_builder.saccades if each.onset_s < seconds)
     moves = sorted(gestured + gaze_builder.head_movements, key=lambda move: move.onset_s)
@@ -76,7 +81,7 @@ def sample_take(
         saccades=seen,
         vergence_movements=_from_time_zero(gaze_builder.vergence_movements, seconds),
         head_movements=tuple(present),
-        blinks=_blinks(annotation, style, seconds, seen, gaze_builder.partner_rad, random, profile),
+        blinks=_blinks(annotation, style, seconds, seen, gaze_builder.partner_rad, rng, profile),
     )
     continuous_motion = replace(
         continuous_motion,
@@ -93,42 +98,42 @@ def _from_time_zero(vergence_movements: Sequence[VergenceMovement], seconds: flo
 
 
 def _continuous(
-    annotation: Annotation, style: SpeakerStyle, seconds: float, random: np.random.Generator
+    annotation: Annotation, style: SpeakerStyle, seconds: float, rng: np.random.Generator
 ) -> ContinuousMotion:
-    posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * random.standard_normal(3)
-    drift, *speaking = (gestures.idle_motion(band, style, random) for band in gestures.FREQUENCY_BANDS.values())
+    posture = np.array([style.rest_pitch, 0.0, style.rest_roll]) + np.radians(0.7) * rng.standard_normal(3)
+    drift, *speaking = (head_gestures.idle_motion(band, style, rng) for band in head_gestures.FREQUENCY_BANDS.values())
     return ContinuousMotion(
         gaze_rest_rad=(0.0, 0.0),
         kappa_rad=np.array(style.kappa),
         head_rest=posture,
         head_drift=drift,
-        head_speech_motion=gestures.concatenate_sinusoids(*speaking),
-        activity=gestures.activity(annotation, random),
-        translation=gestures.translation(style, random),
+        head_speech_motion=head_gestures.concatenate_sinusoids(*speaking),
+        activity=head_gestures.activity(annotation, rng),
+        translation=head_gestures.translation(style, rng),
         eyelids=style.eyelids,
         lid_rest=style.lid_rest,
-        lid_drift=_lid_drift(random),
-        blink_lag_s=float(np.clip(BLINK_LAG_S * random.standard_normal(), -MAX_BLINK_LAG_S, MAX_BLINK_LAG_S)),
+        lid_drift=_lid_drift(rng),
+        blink_lag_s=float(np.clip(BLINK_LAG_S * rng.standard_normal(), -MAX_BLINK_LAG_S, MAX_BLINK_LAG_S)),
         phonemes=annotation.phonemes,
         mouth=_articulation_style(annotation, style),
-        face=_face(annotation, style, seconds, random),
-        emotion_fluctuation=_emotion_fluctuation(random),
+        face=_face(annotation, style, seconds, rng),
+        emotion_fluctuation=_emotion_fluctuation(rng),
     )
 
 
-def _emotion_fluctuation(random: np.random.Generator) -> Sinusoids:
+def _emotion_fluctuation(rng: np.random.Generator) -> Sinusoids:
     """How an emotion comes and goes, about 0."""
     amplitude = np.full((3, 1), EMOTION_FLUCTUATION * np.sqrt(2.0 / 3.0))
-    return Sinusoids(random.uniform(*EMOTION_FLUCTUATION_HZ, 3), amplitude, random.uniform(0, 2 * np.pi, (3, 1)))
+    return Sinusoids(rng.uniform(*EMOTION_FLUCTUATION_HZ, 3), amplitude, rng.uniform(0, 2 * np.pi, (3, 1)))
 
 
-def _lid_drift(random: np.random.Generator) -> Sinusoids:
+def _lid_drift(rng: np.random.Generator) -> Sinusoids:
     """Slow lid motion on still eyes: a spectrum flat up to the memory's corner and falling beyond, both eyes alike."""
     low, high = np.log(LID_DRIFT_HZ)
-    frequency = np.exp(random.uniform(low, high, LID_WAVES))
+    frequency = np.exp(rng.uniform(low, high, LID_WAVES))
     power = frequency / (1.0 + (2.0 * np.pi * 0.5 * frequency) ** 2)
     amplitude = LID_DRIFT_RAD * np.sqrt(2.0 * power / power.sum())
-    phase = random.uniform(0, 2 * np.pi, (LID_WAVES, 1)) + random.normal(0.0, LID_DIFFERENCE_RAD, (LID_WAVES, 2))
+    phase = rng.uniform(0, 2 * np.pi, (LID_WAVES, 1)) + rng.normal(0.0, LID_DIFFERENCE_RAD, (LID_WAVES, 2))
     return Sinusoids(frequency, np.repeat(amplitude[:, None], 2, axis=1), phase)
 
 
@@ -148,9 +153,9 @@ def _articulation_style(annotation: Annotation, style: SpeakerStyle) -> Articula
 
 
 def _face(
-    annotation: Annotation, style: SpeakerStyle, seconds: float, random: np.random.Generator
+    annotation: Annotation, style: SpeakerStyle, seconds: float, rng: np.random.Generator
 ) -> face.FacialBehaviour:
-    brows = sample_brow_raises(annotation, style.speech_coupling, seconds, random)
+    brows = sample_brow_raises(annotation, style.speech_coupling, seconds, rng)
     return face.FacialBehaviour(annotation.emotion, _emotion_strength(annotation, style), brows)
 
 
@@ -160,7 +165,7 @@ def _blinks(
     seconds: float,
     shifts: Sequence[Saccade],
     partner_rad: Float[ndarray, " 2"],
-    random: np.random.Generator,
+    rng: np.random.Generator,
     profile: BlinkProfile,
 ) -> tuple[Blink, ...]:
     """Blinks with large gaze shifts (Evinger 1994), and spontaneous ones that make up the speaker's rate."""
@@ -168,12 +173,10 @@ def _blinks(
     for shift in shifts:
         start, end = (np.hypot(*(np.array(place) - partner_rad)) for place in (shift.start_rad, shift.end_rad))
         chance = blinks.evoked_blink_probability(float(np.hypot(*np.subtract(shift.end_rad, shift.start_rad))))
-        if shift.onset_s >= 0 and random.random() < chance * (RETURN_BLINK_FACTOR if end < start else 1.0):
+        if shift.onset_s >= 0 and rng.random() < chance * (RETURN_BLINK_FACTOR if end < start else 1.0):
             evoked.append(
-                blinks.sample_blink(
-                    profile, shift.onset_s + random.uniform(-0.03, 0.03), random, EVOKED_COMPLETE_PROBABILITY
-                )
+                blinks.sample_blink(profile, shift.onset_s + rng.uniform(-0.03, 0.03), rng, EVOKED_COMPLETE_PROBABILITY)
             )
     spontaneous = max(style.blinks_per_min - 60.0 * len(evoked) / seconds, MIN_SPONTANEOUS_SHARE * style.blinks_per_min)
-    others = blinks.sample_blinks(profile, seconds, random, annotation, spontaneous, style.blink_completeness)
+    others = blinks.sample_blinks(profile, seconds, rng, annotation, spontaneous, style.blink_completeness)
     return blinks.drop_overlapping(evoked, others)

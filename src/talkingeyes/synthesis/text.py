@@ -123,12 +123,12 @@ def languages() -> tuple[str, ...]:
     return tuple(GRAMMARS)
 
 
-def write_script(language: str, seconds: float, random: np.random.Generator) -> Script:
+def write_script(language: str, seconds: float, rng: np.random.Generator) -> Script:
     """Sentences that take about `seconds` at a usual rate, never less than one sentence."""
     sentences: list[Sentence] = []
     remaining_s = seconds
     while not sentences or remaining_s > SHORTEST_SENTENCE_S:
-        sentences.append(write_sentence(language, remaining_s, random))
+        sentences.append(write_sentence(language, remaining_s, rng))
         remaining_s -= estimated_duration_s(sentences[-1])
     sentences[-1] = without_last_pause(sentences[-1])
     return Script(language, tuple(sentences))
@@ -137,7 +137,7 @@ def write_script(language: str, seconds: float, random: np.random.Generator) -> 
 def write_sentence(
     language: str,
     remaining_s: float,
-    random: np.random.Generator,
+    rng: np.random.Generator,
     partition: TextPartition = ALL_TEXT,
     pace: float = 1.0,
 ) -> Sentence:
@@ -148,12 +148,12 @@ def write_sentence(
     none of that kind fits, others are tried.
     """
     grammar = grammar_of(language)
-    kind = _sample_name(KIND_SHARES, random)
+    kind = _sample_name(KIND_SHARES, rng)
     candidates: list[Sentence] = []
     for number in range(2 * CANDIDATES):
         if number >= CANDIDATES:
-            kind = _sample_name(KIND_SHARES, random)
-        candidates.append(_sentence(kind, grammar, random, partition))
+            kind = _sample_name(KIND_SHARES, rng)
+        candidates.append(_sentence(kind, grammar, rng, partition))
         over_s = remaining_s - estimated_duration_s(candidates[-1], pace)
         if over_s > MIN_NEXT_SENTENCE_S * pace or abs(over_s) < END_TOLERANCE_S * (1 + number // CANDIDATES):
             return candidates[-1]
@@ -198,19 +198,19 @@ def count_expansions(language: str, symbol: str) -> int:
     return count(symbol)
 
 
-def _sentence(kind: SentenceKind, grammar: Grammar, random: np.random.Generator, partition: TextPartition) -> Sentence:
+def _sentence(kind: SentenceKind, grammar: Grammar, rng: np.random.Generator, partition: TextPartition) -> Sentence:
     symbol = "statement" if kind == "hesitation" else kind
     text = ""
     while not text or text not in partition:
-        text = _capitalised(_expand(symbol, grammar, random, set()))
+        text = _capitalised(_expand(symbol, grammar, rng, set()))
     parts: list[SpeechUnit] = []
     for token in text.split():
         parts.append(Word(token))
         if token.endswith(","):
-            parts.append(_pause("comma", random))
+            parts.append(_pause("comma", rng))
     if kind == "hesitation":
-        parts = _hesitate(parts, grammar["filler"], random)
-    return Sentence(text, kind, (*parts, _pause("sentence", random)))
+        parts = _hesitate(parts, grammar["filler"], rng)
+    return Sentence(text, kind, (*parts, _pause("sentence", rng)))
 
 
 def _capitalised(text: str) -> str:
@@ -219,54 +219,54 @@ def _capitalised(text: str) -> str:
     return text[:first] + text[first].upper() + text[first + 1 :]
 
 
-def _expand(symbol: str, grammar: Grammar, random: np.random.Generator, used: set[tuple[str, str]]) -> str:
-    chosen = _one_of(grammar[symbol], random)
+def _expand(symbol: str, grammar: Grammar, rng: np.random.Generator, used: set[tuple[str, str]]) -> str:
+    chosen = _one_of(grammar[symbol], rng)
     if (symbol, chosen) in used:
-        chosen = _one_of([each for each in grammar[symbol] if (symbol, each) not in used] or [chosen], random)
+        chosen = _one_of([each for each in grammar[symbol] if (symbol, each) not in used] or [chosen], rng)
     used.add((symbol, chosen))
-    return SLOT.sub(lambda slot: _expand(slot[1], grammar, random, used), chosen) if "{" in chosen else chosen
+    return SLOT.sub(lambda slot: _expand(slot[1], grammar, rng, used), chosen) if "{" in chosen else chosen
 
 
-def _one_of(choices: Sequence[str], random: np.random.Generator) -> str:
-    return choices[int(random.random() * len(choices))]  # a tenth of the time of random.integers
+def _one_of(choices: Sequence[str], rng: np.random.Generator) -> str:
+    return choices[int(rng.random() * len(choices))]  # a tenth of the time of random.integers
 
 
-def _sample_name(shares: Mapping[K, float], random: np.random.Generator) -> K:
+def _sample_name(shares: Mapping[K, float], rng: np.random.Generator) -> K:
     """One of the names, as often as its share says."""
     stops = np.cumsum(list(shares.values()))
-    return tuple(shares)[min(int(np.searchsorted(stops, random.random(), "right")), len(stops) - 1)]
+    return tuple(shares)[min(int(np.searchsorted(stops, rng.random(), "right")), len(stops) - 1)]
 
 
-def _pause(kind: PauseKind, random: np.random.Generator) -> Pause:
+def _pause(kind: PauseKind, rng: np.random.Generator) -> Pause:
     median_s, sigma, shortest_s, longest_s = PAUSES[kind]
-    seconds = min(max(random.lognormal(log(median_s), sigma), shortest_s), longest_s)
+    seconds = min(max(rng.lognormal(log(median_s), sigma), shortest_s), longest_s)
     return Pause(kind, round(seconds, 3))
 
 
-def _hesitate(parts: list[SpeechUnit], fillers: tuple[str, ...], random: np.random.Generator) -> list[SpeechUnit]:
+def _hesitate(parts: list[SpeechUnit], fillers: tuple[str, ...], rng: np.random.Generator) -> list[SpeechUnit]:
     """One or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
     gaps = [i for i in range(1, len(parts)) if isinstance(parts[i - 1], Word) and isinstance(parts[i], Word)]
-    count = min(len(gaps), int(random.integers(1, 3)))
-    chosen: list[int] = random.choice(gaps, size=count, replace=False).tolist()
+    count = min(len(gaps), int(rng.integers(1, 3)))
+    chosen: list[int] = rng.choice(gaps, size=count, replace=False).tolist()
     spoken = list(parts)
     for gap in sorted(chosen, reverse=True):
-        spoken[gap:gap] = _hesitation(_sample_name(HESITATIONS, random), spoken, gap, fillers, random)
-    if random.random() < INITIAL_FILLER_PROBABILITY:
-        spoken[:0] = [Filler(_one_of(fillers, random)), _pause("hesitation", random)]
+        spoken[gap:gap] = _hesitation(_sample_name(HESITATIONS, rng), spoken, gap, fillers, rng)
+    if rng.random() < INITIAL_FILLER_PROBABILITY:
+        spoken[:0] = [Filler(_one_of(fillers, rng)), _pause("hesitation", rng)]
     return spoken
 
 
 def _hesitation(
-    form: str, spoken: list[SpeechUnit], gap: int, fillers: tuple[str, ...], random: np.random.Generator
+    form: str, spoken: list[SpeechUnit], gap: int, fillers: tuple[str, ...], rng: np.random.Generator
 ) -> list[SpeechUnit]:
     """What is put into a gap between words."""
-    filler = Filler(_one_of(fillers, random))
-    silence = _pause("hesitation", random)
+    filler = Filler(_one_of(fillers, rng))
+    silence = _pause("hesitation", rng)
     match form:
         case "filler":
             return [filler, silence]
         case "late filler":
-            return [_pause("hesitation", random), filler, silence]
+            return [_pause("hesitation", rng), filler, silence]
         case "restart":
             return [silence, *_repeated(spoken, gap)]
         case _:

@@ -24,7 +24,7 @@ from pydantic import Field
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.head.face_points import EYE_POINTS, LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import EYE_POINTS, LANDMARK_NAMES
 
 # The subject's left, then right, in the order of EYE_POINTS; MediaPipe's own "left" is the subject's too.
 _EYES = {"left": (263, 387, 385, 362, 380, 373), "right": (33, 160, 158, 133, 153, 144)}

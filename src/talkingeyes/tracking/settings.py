@@ -7,9 +7,9 @@ from typing import Annotated
 from pydantic import Field
 
 from talkingeyes.core.settings import Settings
+from talkingeyes.tracking.clip_filter import ClipFilterSettings
+from talkingeyes.tracking.cropping import CropSettings
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings
-from talkingeyes.tracking.framing import CropSettings
-from talkingeyes.tracking.judgement import ClipFilterSettings
 from talkingeyes.tracking.shots import ShotSettings
 from talkingeyes.tracking.visibility import EyeVisibilitySettings
 

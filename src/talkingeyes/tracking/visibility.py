@@ -15,7 +15,7 @@ from numpy import ndarray
 from pydantic import Field
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.head.face_points import EYE_LANDMARKS, LANDMARK_NAMES
+from talkingeyes.head.landmark_definitions import EYE_LANDMARKS, LANDMARK_NAMES
 
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_eye_outer") for side in ("left", "right")]
 _OUTLINE = [LANDMARK_NAMES.index(f"{side}_outline_ear") for side in ("left", "right")]

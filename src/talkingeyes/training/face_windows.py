@@ -52,7 +52,7 @@ class FaceWindowDataset:
     ) -> None:
         self.recordings, self.basis, self.vocabulary = recordings, basis, vocabulary
         self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.random = self.window_sampler.random
+        self.rng = self.window_sampler.rng
 
     def sample_batch(self, batch: int) -> FaceBatch:
         """A batch of windows."""

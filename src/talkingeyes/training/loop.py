@@ -1,9 +1,9 @@
-"""The training loop: the only one. AdamW, a one-cycle or constant rate, gradient clipping, the best weights on val.
+"""The training loop, the only one: AdamW, one-cycle or constant learning rate, gradient clipping, best weights on val.
 
-A `TrainingTask` owns its network, draws its own batches and says what its losses are; the loop does the rest, visibly,
-on any device, in one process or several (place.py), and goes on where it was killed (progress.py). A `AdversarialTask`
-also has a rival, which takes its turn after each step, with an optimiser of its own.
-Seeds: a task draws from generators that it seeds itself, so the same settings give the same weights.
+A `TrainingTask` owns its network, draws its batches and computes its losses. The loop does the rest on any device, in
+one process or several (execution.py), and resumes after an interruption (resume.py). An `AdversarialTask` also has a
+discriminator, which is updated after each step by an optimiser of its own. Seeds: a task draws from generators that it
+seeds itself, so the same settings give the same weights.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers import share
-from talkingeyes.training.place import CPU_CONTEXT, ExecutionContext
-from talkingeyes.training.progress import ResumeFile, TrainingState
+from talkingeyes.models.layers import distributed
+from talkingeyes.training.execution import CPU_CONTEXT, ExecutionContext
+from talkingeyes.training.resume import ResumeFile, TrainingState
 
 LOSS_PREFIX = "loss/"
 
@@ -47,7 +47,7 @@ class TrainingTask(Protocol):
     """
 
     # What batches are drawn with. Noise in the network comes from torch's own generator.
-    random: np.random.Generator
+    rng: np.random.Generator
 
     @property
     def module(self) -> nn.Module: ...
@@ -95,7 +95,7 @@ def train(
         torch.optim.AdamW(discriminator_parameters, lr=settings.learning_rate) if discriminator else None
     )
     losses_of = context.distribute(module, task.losses, settings.batch)
-    state = resume.restore(module, optimiser, task.random, discriminator_optimiser) if resume else TrainingState()
+    state = resume.restore(module, optimiser, task.rng, discriminator_optimiser) if resume else TrainingState()
     for row in state.history if on_validation else ():
         on_validation(int(row["step"]), _metrics(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
@@ -120,7 +120,7 @@ def train(
             replies["total"].backward()
             nn.utils.clip_grad_norm_(discriminator_parameters, settings.clip_norm)
             discriminator_optimiser.step()
-            losses |= {f"rival_{name}": value for name, value in replies.items()}
+            losses |= {f"discriminator_{name}": value for name, value in replies.items()}
         for name, value in losses.items():
             sums[name] = sums.get(name, 0.0) + value.item()
         if step % settings.validate_every == 0 or step == settings.steps:
@@ -130,11 +130,11 @@ def train(
             since = step - state.step
             state.step = step
             state.history.append({"step": float(step), **_means(sums, since, context), **figures})
-            state.update_best(figures["score"], module.state_dict())
+            state.update_best(figures["validation_score"], module.state_dict())
             sums = {}
             bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
             if resume is not None and context.is_main:
-                resume.keep(state, module, optimiser, task.random, discriminator_optimiser)
+                resume.keep(state, module, optimiser, task.rng, discriminator_optimiser)
             if on_validation is not None:
                 on_validation(step, figures)
     if state.best_weights is not None:
@@ -149,7 +149,9 @@ def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
 
 def _means(sums: dict[str, float], steps: int, context: ExecutionContext) -> dict[str, float]:
     """Losses a step, over all processes."""
-    values = share.mean(torch.tensor(list(sums.values()), dtype=torch.float64, device=context.device) / steps).tolist()
+    values = distributed.all_reduce_mean(
+        torch.tensor(list(sums.values()), dtype=torch.float64, device=context.device) / steps
+    ).tolist()
     return {f"{LOSS_PREFIX}{name}": value for name, value in zip(sums, values, strict=True)}
 
 
@@ -165,5 +167,5 @@ def _learning_rate(settings: LoopSettings, step: int) -> float:
     warm = max(1, settings.steps // 10)
     if step <= warm:
         return settings.learning_rate * step / warm
-    share = (step - warm) / max(1, settings.steps - warm)
-    return settings.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
+    progress = (step - warm) / max(1, settings.steps - warm)
+    return settings.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * progress)))

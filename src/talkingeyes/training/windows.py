@@ -14,12 +14,12 @@ from pydantic import Field
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.corpus.windows import Recording
+from talkingeyes.corpus.recordings import Recording
 from talkingeyes.models.condition.conditioner import NO_CONDITIONING
-from talkingeyes.models.gaze.signal import mirrored
-from talkingeyes.models.layers import share
+from talkingeyes.models.gaze.gaze_signal import mirror_motion
+from talkingeyes.models.layers import distributed
 from talkingeyes.models.speech_to_motion import MotionBatch
-from talkingeyes.training.telling import ConditioningProvider, WindowInputs, collate_inputs
+from talkingeyes.training.conditioning import ConditioningProvider, WindowInputs, collate_inputs
 
 
 class WindowSettings(Settings):
@@ -61,7 +61,7 @@ class WindowSampler:
 
     def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
         """Raises InputError if no clip is long enough."""
-        self.settings, self.random, self.frames = settings, np.random.default_rng(seed), lengths
+        self.settings, self.rng, self.frames = settings, np.random.default_rng(seed), lengths
         self.long_enough = np.flatnonzero(lengths >= settings.frames)
         if not len(self.long_enough):
             raise InputError(
@@ -71,12 +71,12 @@ class WindowSampler:
 
     def sample_batch(self, batch: int) -> list[Window]:
         """A batch of windows; of several processes, each draws the same batch and takes its own share of it."""
-        chosen = self.random.choice(self.long_enough, batch, p=self.probabilities)
-        return share.local_rows([self._sample_window(int(index)) for index in chosen])
+        chosen = self.rng.choice(self.long_enough, batch, p=self.probabilities)
+        return distributed.local_rows([self._sample_window(int(index)) for index in chosen])
 
     def _sample_window(self, index: int) -> Window:
-        start = int(self.random.integers(self.frames[index] - self.settings.frames + 1))
-        mirrored = self.settings.mirror and self.random.random() < 0.5
+        start = int(self.rng.integers(self.frames[index] - self.settings.frames + 1))
+        mirrored = self.settings.mirror and self.rng.random() < 0.5
         return Window(index, slice(start, start + self.settings.frames), mirrored)
 
 
@@ -92,7 +92,7 @@ class MotionWindowDataset:
     ) -> None:
         self.recordings, self.conditioning_provider = recordings, conditioning_provider
         self.window_sampler = WindowSampler(np.array([len(recording) for recording in recordings]), settings, seed)
-        self.random = self.window_sampler.random
+        self.rng = self.window_sampler.rng
 
     def sample_batch(self, batch: int) -> MotionBatch:
         """A batch of windows."""
@@ -113,5 +113,5 @@ class MotionWindowDataset:
         recording, part = self.recordings[window.index], window.frames
         head, gaze = recording.head[part], recording.gaze[part]
         if window.mirrored:
-            head, gaze = mirrored(head, gaze)
+            head, gaze = mirror_motion(head, gaze)
         return np.asarray(recording.speech[part]), head, gaze

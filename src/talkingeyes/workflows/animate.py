@@ -1,7 +1,7 @@
 """Speech in, motion out: what `talkingeyes animate` and `talkingeyes.animate` do.
 
 Reads a sound and a trained model. Gives performances; writes, if a folder is given, sample_00.npz, .events.json and
-.mp4 of each sample, traces.png, sheet.png (the head at several times, a row a sample) and made_of.json, what they were
+.mp4 of each sample, traces.png, sheet.png (the head at several times, a row a sample) and manifest.json, what they were
 made from; the folder appears whole or not at all. Text that was spoken stands there too, as speech.wav and speech.json.
 """
 
@@ -21,16 +21,16 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Controls
+from talkingeyes.animation.controls import Controls
 from talkingeyes.audio.waveform import read_speech
-from talkingeyes.core import output
+from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import code_digest, progress_bar
 from talkingeyes.workflows import convert
 
 if TYPE_CHECKING:
+    from talkingeyes.animation.animator import Animation, Animator
     from talkingeyes.animation.dialogue import Dialogue
-    from talkingeyes.animation.perform import Animation, Animator
     from talkingeyes.workflows.speak import SynthesizedSpeech
 
 Speech = Path | str | Float[ndarray, " N"]  # a sound file, or 16 kHz mono
@@ -40,18 +40,9 @@ DEFAULT_CONTROLS = Controls()
 VIDEO_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
 MAX_SAMPLES = 1000
-MANIFEST_FILE = "made_of.json"
-# Options that the file (talkingeyes.made_of/1) calls otherwise.
-JSON_NAMES = {
-    "controls": "direction",
-    "eye_contact": "contact",
-    "no_postprocessing": "as_drawn",
-    "disabled": "without",
-    "replacements": "replaced",
-    "previews": "pictures",
-}
+MANIFEST_FILE = "manifest.json"
 OWN_FILES = re.compile(
-    r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png|made_of\.json|speech\.(wav|json)"
+    r"sample_\d+(\.[a-z]+)?\.(npz|json|mp4|csv|glb|vrma|usda|npy|bvh)|(traces|sheet)\.png|manifest\.json|speech\.(wav|json)"
 )
 DIALOGUE_FOLDERS = re.compile("first|second")
 SHEET_ROWS, SHEET_COLUMNS, SHEET_PX = 4, 8, 160
@@ -148,7 +139,7 @@ def run_animation(
     force: bool = False,
 ) -> list[Animation]:
     """An order as a folder."""
-    output_path = output.output_path(Path(out), OWN_FILES, force)
+    output_path = output_folder.output_path(Path(out), OWN_FILES, force)
     sound = load_speech(speech)
     animations = perform(load_performer(Path(model)), sound, options)
     write(
@@ -175,7 +166,7 @@ def run_dialogue(
     """
     from talkingeyes.animation.dialogue import animate_dialogue
 
-    output_path = output.output_path(Path(out), DIALOGUE_FOLDERS, force)
+    output_path = output_folder.output_path(Path(out), DIALOGUE_FOLDERS, force)
     asked = options.controls.person
     persons = (None, None) if asked is None else asked.split(",")
     if len(persons) != 2:
@@ -185,7 +176,7 @@ def run_dialogue(
         load_performer(Path(model)), sounds, options.samples, options.seed, options.fps, (first, second)
     )
     provenance = provenance_of(Path(model))
-    with output.atomic_folder(output_path) as folder:
+    with output_folder.atomic_folder(output_path) as folder:
         pairs = (("first", first, sounds), ("second", second, sounds[::-1]))
         for name, controls, (own, other) in pairs:
             manifest = build_manifest(own, provenance, replace(options, controls=replace(controls, partner=other)))
@@ -195,7 +186,7 @@ def run_dialogue(
 
 def load_performer(model: Path) -> Animator:
     """The model in a folder of the train stage, or in a packed file."""
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
     return Animator.load(model)
 
@@ -234,15 +225,11 @@ def provenance_of(model: Path) -> Provenance:
 def build_manifest(sound: Float[ndarray, " N"], provenance: Provenance, options: AnimationOptions) -> dict[str, Any]:
     """All that a result follows from: code, model, sound, what is asked for."""
     return {
-        "schema": "talkingeyes.made_of/1",
+        "schema": "talkingeyes.manifest/2",
         **asdict(provenance),
         "sound_sha256": hashlib.sha256(np.ascontiguousarray(sound).tobytes()).hexdigest(),
-        **json.loads(json.dumps(asdict(options, dict_factory=_with_json_names), default=_digest_of)),
+        **json.loads(json.dumps(asdict(options), default=_digest_of)),
     }
-
-
-def _with_json_names(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {JSON_NAMES.get(name, name): value for name, value in items}
 
 
 def _digest_of(value: object) -> object:
@@ -277,7 +264,7 @@ def write(
 ) -> None:
     """The folder of a result, whole or not at all; `show_progress` shows how far its films are."""
     try:
-        with output.atomic_folder(output_path) as folder:
+        with output_folder.atomic_folder(output_path) as folder:
             if spoken is not None:
                 spoken.save(folder / "speech.wav")
             for index, performance in enumerate(animations):
@@ -314,7 +301,7 @@ def _draw(folder: Path, animations: Sequence[Animation], sound: Float[ndarray, "
     from PIL import Image
 
     from talkingeyes.head.anny import anny_head
-    from talkingeyes.rendering.sheet import contact_sheet
+    from talkingeyes.rendering.contact_sheet import contact_sheet
     from talkingeyes.rendering.traces import plot_traces
 
     motions = [performance.motion for performance in animations]

@@ -26,14 +26,14 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
-from talkingeyes.core import output
+from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.run import parallel_map
 from talkingeyes.workflows import animate
 from talkingeyes.workflows.animate import MANIFEST_FILE, OWN_FILES, AnimationOptions, Provenance
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
 
 SOUND_SUFFIXES = (
     ".wav",
@@ -124,7 +124,7 @@ def find_sounds(paths: Sequence[Path]) -> dict[str, Path]:
 
 def _folder(out: Path, sounds: dict[str, Path]) -> Path:
     """The folder of all results: new, empty, or that of an earlier run, whose half-made leftovers go."""
-    folder = output.output_path(out, re.compile(".+"), force=True)
+    folder = output_folder.output_path(out, re.compile(".+"), force=True)
     earlier = sorted(folder.iterdir()) if folder.is_dir() else []
     for path in earlier:
         ours = path.name in SUMMARIES or (path / MANIFEST_FILE).is_file() or PARTIAL.fullmatch(path.name)
@@ -148,7 +148,7 @@ def _animate_sound(task: _Task) -> BatchResult:
         manifest = animate.build_manifest(sound, task.provenance, options)
         if _is_up_to_date(task.output_path, manifest):
             return replace(line, status=SKIPPED)
-        output_path = output.output_path(task.output_path, OWN_FILES, task.force)
+        output_path = output_folder.output_path(task.output_path, OWN_FILES, task.force)
         animations = animate.perform(_performer(task.model, task.provenance), sound, options)
         animate.write(output_path, animations, sound, options, manifest, show_progress=False)
         return replace(line, status=DONE)
@@ -178,7 +178,7 @@ def _is_up_to_date(folder: Path, manifest: dict[str, Any]) -> bool:
 
 
 def _write_summary(folder: Path, lines: Sequence[BatchResult]) -> None:
-    from talkingeyes.core.whole_file import atomic_write
+    from talkingeyes.core.atomic_file import atomic_write
 
     rows = [asdict(line) for line in lines]
     table = io.StringIO()

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from talkingeyes.core import output
+from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.workflows.render import load_head, retarget_to_head
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.perform import Animation
-    from talkingeyes.formats.readers.read import ImportedMotion
+    from talkingeyes.animation.animator import Animation
+    from talkingeyes.formats.readers.read_motion import ImportedMotion
     from talkingeyes.head.model import HeadModel
 
 OWN_FILES = re.compile(r".+\.npz")
@@ -89,13 +89,13 @@ def export(
     output_path = _target(Path(out), FORMATS[named].suffix, force)
     shown, events = _motion_and_events(motion)
     if keys is not None:
-        from talkingeyes.animation.keys import apply_key_edits, load_keys
+        from talkingeyes.animation.event_keys import apply_key_edits, load_keys
 
         changed = load_keys(Path(keys))
         shown, events = apply_key_edits(shown, changed), changed.current
     if fps is not None:
-        from talkingeyes.animation.retime import resample_motion
-        from talkingeyes.formats.writers.keys import detect_events
+        from talkingeyes.animation.motion_resampling import resample_motion
+        from talkingeyes.formats.writers.event_keys import detect_events
 
         events = detect_events(shown) if events is None else events
         shown = resample_motion(shown, events, fps)
@@ -129,7 +129,7 @@ def write(
     motion: Motion, events: Events | None, format: str, path: Path, head: str = "anny", model: Path | str | None = None
 ) -> None:
     """Write a motion in a format other than mp4; its events, if they are known, are its keys."""
-    from talkingeyes.formats.writers import arkit, bvh, flame_parameters, glb, keys, usd, vertices, vrm
+    from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, usd, vertices, vrm
 
     expression = FORMATS[format].expression
     shown_on = head if expression == "chosen" else "anny"
@@ -146,7 +146,7 @@ def write(
         "usd": lambda: usd.write_usd(shown, target_head, path),
         "vocaset": lambda: vertices.write_vertices(shown, target_head, path),
         "bvh": lambda: bvh.write_bvh(shown, target_head, path),
-        "events": lambda: keys.write_keys(shown, path, events),
+        "events": lambda: event_keys.write_keys(shown, path, events),
     }
     writers[format]()
 
@@ -195,18 +195,20 @@ def import_files(
     `fps` is for files that do not say theirs, `mapping` a map of names; without `expression` the face is left out.
     """
     from talkingeyes.formats.readers.key_map import load_key_map
-    from talkingeyes.formats.readers.read import read_motion
+    from talkingeyes.formats.readers.read_motion import read_motion
     from talkingeyes.orchestration.run import progress_bar
 
     found = _sources([Path(file) for file in files])
     single = Path(out).suffix == ".npz"
     if single and len(found) > 1:
         raise InputError(f"{out}: should be a folder for {len(found)} files")
-    output_path = _target(Path(out), ".npz", force) if single else output.output_path(Path(out), OWN_FILES, force)
-    keys = None if mapping is None else load_key_map(Path(mapping))
+    output_path = (
+        _target(Path(out), ".npz", force) if single else output_folder.output_path(Path(out), OWN_FILES, force)
+    )
+    key_map = None if mapping is None else load_key_map(Path(mapping))
     done = []
     for name, path in progress_bar(found.items(), "import", len(found)):
-        read = read_motion(path, fps, keys)
+        read = read_motion(path, fps, key_map)
         done.append(ImportedFile(name, read if expression else replace(read, motion=_without_face(read.motion))))
     try:
         _save(done, output_path, single)
@@ -216,13 +218,13 @@ def import_files(
 
 
 def _save(done: Sequence[ImportedFile], output_path: Path, single: bool) -> None:
-    from talkingeyes.core.whole_file import atomic_write
+    from talkingeyes.core.atomic_file import atomic_write
 
     if single:
         with atomic_write(output_path) as partial:
             done[0].read.motion.save(partial)
         return
-    with output.atomic_folder(output_path) as folder:
+    with output_folder.atomic_folder(output_path) as folder:
         for each in done:
             each.read.motion.save(folder / f"{each.name}.npz")
 
@@ -239,7 +241,7 @@ def _without_face(motion: Motion) -> Motion:
 
 def _sources(files: Sequence[Path]) -> dict[str, Path]:
     """The files by the names that their motions get; a folder stands for what is in it, unless it is one motion."""
-    from talkingeyes.formats.readers.read import SUFFIXES
+    from talkingeyes.formats.readers.read_motion import SUFFIXES
 
     listed: list[Path] = []
     for file in files:
@@ -266,7 +268,7 @@ def _events_beside(motion: Path) -> Events | None:
     path = motion.with_name(f"{motion.stem}.events.json")
     if not path.is_file():
         return None
-    from talkingeyes.animation.keys import load_original
+    from talkingeyes.animation.event_keys import load_original
 
     return load_original(path)
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.direction import Controls, Liveliness
+from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from talkingeyes.animation.targets import TargetTrack
-    from talkingeyes.fitting.manner import MotionStyle
+    from talkingeyes.fitting.motion_style import MotionStyle
 
 TRACK_SUFFIXES = (".json", ".csv")
 DEFAULT_INTENSITY = 2
@@ -27,7 +27,7 @@ DEFAULT_INTENSITY = 2
 
 def make_controls(
     *,
-    blinks: str = "physio",
+    blinks: str = "physiological",
     target: Path | str | None = None,
     eye_contact: float | None = None,
     head: float = 1.0,
@@ -51,7 +51,7 @@ def make_controls(
     `speaker` are of the face. Parts (head, gaze, blinks, face) are switched off by `without`, or taken from motions.
     Raises InputError (one line) for a mistake.
     """
-    from talkingeyes.animation.parts import PartOverrides
+    from talkingeyes.animation.part_overrides import PartOverrides
     from talkingeyes.core.motion import Motion
     from talkingeyes.models.face.style import FaceStyle, StyleKey
 
@@ -92,7 +92,7 @@ def _motion_style(style: Path | str) -> MotionStyle | str:
     """The habits in a motion, or the name of somebody whose habits the model knows."""
     if Path(style).suffix != ".npz":
         return str(style)
-    from talkingeyes.animation.manner import measure_clip_style
+    from talkingeyes.animation.style_transfer import measure_clip_style
     from talkingeyes.core.motion import Motion
 
     motion = Motion.load(Path(style))

@@ -22,21 +22,21 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.core import output
+from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.motion_files import MotionFields, motion_files, read_motions
 from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour, with_references
+from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
+from talkingeyes.evaluation.benchmark.corr import with_corr
 from talkingeyes.evaluation.benchmark.features import add_features, gather_features
-from talkingeyes.evaluation.benchmark.sound import with_corr
 from talkingeyes.evaluation.benchmark.table import as_json, as_text, to_csv
-from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.orchestration.run import parallel_map
 
 if TYPE_CHECKING:
-    from talkingeyes.evaluation.judges import Evaluators
+    from talkingeyes.evaluation.critic.evaluators import Evaluators
 
 OUTPUT_FILES = re.compile(r"benchmark\.(json|csv)|strip\.png")
 HELD_OUT = ("test", "unseen")
@@ -116,7 +116,7 @@ def evaluate(
     """
     if n_resamples < 20 or jobs < 1 or seed < 0:
         raise InputError(f"draws should be 20 or more, jobs 1, seed 0, got {n_resamples}, {jobs}, {seed}")
-    output_path = None if out is None else output.output_path(Path(out), OUTPUT_FILES, force)
+    output_path = None if out is None else output_folder.output_path(Path(out), OUTPUT_FILES, force)
     corpus = Corpus(Path(reference))
     true = corpus.root / "truth" if truth is None else Path(truth)
     if not true.is_dir():
@@ -128,7 +128,7 @@ def evaluate(
     settings = BootstrapSettings(n_resamples=n_resamples, confidence_level=CONFIDENCE_LEVEL, seed=seed)
     found = _measured(Path(motions), references, Path(sound) if sound else None, settings, jobs)
     if output_path is not None:
-        with output.atomic_folder(output_path) as folder:
+        with output_folder.atomic_folder(output_path) as folder:
             _write(found, folder)
     return found
 
@@ -237,8 +237,8 @@ def match_files(
 def _others(name: str, same_speaker: Sequence[str]) -> tuple[str, ...]:
     """A few other sounds of the speaker, always the same ones."""
     other_sounds = [each for each in same_speaker if each != name]
-    random = np.random.default_rng([*name.encode()])
-    return tuple(other_sounds[index] for index in random.permutation(len(other_sounds))[:SHUFFLED_SOUNDS])
+    rng = np.random.default_rng([*name.encode()])
+    return tuple(other_sounds[index] for index in rng.permutation(len(other_sounds))[:SHUFFLED_SOUNDS])
 
 
 def _held_out(corpus: Corpus) -> list[EvaluatedSound]:
@@ -284,7 +284,7 @@ def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -
 @lru_cache(maxsize=1)
 def _load_evaluators(data: Path) -> Evaluators:
     """Loaded once a process."""
-    from talkingeyes.evaluation.judges import Evaluators
+    from talkingeyes.evaluation.critic.evaluators import Evaluators
 
     return Evaluators.load(data / "critic")
 
@@ -318,10 +318,10 @@ def _behaviour(motion: MotionFields, annotation: Annotation | None, reference: B
 def _heard(sound: Path | None) -> Annotation | None:
     if sound is None:
         return None
-    from talkingeyes.audio.speaking import speaking
+    from talkingeyes.audio.voice_activity import detect_speech
     from talkingeyes.audio.waveform import read_speech
 
-    return speaking(read_speech(sound))
+    return detect_speech(read_speech(sound))
 
 
 def describe(found: BenchmarkResult) -> str:
@@ -334,7 +334,7 @@ def describe(found: BenchmarkResult) -> str:
 
 
 def _write(found: BenchmarkResult, folder: Path) -> None:
-    from talkingeyes.evaluation.benchmark.strip import plot_strips
+    from talkingeyes.evaluation.benchmark.strip_plot import plot_strips
 
     metadata = {
         "fps": found.fps,

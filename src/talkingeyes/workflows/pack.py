@@ -41,7 +41,7 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
     """
     from safetensors.torch import save
 
-    from talkingeyes.core.whole_file import atomic_write
+    from talkingeyes.core.atomic_file import atomic_write
 
     target = check_output_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]

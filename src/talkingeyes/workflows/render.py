@@ -54,7 +54,7 @@ def render(
     parse_camera(camera).view(size, size)  # refused before anything is read
     shown = Motion.load(Path(motion))
     if keys is not None:
-        from talkingeyes.animation.keys import apply_key_edits, load_keys
+        from talkingeyes.animation.event_keys import apply_key_edits, load_keys
 
         shown = apply_key_edits(shown, load_keys(Path(keys)))
     return film(shown, target, head=head, model=model, camera=camera, sound=sound, size=size)
@@ -95,7 +95,7 @@ def render_head_sheet(
     """A picture of a head: its eyes in nine directions, its lids at five openings; `size` is its width."""
     from PIL import Image
 
-    from talkingeyes.rendering.sheet import eyes_sheet
+    from talkingeyes.rendering.contact_sheet import eyes_sheet
 
     target = check_output_file(Path(out), ".png", force)
     _within("size", size, SHEET_BOUNDS_PX)

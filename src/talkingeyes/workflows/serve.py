@@ -15,8 +15,8 @@ from typing import Any
 
 import soundfile
 
-from talkingeyes.apps.service.wish import AnimationRequest, Limits
-from talkingeyes.apps.viewer.serving import LOCALHOST, serve
+from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
+from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import convert
@@ -52,11 +52,11 @@ def run_service(
     `live` is the model for streams: else that beside `model`, if there is one. `jobs` processes work on streams.
     Raises InputError (one line) for a model or a port that will not do.
     """
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
     from talkingeyes.apps.service.app import ServiceResources, service_app
-    from talkingeyes.apps.service.workers import WorkerPool
-    from talkingeyes.apps.viewer.head_file import head_glb
+    from talkingeyes.apps.service.worker_pool import WorkerPool
+    from talkingeyes.apps.viewer.pose_encoding import head_glb
     from talkingeyes.head.anny import anny_head
 
     beside = Path(model).parent / LIVE_MODEL_NAME
@@ -66,7 +66,7 @@ def run_service(
     if streamed is not None:
         LiveModel.load(streamed)
         stream_workers = WorkerPool(
-            "talkingeyes.apps.service.speaking:stream_worker", [str(streamed.resolve())], jobs, 0
+            "talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.resolve())], jobs, 0
         )
     file_workers = WorkerPool(
         "talkingeyes.workflows.serve:file_workers", [str(Path(model).resolve())], limits.files, 2 * limits.files
@@ -87,14 +87,14 @@ def file_workers(model: str) -> Callable[[Any], Any]:
     """The function that answers messages about files: ("perform", folder, wish, seconds), ("export", folder, ...)."""
     import torch
 
-    from talkingeyes.animation.perform import Animator
+    from talkingeyes.animation.animator import Animator
     from talkingeyes.head.anny import anny_head
 
     torch.set_num_threads(1)
     animator, head = Animator.load(Path(model)), anny_head()
 
     def perform(folder: Path, animation_request: AnimationRequest, max_duration_s: float) -> dict[str, Any]:
-        from talkingeyes.apps.viewer.head_file import pose_rows
+        from talkingeyes.apps.viewer.pose_encoding import pose_rows
 
         sound = _read_upload(folder / "upload", max_duration_s)
         (performance,) = animator.perform(

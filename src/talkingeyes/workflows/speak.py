@@ -20,8 +20,8 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
-    from talkingeyes.synthesis.accents import Voice
     from talkingeyes.synthesis.text import Script, Sentence, SpeechUnit
+    from talkingeyes.synthesis.voice_profiles import Voice
 
 DEFAULT_LANGUAGE = "en"
 DEFAULT_VARIANT = "f3"
@@ -61,14 +61,14 @@ def speak(
     """
     if find_spec("espeakng_loader") is None:
         raise InputError("text: needs the package espeakng-loader (the extra `synthesis`), got none installed")
-    from talkingeyes.synthesis.accents import apply_emotion
-    from talkingeyes.synthesis.voices import speak as said
+    from talkingeyes.synthesis.speech_synthesis import synthesize_script
+    from talkingeyes.synthesis.voice_profiles import apply_emotion
 
     chosen = select_voice(voice, language)
     script = parse_script(text, chosen.language)
     bent = apply_emotion(chosen, emotion, intensity)
     try:
-        spoken = said(script, bent)
+        spoken = synthesize_script(script, bent)
     except (ValueError, IndexError, ZeroDivisionError):  # symbols that espeak has no sound for
         spoken = None
     if spoken is None or not np.isfinite(spoken.sound).all() or not spoken.annotation.phonemes:
@@ -80,7 +80,7 @@ def speak(
 
 def select_voice(voice: str | None, language: str | None) -> Voice:
     """The voice of a name, or the usual one of a language."""
-    from talkingeyes.synthesis.accents import ACCENTS, VOICE_NAMES, Voice, is_voice
+    from talkingeyes.synthesis.voice_profiles import ACCENTS, VOICE_NAMES, Voice, is_voice
 
     if language is not None and language not in ACCENTS:
         raise InputError(f"language: should be one of {', '.join(ACCENTS)}, got {language!r}")

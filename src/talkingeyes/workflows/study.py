@@ -1,7 +1,8 @@
 """Perception studies from motions or films: what `talkingeyes study make`, `run` and `results` do.
 
 `make` reads the conditions (what `sample` wrote, the truth of a corpus, or folders of motions and films) and writes a
-study folder (apps/study/folder.py); `run` serves it; `results` reads the answers, writes results.json and results.md.
+study folder (apps/study/study_folder.py); `run` serves it; `results` reads the answers and writes results.json and
+results.md.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.apps.study.counterbalancing import ATTENTION_CHECK
 from talkingeyes.apps.study.design import Design, Stratum, load_design
 from talkingeyes.apps.study.films import FilmContent, film_motion, reencode_film, trimmed, write_film
-from talkingeyes.apps.study.folder import Film, Study, film_id, required_films
-from talkingeyes.apps.study.plan import ATTENTION_CHECK
 from talkingeyes.apps.study.results import preference_rates
+from talkingeyes.apps.study.study_folder import Film, Study, film_id, required_films
 from talkingeyes.apps.study.tables import table
-from talkingeyes.apps.viewer.serving import LOCALHOST, serve
-from talkingeyes.core import output
+from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
+from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.store import Corpus
-from talkingeyes.corpus.takes import load_motions
 from talkingeyes.orchestration.run import parallel_map
 from talkingeyes.workflows.render import load_head, parse_camera, retarget_to_head
 
@@ -75,14 +76,14 @@ def make(
     Raises InputError (one line) for whatever will not do.
     """
     asked = _without(load_design(design), without)
-    output_path = output.output_path(Path(out), OWN_FILES, force)
+    output_path = output_folder.output_path(Path(out), OWN_FILES, force)
     if not SIZE_PX[0] <= size <= SIZE_PX[1]:
         raise InputError(f"size: should be {SIZE_PX[0]} to {SIZE_PX[1]} pixels, got {size}")
     parse_camera(asked.camera).view(size, size)
     root = Path(data, "synthesize") if corpus is None else Path(corpus)
     film_sources = _material(asked, Corpus(root), Path(data), conditions or {})
     clips = _chosen(asked, film_sources, seed, allow_fewer)
-    with output.atomic_folder(output_path) as folder:
+    with output_folder.atomic_folder(output_path) as folder:
         study = Study(folder, asked, seed, clips)
         (folder / "films").mkdir()
         tasks = [
@@ -159,15 +160,15 @@ def _files_of(name: str, folder: Path) -> dict[str, Path]:
 def _chosen(design: Design, film_sources: FilmSources, seed: int, allow_fewer: bool) -> dict[str, tuple[str, ...]]:
     """The clips of each stratum, drawn among those that all conditions have; another one for the check of attention."""
     common = sorted(set(film_sources.clips).intersection(*map(set, film_sources.files.values())))
-    random = np.random.default_rng([seed, len(common)])
-    shuffled = [common[place] for place in random.permutation(len(common))]
+    rng = np.random.default_rng([seed, len(common)])
+    shuffled = [common[place] for place in rng.permutation(len(common))]
     chosen: dict[str, tuple[str, ...]] = {}
     for stratum in design.strata:
         fitting = [clip for clip in shuffled if _fits(film_sources.clips[clip], stratum)]
         if len(fitting) < stratum.pool and not allow_fewer:
             raise InputError(
                 f"{stratum.name}: should have {stratum.pool} clips that all conditions have, got {len(fitting)}; "
-                "--fewer takes what there is"
+                "--allow-fewer takes what there is"
             )
         if fitting:
             chosen[stratum.name] = tuple(fitting[: stratum.pool])

@@ -1,7 +1,7 @@
 """Videos become a corpus: what `talkingeyes track` and the stage `track` do.
 
 Reads videos with sound (any container, codec, rate, size). Writes a corpus as docs/conventions.md describes it, and
-beside it tracked.csv (where each clip lies in its video), rejected.csv, retry.csv, yield.json, table1.md,
+beside it tracked.csv (where each clip lies in its video), rejected.csv, failed.csv, summary.json, table1.md,
 thumbnails.html, and tracking/ (a ledger a video, from which an interrupted run goes on). The index is written last:
 without clips.parquet the folder is no corpus yet. Nothing leaves the machine; no absolute path is written.
 """
@@ -22,35 +22,35 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.audio.annotation import Annotation
-from talkingeyes.audio.speaking import speaking
+from talkingeyes.audio.voice_activity import detect_speech
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.output import output_path
+from talkingeyes.core.output_folder import output_path
 from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.splits import split_sounds
+from talkingeyes.corpus.statistics import corpus_statistics, table
 from talkingeyes.corpus.store import Corpus, make_shard_path, shard_path
-from talkingeyes.corpus.table1 import corpus_statistics, table
 from talkingeyes.fitting.clip import FitSettings
 from talkingeyes.head.observation import Observation
 from talkingeyes.orchestration.run import parallel_backend, parallel_map
-from talkingeyes.tracking import ledger
+from talkingeyes.tracking import journal
+from talkingeyes.tracking.clip_filter import fingerprint, hamming_distance, measure_shot, rejection_reason
+from talkingeyes.tracking.cropping import crop_shot
+from talkingeyes.tracking.estimate import estimate
 from talkingeyes.tracking.face_mesh import FaceDetectionSettings, FaceMesh
-from talkingeyes.tracking.framing import crop_shot
-from talkingeyes.tracking.judgement import fingerprint, hamming_distance, measure_shot, rejection_reason
-from talkingeyes.tracking.ledger import ShotRecord, TrackingJournal
-from talkingeyes.tracking.plan import estimate
+from talkingeyes.tracking.journal import ShotRecord, TrackingJournal
+from talkingeyes.tracking.report import DUPLICATE_OF, VideoResult, as_text, write_page, write_summary, write_tables
 from talkingeyes.tracking.settings import TrackSettings
 from talkingeyes.tracking.shots import Shot, shots
 from talkingeyes.tracking.soundtrack import Soundtrack, soundtrack
 from talkingeyes.tracking.sources import VideoSource, sources
 from talkingeyes.tracking.video import Frame, frames
-from talkingeyes.tracking.yields import DUPLICATE_OF, VideoResult, as_text, write_page, write_summary, write_tables
 from talkingeyes.workflows.track_overlay import ClipLocation
 from talkingeyes.workflows.track_overlay import overlay as film
 
 OWN_FILES = re.compile(
-    r"clips\.parquet|(tracked|rejected|retry)\.csv|yield\.json|table1\.md|thumbnails(\.html)?|SHA256SUMS"
+    r"clips\.parquet|(tracked|rejected|failed)\.csv|summary\.json|table1\.md|thumbnails(\.html)?|SHA256SUMS"
     r"|speech|annotations|observations|tracking|overlay"
 )
 DUPLICATE_LENGTH_TOLERANCE_S = 0.2  # of copies
@@ -118,7 +118,7 @@ def track(
         settings,
     )
     write_tables(root, outcomes)
-    write_summary(root / "yield.json", outcomes)
+    write_summary(root / "summary.json", outcomes)
     if settings.thumbnails:
         names = [entry.id for outcome in outcomes for entry in outcome.entries]
         where = {name: shard_path(Path("thumbnails"), name, ".jpg").as_posix() for name in names}
@@ -126,7 +126,7 @@ def track(
     clips = index(outcomes, settings)
     if not clips:
         raise InputError(
-            f"{out}: not one clip was kept of {len(found)} videos; {out}/rejected.csv and retry.csv say why"
+            f"{out}: not one clip was kept of {len(found)} videos; {out}/rejected.csv and failed.csv say why"
         )
     (root / "table1.md").write_text(table(root.name, corpus_statistics(clips), "tracked from video"))
     corpus = Corpus(root)
@@ -137,17 +137,17 @@ def track(
 def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> TrackingJournal:
     """Track one video from where its ledger ends; a video that cannot be read is noted, not raised."""
     path = shard_path(root / "tracking", source.id, ".jsonl")
-    video_journal = ledger.read(path)
+    video_journal = journal.read(path)
     if video_journal.done:
         return video_journal
     if video_journal.attempt_count >= settings.max_attempts:
-        ledger.add(
+        journal.add(
             path,
             "failed",
             f"broke off {video_journal.attempt_count} times without a word; the next call tries it again",
         )
-        return ledger.read(path)
-    ledger.add(path, "begin", True)
+        return journal.read(path)
+    journal.add(path, "begin", True)
     clock = _LastFrameTime()
     try:
         with soundtrack(source.path) as sound:
@@ -158,12 +158,12 @@ def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> Tra
             )
             worth = (shot for shot in seen if shot.stop_s - shot.start_s >= MIN_SHOT_S)
             for number, shot in enumerate(worth, start=len(video_journal.entries)):
-                ledger.add(path, "shot", write_shot(root, settings, f"{source.id}-{number:04d}", shot, sound))
+                journal.add(path, "shot", write_shot(root, settings, f"{source.id}-{number:04d}", shot, sound))
     except (InputError, OSError, ValueError, RuntimeError, MemoryError) as error:
-        ledger.add(path, "failed", " ".join(str(error).split()) or type(error).__name__)
-        return ledger.read(path)
-    ledger.finish(path, round(clock.last_s, 3))
-    return ledger.read(path)
+        journal.add(path, "failed", " ".join(str(error).split()) or type(error).__name__)
+        return journal.read(path)
+    journal.finish(path, round(clock.last_s, 3))
+    return journal.read(path)
 
 
 def places(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
@@ -185,7 +185,7 @@ def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound
     reason = rejection_reason(quality, settings.clip_filter)
     if not reason:
         corpus = Corpus(root)
-        corpus.write_sound(name, heard, speaking(heard) if quality.speaking else Annotation())
+        corpus.write_sound(name, heard, detect_speech(heard) if quality.speaking else Annotation())
         corpus.write_clip(name, seen, None, None)
     if settings.thumbnails:
         import cv2

@@ -19,7 +19,7 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus
 from talkingeyes.fitting.clip import FitSettings, fit_clip
 from talkingeyes.head.observation import Observation
-from talkingeyes.tracking.framing import Crop
+from talkingeyes.tracking.cropping import Crop
 from talkingeyes.tracking.video import frames
 
 MAGNIFICATION = 2  # pixels of the film for one of the crop

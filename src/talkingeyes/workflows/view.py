@@ -13,14 +13,14 @@ from pathlib import Path
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.apps.viewer.scene import NO_EVENTS, Scene, ViewerMotion
-from talkingeyes.apps.viewer.serving import LOCALHOST, serve
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
+from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.corpus.takes import load_motions
 from talkingeyes.workflows.render import load_head, retarget_to_head
 
 MAX_MOTIONS = 12

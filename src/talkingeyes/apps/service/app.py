@@ -1,8 +1,8 @@
 """The service as a web application: files by POST, streams by WebSocket, one page.
 
 POST /performances?seed=1&...   the body is a sound file; answers what was made: its id, seconds, fps, frames
-GET /performances/ID/poses      rows of poses (viewer/head_file.py); /sound: what was heard, wav; /FORMAT: a download
-WS /stream                      apps/service/live.py
+GET /performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: a download
+WS /stream                      apps/service/live_stream.py
 A mistake is answered by a status of 400 to 499 and {"error": one line}, too much by 503. No name comes from a client:
 ids are drawn here, and files lie in the one folder that the service made for itself.
 """
@@ -22,12 +22,12 @@ from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as HTTPError
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from talkingeyes.apps.service.live import StreamServer
-from talkingeyes.apps.service.shelf import ResultCache
-from talkingeyes.apps.service.wish import AnimationRequest, Limits
-from talkingeyes.apps.service.workers import BusyError, WorkerFailedError, WorkerPool
+from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
+from talkingeyes.apps.service.live_stream import StreamServer
+from talkingeyes.apps.service.result_cache import ResultCache
+from talkingeyes.apps.service.worker_pool import BusyError, WorkerFailedError, WorkerPool
 from talkingeyes.apps.viewer.assets import Asset, asset
-from talkingeyes.apps.viewer.serving import create_app
+from talkingeyes.apps.viewer.local_server import create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 

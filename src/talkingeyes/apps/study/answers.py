@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from talkingeyes.apps.study.plan import Pair
+from talkingeyes.apps.study.counterbalancing import Pair
 from talkingeyes.core.errors import InputError
 
 MAX_PARTICIPANTS = 10_000
@@ -113,8 +113,8 @@ class AnswerDatabase:
                 ),
             ).rowcount
             if moved and not pair.attention:
-                facts = (pair.a, pair.b, pair.stratum, pair.clip, pair.a_left)
-                rows = [(who.number, who.place, name, *facts, chosen) for name, chosen in choices.items()]
+                shown = (pair.a, pair.b, pair.stratum, pair.clip, pair.a_left)
+                rows = [(who.number, who.place, name, *shown, chosen) for name, chosen in choices.items()]
                 connection.executemany("insert into answer values (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
         return bool(moved)
 

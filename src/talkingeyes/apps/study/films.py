@@ -21,7 +21,7 @@ from talkingeyes.apps.study.design import Design
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.head.eyelid.drive import LID_SHAPES
+from talkingeyes.head.eyelid.blendshapes import LID_SHAPES
 from talkingeyes.head.model import HeadModel
 from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video

@@ -14,9 +14,9 @@ from fastapi.responses import FileResponse
 from pydantic import ValidationError
 
 from talkingeyes.apps.study.answers import Participant
-from talkingeyes.apps.study.folder import Study
-from talkingeyes.apps.study.page import page_assets
-from talkingeyes.apps.viewer.serving import LOCALHOST, create_app
+from talkingeyes.apps.study.assets import page_assets
+from talkingeyes.apps.study.study_folder import Study
+from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 

@@ -10,9 +10,9 @@ import json
 from typing import TYPE_CHECKING
 
 from talkingeyes.apps.viewer.assets import NAMES, Asset, asset
-from talkingeyes.apps.viewer.head_file import head_glb, pose_rows
+from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
+from talkingeyes.apps.viewer.pose_encoding import head_glb, pose_rows
 from talkingeyes.apps.viewer.scene import Scene, scene_json
-from talkingeyes.apps.viewer.serving import LOCALHOST, create_app
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.head.model import HeadModel
 

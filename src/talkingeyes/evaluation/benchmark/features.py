@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import HIGHER, LOWER, Extractor, Metric, Sums, Totals
+from talkingeyes.evaluation.benchmark.metric import HIGHER, LOWER, Extractor, Metric, Sums, Totals
 from talkingeyes.evaluation.bootstrap import Statistic
 from talkingeyes.evaluation.distribution.coverage import precision_coverage
 from talkingeyes.evaluation.distribution.frechet import Gaussian, frechet
@@ -110,7 +110,7 @@ def _share(ours: WindowFeatures, theirs: WindowFeatures, paired: bool, side: str
     return statistic
 
 
-_feature = partial(Metric, extractor=OBSERVER, of="feature.windows", min_count=MIN_WINDOWS)
+_feature = partial(Metric, extractor=OBSERVER, count_key="feature.windows", min_count=MIN_WINDOWS)
 
 METRICS = (
     _feature(
@@ -134,7 +134,7 @@ METRICS = (
         caveat="may be negative; a difference that it finds need not be one that anybody sees",
     ),
     _feature(
-        "features/mmd_p",
+        "features/mmd_p_value",
         "MMD, permutation p",
         "p",
         f"share of {PERMUTATIONS} deals of whole sounds to two sets that are as far apart",

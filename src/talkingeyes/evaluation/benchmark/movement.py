@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from talkingeyes.core.kinematics import STILL_THRESHOLD_DEG_S
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
+from talkingeyes.evaluation.benchmark.metric import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 from talkingeyes.evaluation.distribution.spectrum import HIGH_HZ, SEGMENT_S, SLOPE_BAND_HZ, spectrum
 
 # Speeds in octaves over a degree a second: 1/16 to 1024.
@@ -23,7 +23,7 @@ LOG2_SPEED_BINS = Bins(-4.0, 10.0, 140)
 # Spectra are kept up to here, where the frame rate reaches that far.
 FREQUENCY_HZ = np.arange(33) / SEGMENT_S
 HEAD_AXES = ("pitch", "yaw", "roll")  # of the rotation vector
-PARTS = {"eye": "eye-in-head", "space": "gaze in space", "head": "head"}
+PARTS = {"eye": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
 
 
 def _movement(part: str, speed_deg_s: Float[ndarray, " F"], angles_rad: Float[ndarray, "T C"], of: Behaviour) -> Sums:
@@ -53,7 +53,7 @@ def extract_eye(behaviour: Behaviour) -> Sums:
 
 def extract_gaze_in_space(behaviour: Behaviour) -> Sums:
     """Of gaze in space."""
-    return _movement("space", behaviour.gaze_in_space_speed_deg_s, behaviour.gaze_in_space_rad, behaviour)
+    return _movement("gaze_in_space", behaviour.gaze_in_space_speed_deg_s, behaviour.gaze_in_space_rad, behaviour)
 
 
 def extract_head(behaviour: Behaviour) -> Sums:
@@ -84,7 +84,7 @@ def extract_speaking(behaviour: Behaviour) -> Sums:
 
 
 EYE = Extractor(extract_eye, ("gaze",), _sizes("eye"))
-SPACE = Extractor(extract_gaze_in_space, ("head", "gaze"), _sizes("space"))
+SPACE = Extractor(extract_gaze_in_space, ("head", "gaze"), _sizes("gaze_in_space"))
 HEAD = Extractor(
     extract_head,
     ("head",),
@@ -148,11 +148,11 @@ def _speech_ratio(totals: Totals) -> Float[ndarray, " D"]:
 
 def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
     title = PARTS[part]
-    frames = partial(Metric, extractor=extractor, of=f"{part}.frames", min_count=1500, rate_dependent=True)
+    frames = partial(Metric, extractor=extractor, count_key=f"{part}.frames", min_count=1500, rate_dependent=True)
     segments = partial(
         Metric,
         extractor=extractor,
-        of=f"{part}.segments",
+        count_key=f"{part}.segments",
         min_count=40,
         rate_dependent=True,
         source="Welch 1967; FACTS 9, 10",
@@ -182,7 +182,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             "truth's SD",
             "area between the distribution functions of log2 speed / SD of the reference's",
             compare=lambda totals, other: LOG2_SPEED_BINS.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
-            direction="less",
+            direction="lower",
             source="FACTS 9",
             caveat="slow frames weigh as much as fast ones: noise far below sight counts",
         ),
@@ -208,39 +208,39 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             "dB",
             "root mean square over 0.39 to 12.5 Hz of the ratio to the reference's mean spectrum",
             compare=partial(_decibels, part=part),
-            direction="less",
+            direction="lower",
             caveat="a change of scale alone counts 20 log10 of it at every frequency",
         ),
     )
 
 
 _head = partial(
-    Metric, extractor=HEAD, of="head.valid", min_count=1500, source="Hadar et al. 1983; FACTS, acceptance table"
+    Metric, extractor=HEAD, count_key="head.valid", min_count=1500, source="Hadar et al. 1983; FACTS, acceptance table"
 )
 
 METRICS = (
     Metric(
-        "space/still",
+        "gaze_in_space/still_fraction",
         "still frames, gaze in space",
         "share",
         f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
-        compute=ratio("space.still", "space.frames"),
+        compute=ratio("gaze_in_space.still", "gaze_in_space.frames"),
         extractor=SPACE,
-        of="space.frames",
+        count_key="gaze_in_space.frames",
         min_count=1500,
         rate_dependent=True,
         source="vestibulo-ocular reflex; LEARNING",
         caveat="1 for a frozen face, 0 under 0.1 deg of jitter",
     ),
-    *_of_part("space", SPACE),
+    *_of_part("gaze_in_space", SPACE),
     Metric(
-        "eye/still",
+        "eye/still_fraction",
         "still frames, eye-in-head",
         "share",
         f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
         compute=ratio("eye.still", "eye.frames"),
         extractor=EYE,
-        of="eye.frames",
+        count_key="eye.frames",
         min_count=1500,
         rate_dependent=True,
         source="LEARNING",
@@ -260,7 +260,7 @@ METRICS = (
         for axis in HEAD_AXES
     ),
     _head(
-        "head/nod_skew",
+        "head/pitch_velocity_skew",
         "skew of pitch velocity",
         "",
         "mean (upward velocity)^3 / (mean square)^(3/2)",
@@ -269,13 +269,13 @@ METRICS = (
         rate_dependent=True,
     ),
     Metric(
-        "head/speaking_ratio",
+        "head/speech_speed_ratio",
         "speed in speech / in pauses",
         "ratio",
         "mean head speed inside speaking spans / outside",
         compute=_speech_ratio,
         extractor=SPEAKING,
-        of="pause.frames",
+        count_key="pause.frames",
         min_count=500,
         source="Hadar et al. 1983",
         caveat="pauses inside a turn are short and keep some movement",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from talkingeyes.evaluation.benchmark.measure import HIGHER, LOWER, Metric
+from talkingeyes.evaluation.benchmark.metric import CLOSER, Metric
 from talkingeyes.evaluation.benchmark.registry import METRICS
 
 INTRODUCTION = """# The gaze benchmark
@@ -40,28 +40,28 @@ compare with the reference have no figure of its own: beside them stands the com
 halves are smaller, so the floor lies somewhat above what the whole would have.
 
 Nothing is ranked by one measure. The mean pose wins L2, a frozen face has all its gaze at the partner and rests in
-every frame, noise wins Diversity: what each catches and what it cannot is measured in [validation.md](validation.md),
+every frame, noise wins Diversity: what each catches and what it cannot is measured in [sensitivity.md](sensitivity.md),
 how good the detectors are, and what recorded people give, in [detectors.md](detectors.md).
 
 ## Words
 
 Gaze in space is R(head) R(eye), the mean direction of both eyes. Saccades are found in it by the rule that suits the
-frame rate. The partner is the densest place of gaze, a radius of 4 degrees around it. Direction of quality: `truth`,
-the nearer to the reference the better; `less`; `more`. "Needs" is the least number without which no figure is given.
+frame rate. The partner is the densest place of gaze, a radius of 4 degrees around it. Direction of quality: `closer`
+to the reference, `lower`, `higher`. Below the minimum count no value is given.
 """
 FAMILIES = {
     "saccades": "Saccades",
     "main_sequence": "Main sequence",
     "fixations": "Fixations",
-    "looking": "At the partner and away",
-    "onset": "Around speech onsets",
-    "offset": "Around ends of speech",
+    "partner_gaze": "At the partner and away",
+    "speech_onset": "Around speech onsets",
+    "speech_offset": "Around ends of speech",
     "eye": "The eyes",
     "head_eye": "Eyes and head",
     "blinks": "Blinks",
-    "space": "Gaze in space, frame by frame",
+    "gaze_in_space": "Gaze in space, frame by frame",
     "head": "The head",
-    "likeness": "Likeness under the same sound",
+    "reference_correlation": "Likeness under the same sound",
     "samples": "Several motions of a sound",
     "features": "Features of windows",
     "corr": "Sound and motion",
@@ -80,7 +80,7 @@ def page() -> str:
     parts = [INTRODUCTION]
     for family, metrics in groupby(sorted(METRICS, key=_family_place), key=_family):
         lines = [f"## {FAMILIES[family]}", ""]
-        lines += ["| measure | unit | formula | better | needs | any rate | source | known trap |"]
+        lines += ["| metric | unit | formula | better | minimum count | rate-independent | source | caveat |"]
         lines += ["| --- " * 8 + "|", *(_line(metric) for metric in metrics), ""]
         parts.append("\n".join(lines))
     return "\n".join([*parts, END])
@@ -95,7 +95,7 @@ def _family_place(metric: Metric) -> int:
 
 
 def _line(metric: Metric) -> str:
-    better = {LOWER: "less", HIGHER: "more"}.get(metric.direction, "nearer to truth")
+    better = {CLOSER: "closer to truth"}.get(metric.direction, metric.direction)
     cells = [
         f"`{metric.name}` {metric.title}",
         metric.unit or "-",

@@ -16,10 +16,10 @@ from talkingeyes.audio.annotation import Annotation
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.benchmark.behaviour import FIELDS, Behaviour, behaviour, with_references
+from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
+from talkingeyes.evaluation.benchmark.corr import CorrScorer, CorrScores, with_corr, with_corr_scores
 from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
-from talkingeyes.evaluation.benchmark.sound import CorrScorer, CorrScores, with_corr, with_corr_scores
 from talkingeyes.evaluation.benchmark.table import as_json
-from talkingeyes.evaluation.benchmark.tally import Accumulator, Comparison, MetricResult, extract
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 
 

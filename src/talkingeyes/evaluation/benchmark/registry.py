@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from talkingeyes.evaluation.benchmark import eyes, features, lids, likeness, looking, movement, saccades, samples, sound
-from talkingeyes.evaluation.benchmark.measure import Extractor, Metric
+from talkingeyes.evaluation.benchmark import (
+    blinks,
+    corr,
+    eye_head,
+    features,
+    movement,
+    partner_gaze,
+    reference_correlation,
+    saccades,
+    samples,
+)
+from talkingeyes.evaluation.benchmark.metric import Extractor, Metric
 
 METRICS: tuple[Metric, ...] = (
     *saccades.METRICS,
-    *looking.METRICS,
-    *eyes.METRICS,
-    *lids.METRICS,
+    *partner_gaze.METRICS,
+    *eye_head.METRICS,
+    *blinks.METRICS,
     *movement.METRICS,
-    *likeness.METRICS,
+    *reference_correlation.METRICS,
     *samples.METRICS,
     *features.METRICS,
-    *sound.METRICS,
+    *corr.METRICS,
 )
 # Each once: several measures read one observer's sums.
 EXTRACTORS: tuple[Extractor, ...] = tuple({id(each.extractor): each.extractor for each in METRICS}.values())

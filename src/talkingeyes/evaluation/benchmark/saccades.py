@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
+from talkingeyes.evaluation.benchmark.metric import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 from talkingeyes.evaluation.detectors.saccades import MIN_DURATION_FPS
 from talkingeyes.physiology import saccades as main_sequence_model
 
@@ -140,9 +140,9 @@ def _interval_variation(totals: Totals) -> Float[ndarray, " D"]:
     return safe_divide(np.sqrt(np.maximum(square - mean**2, 0)), mean)
 
 
-_measure = partial(Metric, extractor=OBSERVER, of="saccade.saccades", source=LEE)
-_law = partial(Metric, extractor=OBSERVER, of="law.saccades", min_count=100)
-_interval = partial(Metric, extractor=OBSERVER, of="saccade.intervals", min_count=100, rate_dependent=True)
+_measure = partial(Metric, extractor=OBSERVER, count_key="saccade.saccades", source=LEE)
+_law = partial(Metric, extractor=OBSERVER, count_key="law.saccades", min_count=100)
+_interval = partial(Metric, extractor=OBSERVER, count_key="saccade.intervals", min_count=100, rate_dependent=True)
 
 METRICS = (
     _measure(
@@ -215,12 +215,12 @@ METRICS = (
         "area between the two distribution functions of amplitude / SD of the reference's",
         compare=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
         min_count=100,
-        direction="less",
+        direction="lower",
         source="Kantorovich 1942; FACTS 9",
         caveat="never 0 in a finite sample: read it beside the distance between halves of the reference",
     ),
     _measure(
-        "saccades/cardinal",
+        "saccades/cardinal_ratio",
         "cardinal / diagonal",
         "ratio",
         "saccades in the 4 cardinal sectors of 45 deg / in the 4 diagonal ones",
@@ -229,18 +229,19 @@ METRICS = (
         caveat="a wrong vertical gain turns diagonals into horizontals",
     ),
     _measure(
-        "saccades/left_right",
+        "saccades/left_right_asymmetry",
         "left - right",
         "share",
         "(leftward - rightward) / both, within 67.5 deg of the subject's left and right",
         compute=_asymmetry(0),
         min_count=200,
         caveat=(
-            "near 0 in a symmetric population, so that mirroring shows only where people have sides: see likeness/side"
+            "near 0 in a symmetric population, so that mirroring shows only where people have sides: see"
+            " reference_correlation/aversion_yaw"
         ),
     ),
     _measure(
-        "saccades/up_down",
+        "saccades/up_down_asymmetry",
         "up - down",
         "share",
         "(upward - downward) / both, within 67.5 deg of up and down",
@@ -249,7 +250,7 @@ METRICS = (
         caveat="gaze that leaves must return: small by nature; see eye/pitch_skew",
     ),
     _law(
-        "main_sequence/peak",
+        "main_sequence/peak_speed_ratio",
         "peak speed / sampled law",
         "ratio",
         "exp mean log (peak speed / peak of the Beta law at that amplitude, sampled at this frame rate); A >= 2 deg",
@@ -267,7 +268,7 @@ METRICS = (
         caveat="naive upsampling has the right amplitudes and the wrong slope",
     ),
     _law(
-        "main_sequence/spread",
+        "main_sequence/log_spread",
         "spread about the law",
         "log",
         "SD of log (peak / sampled law)",
@@ -281,7 +282,7 @@ METRICS = (
         "s",
         "mean of offset - onset",
         compute=ratio("saccade.duration_s", "saccade.timed_saccades"),
-        of="saccade.timed_saccades",
+        count_key="saccade.timed_saccades",
         min_count=100,
         rate_dependent=True,
         source="Collewijn, Erkelens & Steinman 1988",
@@ -302,7 +303,7 @@ METRICS = (
         "truth's SD",
         "area between the distribution functions of the time between onsets / SD of the reference's",
         compare=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
-        direction="less",
+        direction="lower",
         source="FACTS 9",
         caveat="clips of unequal length cut intervals unequally",
     ),

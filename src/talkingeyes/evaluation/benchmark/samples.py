@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
-from talkingeyes.evaluation.benchmark.measure import LOWER, Extractor, Metric, Sums, ratio
-from talkingeyes.evaluation.discrepancy import distance, diversity
+from talkingeyes.evaluation.benchmark.metric import LOWER, Extractor, Metric, Sums, ratio
 from talkingeyes.evaluation.distribution.energy import windowed_energy_score
+from talkingeyes.evaluation.paper_metrics.l2_diversity import distance, diversity
 
 # Trajectories are scored in pieces of this length.
 WINDOW_S = 2.0
@@ -67,7 +67,7 @@ def _of_part(part: str) -> tuple[Metric, ...]:
     extractor = Extractor(
         partial(extract, part=part), (part, "reference"), {f"{part}.{name}": 1 for name in names}, together=True
     )
-    judged = partial(Metric, extractor=extractor, of=f"{part}.judged_sounds", min_count=5, direction=LOWER)
+    judged = partial(Metric, extractor=extractor, count_key=f"{part}.judged_sounds", min_count=5, direction=LOWER)
     return (
         Metric(
             f"samples/diversity_{part}",
@@ -76,13 +76,13 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             "mean over pairs of motions of a sound, and over sounds, of the mean distance between them",
             compute=ratio(f"{part}.diversity", f"{part}.sounds"),
             extractor=extractor,
-            of=f"{part}.sounds",
+            count_key=f"{part}.sounds",
             min_count=5,
             source="TalkingEyes, section V-B; ProbTalk3D",
             caveat="noise wins: read it as a distance to the truth's own, which needs sounds with several takes",
         ),
         judged(
-            f"samples/energy_{part}",
+            f"samples/energy_score_{part}",
             f"energy score, {title}",
             "rad",
             f"E|X - y| - E|X - X'| / 2 over pieces of {WINDOW_S:g} s as whole trajectories (fair: Ferro 2014)",
@@ -91,7 +91,7 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             caveat="proper, yet in many dimensions it hardly tells the spread; a good constant costs little more",
         ),
         judged(
-            f"samples/nearest_{part}",
+            f"samples/min_ade_{part}",
             f"nearest sample, {title}",
             "rad",
             "mean over sounds of the smallest mean distance of a sample to the true motion (minADE)",

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from talkingeyes.evaluation.benchmark.comparison import MetricResult
 from talkingeyes.evaluation.benchmark.registry import METRICS
-from talkingeyes.evaluation.benchmark.tally import MetricResult
 from talkingeyes.evaluation.bootstrap import Estimate
 
-SCHEMA = "talkingeyes.benchmark/1"
+SCHEMA = "talkingeyes.benchmark/2"
 ESTIMATES = ("value", "reference", "difference")
 LIMITS = ("value", "low", "high")
 METRICS_BY_NAME = {metric.name: metric for metric in METRICS}
@@ -24,16 +24,16 @@ def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
     metrics = {
         row.metric.name: {
             "count": row.count,
-            "counted": row.metric.count_unit,
+            "count_unit": row.metric.count_unit,
             **{name: asdict(found) if (found := getattr(row, name)) else None for name in ESTIMATES},
-            "apart": row.worse,
+            "worse": row.worse,
             "reason": row.reason,
             "unit": row.metric.unit,
             "direction": row.metric.direction,
         }
         for row in rows
     }
-    return json.dumps({"schema": SCHEMA, **metadata, "measures": metrics}, indent=1)
+    return json.dumps({"schema": SCHEMA, **metadata, "metrics": metrics}, indent=1)
 
 
 def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
@@ -45,7 +45,7 @@ def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
             **{key: Estimate(**entry[key]) if entry[key] else None for key in ESTIMATES},
             reason=entry["reason"],
         )
-        for name, entry in content["measures"].items()
+        for name, entry in content["metrics"].items()
         if name in METRICS_BY_NAME
     ]
 
@@ -55,7 +55,7 @@ def to_csv(rows: Sequence[MetricResult]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     limits = [f"{name}{'' if limit == 'value' else '_' + limit}" for name in ESTIMATES for limit in LIMITS]
-    writer.writerow(["measure", "unit", "direction", "count", "counted", *limits, "apart", "reason"])
+    writer.writerow(["metric", "unit", "direction", "count", "count_unit", *limits, "worse", "reason"])
     for row in rows:
         cells = [
             f"{getattr(found, limit):.6g}" if (found := getattr(row, name)) else ""

@@ -18,8 +18,8 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.distance import cdist
 
-from talkingeyes.evaluation.discrepancy import distance
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures
+from talkingeyes.evaluation.paper_metrics.l2_diversity import distance
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
-from talkingeyes.corpus.windows import Recording
+from talkingeyes.corpus.recordings import Recording
 from talkingeyes.models.motion_autoencoder import MotionAutoencoder, MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import load
 from talkingeyes.training.loop import LoopSettings
@@ -122,7 +122,7 @@ class AutoencoderTask:
         self.recordings = [each for each in train if len(each) >= self.frames]
         if not self.recordings:
             raise InputError(f"critic.encoder.window_s: should fit into a train clip, got {settings.window_s:g}")
-        self.random = np.random.default_rng([seed, 2])
+        self.rng = np.random.default_rng([seed, 2])
         self.held = self._all(held_out)
         self.known = self._all(train)
         statistics = self.known.flatten(0, 1)
@@ -137,11 +137,11 @@ class AutoencoderTask:
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """Squared error and divergence, a described number."""
-        chosen = self.random.integers(len(self.recordings), size=self.settings.loop.batch)
+        chosen = self.rng.integers(len(self.recordings), size=self.settings.loop.batch)
         cut = [self._random_window(self.recordings[int(index)]) for index in chosen]
         steps = self._described(np.stack([head for head, _ in cut]), np.stack([gaze for _, gaze in cut]))
         steps = steps.to(self.network.mean.device)
-        noise = self.random.standard_normal((len(steps), self.settings.network.latent)).astype(np.float32)
+        noise = self.rng.standard_normal((len(steps), self.settings.network.latent)).astype(np.float32)
         found = self.network(steps, torch.from_numpy(noise).to(steps.device))
         error = (found.steps - self.network.standardised(steps)).square().mean()
         divergence = found.divergence.mean() / steps[0].numel()
@@ -153,10 +153,10 @@ class AutoencoderTask:
         noise = held.new_zeros(len(held), self.settings.network.latent)
         target = self.network.standardised(held)
         explained = 1 - float((self.network(held, noise).steps - target).square().mean() / target.square().mean())
-        return {"score": explained, "explained": explained}
+        return {"validation_score": explained, "explained_variance": explained}
 
     def _random_window(self, recording: Recording) -> tuple[Float[ndarray, "F 3"], Float[ndarray, "F 2 3"]]:
-        start = int(self.random.integers(len(recording) - self.frames + 1))
+        start = int(self.rng.integers(len(recording) - self.frames + 1))
         return recording.head[start : start + self.frames], recording.gaze[start : start + self.frames]
 
     def _all(self, recordings: Sequence[Recording]) -> Float[Tensor, "W N C"]:

@@ -78,10 +78,10 @@ def split_half(moments: Moments, splits: int, seed: int) -> Float[ndarray, " R"]
 
     A half has half the windows, so this floor lies above the bias of the whole set.
     """
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     found = []
     for _ in range(splits):
-        shuffled = random.permutation(len(moments.count))
+        shuffled = rng.permutation(len(moments.count))
         halves = np.array_split(shuffled, 2)
         found.append(frechet(moments.gaussian(halves[0]), moments.gaussian(halves[1])))
     return np.array(found)

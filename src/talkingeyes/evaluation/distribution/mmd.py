@@ -29,11 +29,11 @@ class WindowFeatures:
 
 def sample_windows(groups: Sequence[Float[ndarray, "_ D"]], max_windows: int, seed: int) -> WindowFeatures:
     """About `max_windows` windows of all clips (a group a clip), as many of each; of some clips if there are more."""
-    random = np.random.default_rng([seed, len(groups)])
+    rng = np.random.default_rng([seed, len(groups)])
     full = [index for index, group in enumerate(groups) if len(group)]
-    kept = full if len(full) <= max_windows else sorted(random.choice(full, max_windows, replace=False).tolist())
+    kept = full if len(full) <= max_windows else sorted(rng.choice(full, max_windows, replace=False).tolist())
     each = max(1, max_windows // max(len(kept), 1))
-    picked = [random.permutation(len(groups[index]))[:each] for index in kept]
+    picked = [rng.permutation(len(groups[index]))[:each] for index in kept]
     clip = np.repeat(np.array(kept, dtype=int), [len(windows) for windows in picked])
     return WindowFeatures(
         np.concatenate([groups[index][windows] for index, windows in zip(kept, picked, strict=True)]), clip
@@ -104,11 +104,11 @@ def permutation_p_value(one: WindowFeatures, reference: WindowFeatures, permutat
     names, owner = np.unique(clip, return_inverse=True)
     pooled = WindowFeatures(features, owner)
     found = kernels(pooled, pooled, paired=False)
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     mine = np.arange(len(names)) < len(np.unique(one.clip))
     values = []
     for turn in range(permutations + 1):
-        dealt = mine if turn == 0 else random.permutation(mine)
+        dealt = mine if turn == 0 else rng.permutation(mine)
         ours, theirs = dealt[owner].astype(float), (~dealt[owner]).astype(float)
         values.append(
             _mean(ours, found.ours, found.ours_count, ours)

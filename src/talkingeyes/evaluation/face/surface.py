@@ -22,8 +22,8 @@ from numpy import ndarray
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import FaceSamples
-from talkingeyes.head.drive import jaw_weights, motion_to_pose
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import jaw_weights, motion_to_pose
 
 MILLIMETRES = 1000.0
 BLOCK_FRAMES = 128  # frames that are held at a time

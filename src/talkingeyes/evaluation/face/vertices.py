@@ -82,10 +82,10 @@ def vertex_errors(
     )
 
 
-def split_half_diversity(surface: FaceSurface, samples: FaceSamples, random: np.random.Generator) -> float:
+def split_half_diversity(surface: FaceSurface, samples: FaceSamples, rng: np.random.Generator) -> float:
     """Eq. 10: the mean distance of paired samples of two random halves; NaN where there are less than two samples."""
     count, frames, _ = samples.jaw.shape
-    order, half = random.permutation(count).tolist(), count // 2
+    order, half = rng.permutation(count).tolist(), count // 2
     apart = _Mean()
     for one, other in zip(order[:half], order[half : 2 * half], strict=True):
         for at in frame_blocks(frames):

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
-from talkingeyes.evaluation.seeds import MultiSeedEstimate, MultiSeedStatistic
-from talkingeyes.evaluation.table import SPLIT_TITLES, markdown_row
-from talkingeyes.evaluation.tables.declared import REFERENCES, TITLES, Column, PaperTable
-from talkingeyes.evaluation.tables.order import RankOrder, RowPair, rank_order
+from talkingeyes.evaluation.multi_seed import MultiSeedEstimate, MultiSeedStatistic
+from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
+from talkingeyes.evaluation.tables.definitions import REFERENCES, TITLES, Column, PaperTable
+from talkingeyes.evaluation.tables.rank_order import RankOrder, RowPair, rank_order
 
 
 @dataclass(frozen=True)

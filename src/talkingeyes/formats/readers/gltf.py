@@ -23,7 +23,7 @@ from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
-from talkingeyes.head.eyelid.drive import eyelid_weights
+from talkingeyes.head.eyelid.blendshapes import eyelid_weights
 
 DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -21,7 +21,7 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION, HEAD_MODEL
 from talkingeyes.formats.readers.torch_file import read_torch
 from talkingeyes.formats.rotations import to_rotation_vectors
-from talkingeyes.head.pickles import as_array
+from talkingeyes.head.restricted_pickle import as_array
 
 FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 

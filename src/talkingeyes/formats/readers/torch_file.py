@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import NPZ_READ_ERRORS
-from talkingeyes.head.pickles import read_tensors
+from talkingeyes.head.restricted_pickle import read_tensors
 
 
 def read_torch(path: Path) -> Any:

@@ -19,7 +19,7 @@ from numpy import ndarray
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
-from talkingeyes.corpus.recordings_of_people import read_openface
+from talkingeyes.corpus.gaze_datasets import read_openface
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers import tables
 from talkingeyes.formats.rotations import from_euler_yxz

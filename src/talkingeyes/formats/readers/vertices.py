@@ -18,9 +18,9 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats import arkit
 from talkingeyes.head.anny import anny_head
-from talkingeyes.head.drive import JAW_SHAPES, JAW_SIDE_RAD, SIDES
-from talkingeyes.head.eyelid.drive import LID_SHAPES, eyelid_weights
+from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 from talkingeyes.head.model import JOINTS, HeadModel
+from talkingeyes.head.posing import JAW_SHAPES, JAW_SIDE_RAD, SIDES
 
 STATIC_VERTEX_M = 1e-7  # that a vertex no shape moves may move
 SINGLE_JOINT_WEIGHT = 0.9999  # of the weights of a vertex that follows one joint

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
-from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats import arkit
 from talkingeyes.formats.readers.live_link import ANGLE_COLUMNS, ANGLE_SIGNS, BLENDSHAPE_COUNT
 from talkingeyes.formats.rotations import euler_yxz

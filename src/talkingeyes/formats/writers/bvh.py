@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats.rotations import euler_yxz
 from talkingeyes.head.model import HeadModel
 

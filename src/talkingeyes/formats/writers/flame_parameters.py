@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.core.npz import save_npz
-from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 
 SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth

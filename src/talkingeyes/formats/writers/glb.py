@@ -16,9 +16,9 @@ from numpy import ndarray
 from talkingeyes.core.motion import Motion
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Gltf
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
 from talkingeyes.head.normals import vertex_normals
+from talkingeyes.head.posing import motion_to_pose
 
 INFLUENCES = 4  # joints a vertex may follow in glTF's first set
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.whole_file import atomic_write
+from talkingeyes.core.atomic_file import atomic_write
 
 FLOAT, UNSIGNED_INT, UNSIGNED_SHORT = 5126, 5125, 5123
 COMPONENTS = {"float32": FLOAT, "uint32": UNSIGNED_INT, "uint16": UNSIGNED_SHORT}
@@ -95,13 +95,13 @@ class Gltf:
 
 
 def _accessor(array: ndarray) -> dict[str, Any]:
-    facts: dict[str, Any] = {
+    extension: dict[str, Any] = {
         "componentType": COMPONENTS[array.dtype.name],
         "count": len(array),
         "type": ACCESSOR_TYPES[array.shape[1:]],
     }
     if array.dtype == np.float32 and array.ndim < 3:
-        facts |= {
+        extension |= {
             name: np.atleast_1d(edge(array, axis=0)).tolist() for name, edge in (("min", np.min), ("max", np.max))
         }
-    return facts
+    return extension

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import atomic_write
 from talkingeyes.formats.rotations import quaternions
 from talkingeyes.formats.writers.glb import INFLUENCES, influences, joint_offsets
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
+from talkingeyes.head.posing import motion_to_pose
 
 PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/right_eye")  # of JOINTS
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.whole_file import atomic_write
-from talkingeyes.head.drive import motion_to_pose
 from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import motion_to_pose
 
 FRAMES = 64  # at a time
 

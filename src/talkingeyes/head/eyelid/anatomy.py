@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.rotation import angles_to_direction
-from talkingeyes.head.eyelid.construction import LOWER, UPPER
+from talkingeyes.head.eyelid.model import LOWER, UPPER
 from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, elevation
 
 SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
@@ -40,16 +40,16 @@ class EyelidParameters:
     fall_rad: float = float(np.radians(75.0))
 
 
-def sample_eyelid_parameters(random: np.random.Generator) -> EyelidParameters:
+def sample_eyelid_parameters(rng: np.random.Generator) -> EyelidParameters:
     """An eye of somebody: gains within a tenth of the mean, the upper lid up to a few degrees lower or higher."""
-    down, up, lower = np.clip(random.normal(1.0, [0.04, 0.06, 0.08]), 0.85, 1.15)
+    down, up, lower = np.clip(rng.normal(1.0, [0.04, 0.06, 0.08]), 0.85, 1.15)
     return EyelidParameters(
         upper_down=float(down),
         upper_up=float(0.88 * up),
         lower=float(0.35 * lower),
-        droop_rad=float(random.normal(0.0, np.radians(1.0))),
-        lift_rad=float(np.radians(np.clip(random.normal(24.0, 3.0), 16.0, 32.0))),
-        fall_rad=float(np.radians(np.clip(random.normal(75.0, 10.0), 50.0, 100.0))),
+        droop_rad=float(rng.normal(0.0, np.radians(1.0))),
+        lift_rad=float(np.radians(np.clip(rng.normal(24.0, 3.0), 16.0, 32.0))),
+        fall_rad=float(np.radians(np.clip(rng.normal(75.0, 10.0), 50.0, 100.0))),
     )
 
 
@@ -93,7 +93,7 @@ def eyeball_radius_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"])
 
 
 def iris_contour(
-    angles_rad: Float[ndarray, "T 2"], points: int, random: np.random.Generator, noise_m: float
+    angles_rad: Float[ndarray, "T 2"], points: int, rng: np.random.Generator, noise_m: float
 ) -> Float[ndarray, "T K 3"]:
     """The circle of the iris, in head axes around the eye's centre, as somebody draws it."""
     around = np.linspace(0, 2 * np.pi, points, endpoint=False)
@@ -103,7 +103,7 @@ def iris_contour(
     up = np.cross(gaze, side)
     ring = np.cos(around)[:, None] * side[:, None] + np.sin(around)[:, None] * up[:, None]
     drawn = IRIS_CENTRE_M * gaze[:, None] + IRIS_RADIUS_M * ring
-    return np.asarray(drawn + random.normal(0.0, noise_m, drawn.shape))
+    return np.asarray(drawn + rng.normal(0.0, noise_m, drawn.shape))
 
 
 def _turns(

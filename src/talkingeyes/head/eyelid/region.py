@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.head.eyelid.construction import ANCHOR, LOWER, UPPER
+from talkingeyes.head.eyelid.model import ANCHOR, LOWER, UPPER
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
 MAX_LID_DISTANCE_M = 0.045  # skin farther from the eye than this is none of its lids
@@ -51,7 +51,7 @@ class EyelidRegion:
         return self.points[LOWER]
 
 
-def region(model: HeadModel, eye: int) -> EyelidRegion:
+def eyelid_region(model: HeadModel, eye: int) -> EyelidRegion:
     """The lids of one eye. Raises InputError if the mesh has no skin around it."""
     centre, axes = model.eye_centres[eye], TEMPORAL_AXES[eye]
     local = (model.template - centre) * axes

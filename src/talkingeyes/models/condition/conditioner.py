@@ -20,9 +20,9 @@ from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 CONDITIONERS = ComponentRegistry(
     "condition",
     {
-        "speaker": "talkingeyes.models.condition.speaker:SpeakerEmbedding",
-        "reference": "talkingeyes.models.condition.reference:StyleEncoder",
-        "partner": "talkingeyes.models.condition.partner:PartnerSpeech",
+        "speaker": "talkingeyes.models.condition.speaker_embedding:SpeakerEmbedding",
+        "reference": "talkingeyes.models.condition.style_encoder:StyleEncoder",
+        "partner": "talkingeyes.models.condition.partner_speech:PartnerSpeech",
     },
     ("required_inputs", "fit_statistics", "forward"),
 )

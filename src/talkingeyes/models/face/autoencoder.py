@@ -1,4 +1,4 @@
-"""What every motion autoencoder of the face is (ProbTalk3D section 3.3.1): stage 1, and the frozen prior of stage 2.
+"""Contract of the motion autoencoders of the face (ProbTalk3D section 3.3.1): stage 1, the frozen tokenizer of stage 2.
 
 Encoder: linear, convolution, transformer; decoder: the same back. Between them stands what a latent of a frame is made
 of: codes (`vqvae`) or a Gaussian (`vae`). Stage 2 predicts `latents` from speech, `decoder_inputs` passes gradients to
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
 from talkingeyes.models.face.basis import JAW_DIM
-from talkingeyes.models.layers.normal import MotionNormaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.window_transformer import WindowTransformer, WindowTransformerSettings
 
 FACE_AUTOENCODERS = ComponentRegistry(

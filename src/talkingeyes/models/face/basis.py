@@ -35,7 +35,7 @@ class FaceBasis:
         """From what `content` wrote. Raises KeyError or TypeError if it is not that."""
         return cls(str(content["head_model"]), tuple(content["expression_names"]))
 
-    def content(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """As JSON can say it."""
         return asdict(self) | {"expression_names": list(self.expression_names)}
 

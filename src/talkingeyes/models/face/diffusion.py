@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
-from talkingeyes.models.layers.normal import MotionNormaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
 class DiffusionFaceSettings(ComponentSettings):
@@ -43,7 +43,7 @@ class DiffusionFace(nn.Module):
     settings_class = DiffusionFaceSettings
 
     def __init__(
-        self, settings: DiffusionFaceSettings, speech: int, face_dim: int, prior: FaceAutoencoder | None
+        self, settings: DiffusionFaceSettings, speech: int, face_dim: int, tokenizer: FaceAutoencoder | None
     ) -> None:
         super().__init__()
         self.settings, self.normal = settings, MotionNormaliser(face_dim)

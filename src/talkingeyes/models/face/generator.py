@@ -19,8 +19,8 @@ FACE_GENERATORS = ComponentRegistry(
     {
         "latent": "talkingeyes.models.face.latent:LatentFace",
         "diffusion": "talkingeyes.models.face.diffusion:DiffusionFace",
-        "regression": "talkingeyes.models.face.regression:RegressionFace",
-        "codes": "talkingeyes.models.face.codes:AutoregressiveCodesFace",
+        "autoregression": "talkingeyes.models.face.autoregression:RegressionFace",
+        "autoregressive_codes": "talkingeyes.models.face.autoregressive_codes:AutoregressiveCodesFace",
     },
     ("normalise_by", "loss_terms", "sample"),
 )
@@ -28,16 +28,16 @@ FaceComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValid
 
 
 class FaceGenerator(Protocol):
-    """The role: a torch module made as `Class(settings, speech, numbers, prior)`.
+    """The role: a torch module made as `Class(settings, speech, numbers, tokenizer)`.
 
-    `speech` features a frame, already multiplied by the style; `numbers` of expression and jaw; `prior` is the frozen
-    autoencoder that conf/model/ names, or None.
+    `speech` features a frame, already multiplied by the style; `numbers` of expression and jaw; `tokenizer` is the
+    frozen autoencoder that conf/model/ names, or None.
     """
 
     settings_class: Any
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Take the statistics of faces in the train split; one with a prior needs none."""
+        """Take the statistics of faces in the train split; one with a tokenizer needs none."""
         ...
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:

@@ -1,6 +1,6 @@
 """Stage 2 of ProbTalk3D (section 3.3.2, eq. 5): speech and style to the latents of a frozen motion autoencoder.
 
-A convolution and transformer layers predict all frames at once; the prior draws codes (or from its Gaussian, in the
+A convolution and transformer layers predict all frames at once; the tokenizer draws codes (or from its Gaussian, in the
 VAE variant) and decodes them. With `correlation_frames` 1 codes are drawn anew at every frame, as in the paper.
 """
 
@@ -32,30 +32,34 @@ class LatentFace(nn.Module):
 
     settings_class = LatentFaceSettings
 
-    def __init__(self, settings: LatentFaceSettings, speech: int, face_dim: int, prior: FaceAutoencoder | None) -> None:
+    def __init__(
+        self, settings: LatentFaceSettings, speech: int, face_dim: int, tokenizer: FaceAutoencoder | None
+    ) -> None:
         super().__init__()
-        if prior is None:
-            raise InputError("model.prior: should name an autoencoder of conf/pretrain/ for a latent face, got null")
-        self.settings, self.prior = settings, prior
+        if tokenizer is None:
+            raise InputError(
+                "model.tokenizer: should name an autoencoder of conf/pretrain/ for a latent face, got null"
+            )
+        self.settings, self.tokenizer = settings, tokenizer
         self.transformer = WindowTransformer(settings.transformer, speech)
-        self.out = nn.Linear(settings.transformer.width, prior.predicted_dim)
+        self.out = nn.Linear(settings.transformer.width, tokenizer.predicted_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """The prior has statistics of its own."""
+        """The tokenizer has statistics of its own."""
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
         """Eq. 5: L1 between latents, of expression and of jaw."""
         latents = self._latents(speech)
-        reconstructed = self.prior.decode(self.prior.decoder_inputs(latents))
+        reconstructed = self.tokenizer.decode(self.tokenizer.decoder_inputs(latents))
         return {
-            "latent": F.l1_loss(latents.float(), self.prior.latents(face)),
-            **reconstruction(self.prior.normal(reconstructed), self.prior.normal(face)),
+            "latent": F.l1_loss(latents.float(), self.tokenizer.latents(face)),
+            **reconstruction(self.tokenizer.normal(reconstructed), self.tokenizer.normal(face)),
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
         """All frames at once."""
-        noise = self.prior.noise(seeds, speech.shape[1], self.settings.correlation_frames)
-        return self.prior.decode(self.prior.sample_decoder_inputs(self._latents(speech), noise, temperature))
+        noise = self.tokenizer.noise(seeds, speech.shape[1], self.settings.correlation_frames)
+        return self.tokenizer.decode(self.tokenizer.sample_decoder_inputs(self._latents(speech), noise, temperature))
 
     def _latents(self, speech: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:
         out: Tensor = self.out(self.transformer(speech))

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
 from talkingeyes.models.layers.conditional_vae import DiagonalGaussian
-from talkingeyes.models.layers.slow_noise import correlated_normal
+from talkingeyes.models.layers.correlated_noise import correlated_normal
 
 MAX_LOG_VARIANCE = 10.0  # the most, either way
 

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from talkingeyes.core.settings import bounds_error
 from talkingeyes.models.face.autoencoder import FaceAutoencoderBase, FaceAutoencoderSettings, reconstruction
-from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
-from talkingeyes.models.layers.slow_noise import correlated_normal, normal_to_gumbel
+from talkingeyes.models.layers.correlated_noise import correlated_normal, normal_to_gumbel
+from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 
 CodeLayout = Literal["frames", "channels"]
 

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.gaze.gaze_signal import find_stays, to_gaze_tensor, to_signal_tensor
 from talkingeyes.models.gaze.generator import SEED_OFFSET, GazeCondition, uniform_noise
 from talkingeyes.models.gaze.history import (
     CodeHistorySettings,
@@ -25,9 +26,8 @@ from talkingeyes.models.gaze.history import (
     ScheduledSampling,
     replacement_mask,
 )
-from talkingeyes.models.gaze.signal import find_stays, to_gaze_tensor, to_signal_tensor
 from talkingeyes.models.gaze.vqvae import GazeVQVAE
-from talkingeyes.models.layers.draw import sample_categorical
+from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.nucleus import top_p_filter
 from talkingeyes.models.layers.quantiser import squared_distances
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, CrossAttentionWindow, TransformerSettings
@@ -77,14 +77,14 @@ class CategoricalGaze(nn.Module):
     def __init__(self, settings: CategoricalGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
         super().__init__()
         if codebook is None:
-            raise InputError("model.prior: should name a codebook for categorical gaze, got null")
+            raise InputError("model.tokenizer: should name a codebook for categorical gaze, got null")
         self.settings, self.codebook, self.trained_steps = settings, codebook, 0
-        self.patch = codebook.settings.frames_per_code
+        self.patch_frames = codebook.settings.frames_per_code
         width = settings.transformer.width
         self.stay = codebook.settings.quantiser.codes
         self.embed = nn.Embedding(self.stay + 2, width)
         self.state_projection = nn.Linear(len(codebook.mean) + 1, width)
-        self.condition = nn.Linear(speech + 3 * self.patch, width)
+        self.condition = nn.Linear(speech + 3 * self.patch_frames, width)
         self.transformer = CausalTransformer(
             settings.transformer, CrossAttentionWindow(settings.condition_lookback, settings.condition_lookahead)
         )
@@ -116,7 +116,7 @@ class CategoricalGaze(nn.Module):
     @property
     def step_frames(self) -> int:
         """A code."""
-        return self.patch
+        return self.patch_frames
 
     @property
     def has_lookahead(self) -> bool:
@@ -156,7 +156,7 @@ class CategoricalGaze(nn.Module):
     @torch.no_grad()
     def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
         """Codes of true gaze (stays by the tolerance of the codebook) and what was known before each."""
-        frames = head.shape[1] // self.patch * self.patch
+        frames = head.shape[1] // self.patch_frames * self.patch_frames
         name = self.codebook.settings.signal
         signal = to_signal_tensor(name, head[:, :frames], gaze[:, :frames])
         stay = stay_mask(self.codebook, signal)
@@ -171,7 +171,7 @@ class CategoricalGaze(nn.Module):
         stay = codes == self.stay
         with torch.autocast(values.device.type, enabled=False):
             rendered = self.codebook.render(values, stay)
-        last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch - 1 :: self.patch]
+        last = ((rendered - self.codebook.mean) / self.codebook.scale)[:, self.patch_frames - 1 :: self.patch_frames]
         order = torch.arange(stay.shape[1], device=stay.device).expand_as(stay)
         dwell = order - torch.where(stay, 0, order).cummax(dim=1).values
         return _History(
@@ -202,9 +202,9 @@ class CategoricalGaze(nn.Module):
     def memory(self, condition: GazeCondition) -> Float[Tensor, "B N W"]:
         """Speech and head a code; the last patch is filled up by its last frame."""
         speech = condition.speech
-        missing = -speech.shape[1] % self.patch
+        missing = -speech.shape[1] % self.patch_frames
         both = torch.cat([speech, condition.normalised_head], dim=-1)
-        both = torch.cat([both, both[:, -1:].expand(-1, missing, -1)], dim=1).unflatten(1, (-1, self.patch))
+        both = torch.cat([both, both[:, -1:].expand(-1, missing, -1)], dim=1).unflatten(1, (-1, self.patch_frames))
         pooled = both[..., : speech.shape[-1]].mean(2)
         out: Tensor = self.condition(torch.cat([pooled, both[..., speech.shape[-1] :].flatten(2)], dim=-1))
         return out

@@ -20,8 +20,8 @@ GAZE_GENERATORS = ComponentRegistry(
     "gaze generator",
     {
         "categorical": "talkingeyes.models.gaze.categorical:CategoricalGaze",
-        "events": "talkingeyes.models.gaze.events:PointProcessGaze",
-        "regressed": "talkingeyes.models.gaze.regressed:RegressionGaze",
+        "point_process": "talkingeyes.models.gaze.point_process:PointProcessGaze",
+        "regression": "talkingeyes.models.gaze.regression:RegressionGaze",
         "vae": "talkingeyes.models.gaze.vae:VAEGaze",
     },
     ("normalise_by", "loss_terms", "sample"),
@@ -48,7 +48,7 @@ class GazeCondition:
 class GazeGenerator(Protocol):
     """The role: a torch module made as `Class(settings, speech, codebook)`, `speech` features a frame.
 
-    `codebook` is the frozen prior that conf/model/ names, or None.
+    `codebook` is the frozen tokenizer that conf/model/ names, or None.
     """
 
     settings_class: Any
@@ -77,7 +77,7 @@ class GazeStream(Protocol):
 
 @runtime_checkable
 class StreamableGazeGenerator(Protocol):
-    """What a gaze generator has besides if it can be played part by part (models/streaming.py)."""
+    """What a gaze generator has besides if it can be played part by part (models/motion_stream.py)."""
 
     @property
     def step_frames(self) -> int:

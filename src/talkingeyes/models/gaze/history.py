@@ -1,10 +1,10 @@
 """What a gaze decoder is shown of the past while it is trained: against the mismatch between true and own past.
 
-Trained on true history alone (teacher forcing, TalkingEyes eq. 9), a decoder never sees what its own errors lead to
-and copies the last frame (docs/log.md). `noise` blurs the true history; `scheduled` replaces a share of it, which grows
-with training, by what a first pass of the same network predicts there (Bengio et al. 2015; in parallel over all
-positions as in Mihaylova & Martins 2019); `free` lets the decoder run as in use, on nothing but its own output, with
-the gradient going back through so many frames of it.
+Trained on true history alone (teacher forcing, TalkingEyes eq. 9), a decoder never sees what its own errors lead to and
+copies the last frame (docs/log.md). `noise` blurs the true history; `scheduled_sampling` replaces a share of it, which
+grows with training, by what a first pass of the same network predicts there (Bengio et al. 2015; in parallel over all
+positions as in Mihaylova & Martins 2019); `free_running` lets the decoder run as in use, on nothing but its own output,
+with the gradient going back through so many frames of it.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from pydantic import Field
 from torch import Tensor
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.pace import ramp
+from talkingeyes.models.layers.schedules import ramp
 
 
 class TeacherForcing(Settings):
     """The true past, as the paper has it."""
 
-    kind: Literal["clean"]
+    kind: Literal["teacher_forcing"]
 
 
 class NoisyTeacherForcing(Settings):
@@ -37,7 +37,7 @@ class NoisyTeacherForcing(Settings):
 class ScheduledSampling(Settings):
     """A mix of the true past and what the network predicts of it."""
 
-    kind: Literal["scheduled"]
+    kind: Literal["scheduled_sampling"]
     # Share of frames or codes that are predicted, once it has grown to this.
     max_fraction: Annotated[float, Field(gt=0, le=1)]
     # Steps of training along which it grows from 0.
@@ -47,12 +47,12 @@ class ScheduledSampling(Settings):
 class FreeRunning(Settings):
     """The decoder's own output, frame by frame. A step of training costs as many passes as a window has frames."""
 
-    kind: Literal["free"]
+    kind: Literal["free_running"]
     # The gradient goes back through so many frames at most.
     truncation_frames: Annotated[int, Field(gt=0)]
 
 
-# A decoder that draws codes has no gradient to its own output, and can do without `free`.
+# A decoder that draws codes has no gradient to its own output, and can do without `free_running`.
 CodeHistorySettings = Annotated[TeacherForcing | NoisyTeacherForcing | ScheduledSampling, Field(discriminator="kind")]
 HistorySettings = Annotated[
     TeacherForcing | NoisyTeacherForcing | ScheduledSampling | FreeRunning, Field(discriminator="kind")

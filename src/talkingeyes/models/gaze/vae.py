@@ -56,7 +56,7 @@ class VAEGaze(nn.Module):
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
         """Motions from codes drawn from N(0, temperature^2 I)."""
         given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
-        shape = (self.vae.codes(given.shape[1]), self.vae.settings.latent)
+        shape = (self.vae.latent_count(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]
         codes = temperature * torch.stack([torch.randn(shape, generator=each) for each in generators])
         signal = self.vae.decode(codes.to(given), given) * self.scale + self.mean

@@ -18,9 +18,9 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.gaze.signal import SIGNAL_DIMS, SignalName
+from talkingeyes.models.gaze.gaze_signal import SIGNAL_DIMS, SignalName
 from talkingeyes.models.layers.quantiser import QuantiserOutput
-from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
+from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import Cache, CausalTransformer, TransformerSettings
 
 

@@ -14,14 +14,14 @@ from pydantic import BeforeValidator, SerializeAsAny
 from torch import Tensor
 
 from talkingeyes.core.settings import ComponentRegistry, ComponentSettings
-from talkingeyes.models.layers.normal import MotionNormaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 HEAD_GENERATORS = ComponentRegistry(
     "head generator",
     {
         "vae": "talkingeyes.models.head.vae:VAEHead",
-        "causal_vae": "talkingeyes.models.head.causal:CausalVAEHead",
-        "events": "talkingeyes.models.head.events:PointProcessHead",
+        "causal_vae": "talkingeyes.models.head.causal_vae:CausalVAEHead",
+        "point_process": "talkingeyes.models.head.point_process:PointProcessHead",
         "vqvae": "talkingeyes.models.head.vqvae:VQVAEHead",
     },
     ("predict", "sample"),

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows, mean_and_std
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows, mean_and_std
 
 
 class PoseBaselineSettings(ComponentSettings):

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 

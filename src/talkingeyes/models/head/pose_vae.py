@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
 
 
@@ -44,6 +44,6 @@ class VAEPose(nn.Module):
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
         """Poses of drawn codes."""
-        shape = (self.vae.codes(inputs.features.shape[1]), self.vae.settings.latent)
+        shape = (self.vae.latent_count(inputs.features.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=each) for each in generators])
         return self.vae.decode(codes.to(inputs.features), inputs.features)

@@ -17,9 +17,9 @@ from torch.nn import functional
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
-from talkingeyes.models.layers.quantisers import AnyQuantiserSettings, make_quantiser
+from talkingeyes.models.layers.quantiser_factory import AnyQuantiserSettings, make_quantiser
 from talkingeyes.models.layers.transformer import CausalTransformer, TransformerSettings, shift_right
 
 

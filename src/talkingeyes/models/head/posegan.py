@@ -1,13 +1,13 @@
 """PoseGAN: head poses by a convolutional encoder and a U-Net, from speech and an initial pose (Zhang et al., 4.1).
 
-The initial pose stands beside the speech at the input, and again beside the last features at the output layer. Its
-losses are eq. 3, pose (with the distance of the first frame from the initial pose) and motion; the adversarial one
-(eq. 4 and 5, which the text that we have lacks) comes from the rival (`rival.py`). Windows of 256 frames; in longer
-speech the last pose of a window is the initial pose of the next (`speech_to_pose.py`).
+The initial pose is concatenated to the speech at the input, and to the last features at the output layer. Its losses
+are eq. 3, pose (with the distance of the first frame from the initial pose) and motion; the adversarial loss (eq. 4 and
+5, which the text that we have lacks) comes from the discriminator (discriminator.py). Windows of 256 frames; in longer
+speech the last pose of a window is the initial pose of the next (models/speech_to_pose.py).
 
 Ours: the style scales and shifts what the U-Net normalises (Perez et al. 2018), and scales the pose; added to speech
-alone it does not get past the normalisation, and all people move alike (docs/log.md). The initial pose's distance from
-the first frame is taken back over `anchor_frames` (0: as the paper).
+alone it does not survive the normalisation, and all people move alike (docs/log.md). The distance of the initial pose
+from the first frame is removed over `anchor_frames` (0: as the paper).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from torch.nn import functional
 
 from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
-from talkingeyes.models.head.pose import PoseInputs, PosePrediction, TrainingWindows
+from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, TrainingWindows
 from talkingeyes.models.layers.convolution import ConvolutionStack
 
 GROUPS = 8
@@ -70,7 +70,7 @@ class PoseGAN(nn.Module):
         generated = self(inputs, pose[:, 0])
         loss_terms = {
             "pose": losses.reconstruction(generated, pose),
-            "start": losses.reconstruction(generated[:, :1], pose[:, :1]),
+            "initial_pose": losses.reconstruction(generated[:, :1], pose[:, :1]),
             "motion": losses.velocity(generated, pose),
         }
         return PosePrediction(generated, loss_terms)

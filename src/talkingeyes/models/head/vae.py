@@ -12,7 +12,7 @@ from talkingeyes.core.settings import ComponentSettings
 from talkingeyes.models import losses
 from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESettings
-from talkingeyes.models.layers.normal import MotionNormaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
 class VAEHeadSettings(VAESettings, ComponentSettings):
@@ -45,6 +45,6 @@ class VAEHead(nn.Module):
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
         """Motions from codes drawn from N(0, I), a seed a row."""
-        shape = (self.vae.codes(speech.shape[1]), self.vae.settings.latent)
+        shape = (self.vae.latent_count(speech.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
         return self.normal.denormalise(self.vae.decode(codes.to(speech), speech))

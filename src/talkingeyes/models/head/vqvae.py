@@ -13,9 +13,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from talkingeyes.models.head.generator import HeadPrediction
-from talkingeyes.models.head.pose import PoseInputs
+from talkingeyes.models.head.pose_generator import PoseInputs
 from talkingeyes.models.head.pose_vqvae import VQVAEPose, VQVAEPoseSettings
-from talkingeyes.models.layers.normal import MotionNormaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 # What the network of poses calls the terms of its loss, and what they are called beside those of gaze.
 TERM_NAMES = {

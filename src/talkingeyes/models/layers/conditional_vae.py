@@ -70,7 +70,7 @@ class ConditionalVAE(nn.Module):
         )
         self.out = nn.Linear(settings.width, features)
 
-    def codes(self, frames: int) -> int:
+    def latent_count(self, frames: int) -> int:
         """How many codes a motion of `frames` frames has."""
         return max(1, math.ceil(frames / (self.settings.latent_frames or CLIP_LATENT_FRAMES)))
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor, nn
 
-from talkingeyes.models.layers.small_steps import NumpyCausalConv, NumpyLayerNorm, NumpyLinear, gelu
+from talkingeyes.models.layers.numpy_layers import NumpyCausalConv, NumpyLayerNorm, NumpyLinear, gelu
 
 
 class ConvolutionStack(nn.Module):

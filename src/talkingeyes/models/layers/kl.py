@@ -16,7 +16,7 @@ from pydantic import Field
 from torch import Tensor
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers.pace import ramp
+from talkingeyes.models.layers.schedules import ramp
 
 
 class AnnealingSettings(Settings):

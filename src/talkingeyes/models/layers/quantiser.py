@@ -16,7 +16,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings
-from talkingeyes.models.layers import share
+from talkingeyes.models.layers import distributed
 
 
 class QuantiserSettings(Settings):
@@ -74,7 +74,7 @@ class Quantiser(nn.Module):
         with torch.autocast(latents.device.type, enabled=False):
             if self.training:
                 kept = latents if mask is None else latents[mask]
-                self.update(share.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1])))
+                self.update(distributed.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1])))
         return quantise(self, latents, mask)
 
     @torch.no_grad()
@@ -123,7 +123,11 @@ def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor
         indices = codes.distances(latents.detach()).argmin(-1)
     values = codes.codebook[indices]
     error = (latents - values).square().mean(-1)
-    commitment = error.mean() if mask is None else (error * mask).sum() / share.mean(mask.sum().float()).clamp(min=1)
+    commitment = (
+        error.mean()
+        if mask is None
+        else (error * mask).sum() / distributed.all_reduce_mean(mask.sum().float()).clamp(min=1)
+    )
     return QuantiserOutput(latents + (values - latents).detach(), indices, commitment)
 
 

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from talkingeyes.core.settings import Settings, bounds_error
-from talkingeyes.models.layers import share
+from talkingeyes.models.layers import distributed
 from talkingeyes.models.layers.quantiser import (
     Quantiser,
     QuantiserOutput,
@@ -91,7 +91,7 @@ class ResidualQuantiser(nn.Module):
         """Nearest sums. Only latents where `mask` count for the losses and the codebooks."""
         if self.training:
             kept = latents.float() if mask is None else latents.float()[mask]
-            rest = share.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1]))
+            rest = distributed.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1]))
             for level in self._level_list:
                 level.update(rest)
                 rest = rest - level.codebook[level.distances(rest).argmin(-1)]

@@ -1,4 +1,4 @@
-// The page of `talkingeyes serve`: speech from the microphone moves the head while it is spoken (apps/service/live.py); a
+// The page of `talkingeyes serve`: speech from the microphone moves the head while it is spoken (apps/service/live_stream.py); a
 // recording or a file becomes a performance with its sound, anew whenever a dial is moved (apps/service/app.py).
 
 import { Stage } from "./stage.js";

@@ -1,4 +1,4 @@
-// Draws heads, each in the rectangle of an element of the page, from rows of numbers (apps/viewer/head_file.py: what they hold).
+// Draws heads, each in the rectangle of an element of the page, from rows of numbers (apps/viewer/pose_encoding.py: what they hold).
 //
 //   const stage = await Stage.open(canvas, "head.glb", [element, ...]);
 //   stage.pose(0, row);  // Float32Array: translation, four quaternions, weights

@@ -1,0 +1,128 @@
+"""How much the sound of a corpus says about its motion: probes of `make reference-ranges`. Not a command of its own.
+
+Probes are ridge regressions from features of speech, each speaker told by what was learnt from all others; towers tell
+right from wrong sounds of a speaker, as the critics do. Reads data/embed and the true motion.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.recordings import Normaliser, Recording
+from talkingeyes.corpus.store import shard_path
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.critic.contrastive_training import ChannelSelection
+from talkingeyes.evaluation.reference_ranges import probes
+from talkingeyes.evaluation.reference_ranges.audio_motion_matching import SimilarityMatrix
+from talkingeyes.evaluation.reference_ranges.clip_data import no_measurement
+from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs, reference_motion
+from talkingeyes.evaluation.reference_ranges.measurements import Measurements
+from talkingeyes.orchestration.run import parallel_map
+
+MAX_CLIPS = 600
+PROSODY = ("energy_dbfs", "f0_octaves", "voicing")
+
+
+@dataclass(frozen=True)
+class ProbeData:
+    """Features of speech and what is to be told from them, for all frames of one speaker."""
+
+    features: Float[ndarray, "T F"]
+    targets: Float[ndarray, "T K"]
+
+
+def probe_data(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> ProbeData:
+    """Of the clips of one speaker; angles about the mean of their clip."""
+    normal = Normaliser.of(corpus_inputs.embed)
+    prosodic = [normal.channels.index(name) for name in PROSODY]
+    features, targets = [], []
+    for clip in clips:
+        motion = reference_motion(corpus_inputs, clip)
+        speech = np.load(shard_path(corpus_inputs.embed / "speech", clip.sound, ".npy"))
+        frames = min(len(speech), len(motion))
+        seen = behaviour(motion.fps, {"head": motion.head, "gaze": motion.gaze}, motion.valid)
+        angles = np.concatenate([seen.eye_rad.mean(axis=1), motion.head], axis=1)[:frames]
+        averted = seen.states.averted[:frames, None] - 0.5
+        standard = (speech[:frames] - normal.mean) / np.maximum(normal.std, 1e-6)
+        features.append(probes.with_context(standard, prosodic, motion.fps))
+        targets.append(np.concatenate([angles - angles.mean(axis=0), averted], axis=1))
+    return ProbeData(np.concatenate(features), np.concatenate(targets))
+
+
+def speaker_gram(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> probes.GramMatrices:
+    """All that learning a probe needs of one speaker."""
+    speaker = probe_data(corpus_inputs, clips)
+    return probes.gram(speaker.features, speaker.targets)
+
+
+def score_speaker(corpus_inputs: CorpusInputs, work: tuple[Sequence[Clip], Float[ndarray, "F K"]]) -> probes.ProbeScore:
+    """What the probe learnt from others tells of one speaker."""
+    clips, weights = work
+    speaker = probe_data(corpus_inputs, clips)
+    return probes.score_probe(speaker.features, speaker.targets, weights)
+
+
+def measure_probes(corpus_inputs: CorpusInputs, clips: Sequence[Clip], jobs: int) -> Measurements:
+    """Ridge regression from sound, each speaker told by what was learnt from all others."""
+    by_speaker: dict[str, list[Clip]] = {}
+    for clip in clips:
+        by_speaker.setdefault(clip.speaker, []).append(clip)
+    if len(by_speaker) < 3:
+        few = no_measurement(f"too few speakers: {len(by_speaker)}, 3 are needed")
+        return dict.fromkeys(("eye_r2", "head_r2", "averted_auc"), few)
+    people = list(by_speaker.values())
+    grams = list(parallel_map(partial(speaker_gram, corpus_inputs), people, jobs, "reference ranges: probes learn"))
+    work = [(mine, probes.fit_ridge(grams[:index] + grams[index + 1 :])) for index, mine in enumerate(people)]
+    return probes.measure_probes(
+        list(parallel_map(partial(score_speaker, corpus_inputs), work, jobs, "reference ranges: probes tell"))
+    )
+
+
+def recording(corpus_inputs: CorpusInputs, clip: Clip, part: str) -> Recording:
+    """Speech features and true motion of a clip; the jaw takes the head's place for towers of the jaw."""
+    motion = reference_motion(corpus_inputs, clip)
+    speech = np.load(shard_path(corpus_inputs.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+    frames = min(len(speech), len(motion))
+    turned = motion.jaw if part == "jaw" else motion.head
+    head, gaze = (np.asarray(angles[:frames], np.float32) for angles in (turned, motion.gaze))
+    return Recording(clip, speech[:frames], head, gaze, motion.valid[:frames])
+
+
+def train_tower(corpus_inputs: CorpusInputs, part: str) -> SimilarityMatrix:
+    """Train and judge the towers of one part."""
+    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import train_similarity
+
+    content = json.loads((corpus_inputs.embed / "embedding.json").read_text())
+    train = corpus_inputs.corpus.select("train")[:MAX_CLIPS]
+    judged = corpus_inputs.corpus.select("test", "unseen", take=0)
+    train_recordings, judged_recordings = (
+        [recording(corpus_inputs, clip, part) for clip in clips] for clips in (train, judged)
+    )
+    channel_selection = ChannelSelection.of(content, corpus_inputs.critic.channels)
+    return train_similarity(
+        "head" if part == "jaw" else part, train_recordings, judged_recordings, channel_selection, corpus_inputs.critic
+    )
+
+
+def measure_towers(corpus_inputs: CorpusInputs, jobs: int) -> Measurements:
+    """Right against wrong sounds."""
+    from talkingeyes.evaluation.reference_ranges.audio_motion_matching import matching_auc, permutation_p_value
+
+    space, head, jaw = parallel_map(
+        partial(train_tower, corpus_inputs), ("gaze_in_space", "head", "jaw"), jobs, "reference ranges: towers"
+    )
+    both = space + head
+    return {
+        "match_space": matching_auc(space),
+        "match_gaze": matching_auc(both),
+        "match_gaze_p": permutation_p_value(both, seed=0),
+        "match_jaw": matching_auc(jaw),
+    }

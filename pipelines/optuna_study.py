@@ -1,0 +1,287 @@
+"""A study of Optuna behind a sweep: where it is kept, whether it is still the same search, how much of it is left.
+
+Hydra's sweeper asks the trials and tells what came of them; this file looks after the study around it. A sweep that was
+killed goes on: trials that it left running count as failed, n_trials is of the whole study, and the sampler's seed
+counts on with the trials, because a sampler that starts again from its seed proposes the same trials again.
+
+Reads   conf/ as Hydra composes it, and the study's storage
+Writes  the study; at the end <workspace>/<study>/: trials.csv and, of two objectives, pareto.png
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import CONFIG_DIR, compose, one_line_hydra_errors, validate_config
+from talkingeyes.orchestration.mlflow_logging import log_run
+from talkingeyes.orchestration.run import Report
+
+# What the study keeps of the search that it belongs to.
+SPACE = "search_space"
+
+
+def silence_warnings() -> None:
+    """The sweeper's words for distributions are Optuna 2's: they work, and would be warned of at every step."""
+    warnings.filterwarnings("ignore", category=FutureWarning, module="optuna|hydra_plugins")
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """A search as conf/ and the command line give it: words of Hydra for what is searched, in which direction."""
+
+    params: dict[str, Any]  # the composition
+    name: str
+    storage: Any
+    directions: list[Literal["minimize", "maximize"]]
+    fixed: list[str]  # overrides of the command line that are not searched
+    search_overrides: list[str]  # key=choice(...), key=interval(...)
+    trials: int
+    seed: int | None
+    sampler: Callable[[int], Any]  # with the seed counted on by so many trials
+
+
+@dataclass(frozen=True)
+class OptunaStudy:
+    """A search and the study that stands for it in the storage."""
+
+    search: SearchConfig
+    optuna: Any
+
+    @property
+    def finished(self) -> int:
+        """Trials that ended well or were pruned."""
+        return sum(trial.state.name in ("COMPLETE", "PRUNED") for trial in self.optuna.trials)
+
+    @property
+    def remaining_trials(self) -> int:
+        """Trials still to make."""
+        return max(0, self.search.trials - self.finished)
+
+    def overrides(self) -> list[str]:
+        """What Hydra's sweeper is told, so that it goes on where the study stands."""
+        found = [f"hydra.sweeper.n_trials={self.remaining_trials}"]
+        if self.search.seed is not None:
+            found.append(f"hydra.sweeper.sampler.seed={self.search.seed + len(self.optuna.trials)}")
+        return found
+
+    @contextmanager
+    def exclusive(self, join: bool = False) -> Iterator[None]:
+        """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed.
+
+        To `join` is to work beside whoever does. Raises InputError otherwise.
+        """
+        from filelock import FileLock, Timeout
+        from optuna.trial import TrialState
+
+        path = Path(self.search.params["workspace"]) / f".{self.search.name}.lock"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            if not join:
+                raise InputError(
+                    f"study {self.search.name}: a sweep is at work on it; pipelines.pruned_sweep joins it"
+                ) from None
+        try:
+            if lock.is_locked:
+                for trial in self.optuna.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+                    self.optuna.tell(trial.number, state=TrialState.FAIL)
+            yield
+        finally:
+            lock.release()
+
+
+def storage(where: str) -> Any:
+    """A storage: the URL of a relational database, or the path of a journal file."""
+    import optuna
+    from optuna.storages import JournalStorage, RDBStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if "://" in where:
+        return RDBStorage(where)
+    Path(where).parent.mkdir(parents=True, exist_ok=True)
+    return JournalStorage(JournalFileBackend(where))
+
+
+def prepare(overrides: Sequence[str]) -> OptunaStudy | None:
+    """Check a sweep before it starts; the study behind it, if it has one that outlives it.
+
+    Raises InputError: a bad override, a value outside its bounds, a study of another search.
+    """
+    search = read(overrides)
+    for values in _boundary_overrides(search.search_overrides if search else _sweep_overrides(overrides)):
+        compose([*_fixed_overrides(overrides), *values])
+    return None if search is None else open_study(search)
+
+
+def read(overrides: Sequence[str]) -> SearchConfig | None:
+    """The search that the overrides ask for; None if there is no Optuna in it, or no storage."""
+    from hydra import compose as hydra_compose
+    from hydra import initialize_config_dir
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+
+    with one_line_hydra_errors(), initialize_config_dir(str(CONFIG_DIR), version_base="1.3"):
+        config = hydra_compose("config", overrides=_fixed_overrides(overrides), return_hydra_config=True)
+    with one_line_hydra_errors():
+        params = validate_config(
+            OmegaConf.to_container(OmegaConf.masked_copy(config, [k for k in config if k != "hydra"]), resolve=True)
+        )
+    sweeper = config.hydra.sweeper
+    if "optuna" not in sweeper._target_ or sweeper.storage is None:
+        return None
+    kept = storage(sweeper.storage) if isinstance(sweeper.storage, str) else instantiate(sweeper.storage)
+    own = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
+    directions = sweeper.direction if OmegaConf.is_list(sweeper.direction) else [sweeper.direction]
+    seed = sweeper.sampler.get("seed")
+    return SearchConfig(
+        params=params,
+        name=str(sweeper.study_name or params["study"]),
+        storage=kept,
+        directions=["maximize" if "max" in str(each).lower() else "minimize" for each in directions],
+        fixed=_fixed_overrides(overrides),
+        search_overrides=[*own, *_sweep_overrides(overrides)],
+        trials=int(sweeper.n_trials),
+        seed=seed,
+        sampler=lambda past: instantiate(sweeper.sampler, **({} if seed is None else {"seed": seed + past})),
+    )
+
+
+def open_study(search: SearchConfig) -> OptunaStudy:
+    """The study in the storage, new or the same search as before. Raises InputError if it is another."""
+    import optuna
+
+    figures = search.params["objective"]["metrics"]
+    if len(figures) != len(search.directions):
+        raise InputError(f"objective.metrics: should be one for each direction {search.directions}, got {figures}")
+    found = optuna.create_study(
+        study_name=search.name, storage=search.storage, directions=[*search.directions], load_if_exists=True
+    )
+    asked: dict[str, Any] = {"space": space(search), "figures": figures, "directions": search.directions}
+    before = found.user_attrs.get(SPACE)
+    if before is None:
+        found.set_user_attr(SPACE, asked)
+    elif before != asked:
+        now, then = asked["space"], before["space"]
+        changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key))) or "the objective"
+        raise InputError(f"study {search.name}: began as another search, {changed} changed; a new one needs study=NAME")
+    return OptunaStudy(search, found)
+
+
+def distributions(search: SearchConfig) -> dict[str, Any]:
+    """The search space in Optuna's words."""
+    from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        found, _ = create_params_from_overrides(search.search_overrides)
+    return dict(found)
+
+
+def space(search: SearchConfig) -> dict[str, Any]:
+    """The search space as plain values, to compare it with another."""
+    from optuna.distributions import distribution_to_json
+
+    return {key: json.loads(distribution_to_json(each)) for key, each in sorted(distributions(search).items())}
+
+
+def write_results(study: OptunaStudy) -> None:
+    """Write down all trials, draw the front of two objectives, and log both as the run of the whole sweep."""
+    from optuna.trial import TrialState
+
+    search, trials = study.search, study.optuna.get_trials(deepcopy=False)
+    figures = search.params["objective"]["metrics"]
+    complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
+    folder = Path(search.params["workspace"]) / search.name
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_trials(folder / "trials.csv", trials, figures)
+    artifacts = [folder / "trials.csv"]
+    best = study.optuna.best_trials if complete else []
+    if len(figures) == 2 and complete:
+        from talkingeyes.evaluation.model_selection.pareto import plot_pareto_front
+
+        artifacts.append(folder / "pareto.png")
+        plot_pareto_front(
+            [trial.values for trial in complete], [trial.values for trial in best], figures, artifacts[-1]
+        )
+    states = {
+        state: sum(trial.state.name.lower() == state for trial in trials) for state in ("complete", "pruned", "fail")
+    }
+    metrics = {f"trials_{state}": float(count) for state, count in states.items()}
+    if len(figures) == 1 and best:
+        metrics[f"best_{figures[0]}"] = best[0].values[0]
+    log_run(
+        Path(search.params["workspace"]),
+        "sweep",
+        search.name,
+        search.params,
+        {"objective"},
+        0.0,
+        Report(metrics, artifacts),
+    )
+    print(f"study {search.name}: {states['complete']} trials complete, {states['pruned']} pruned; {folder}")
+    for trial in best:
+        values = ", ".join(f"{name} {value:.4g}" for name, value in zip(figures, trial.values, strict=True))
+        print(f"  {trial.number}: {values}: " + " ".join(f"{key}={value}" for key, value in trial.params.items()))
+
+
+def _write_trials(path: Path, trials: Sequence[Any], figures: Sequence[str]) -> None:
+    keys = sorted({key for trial in trials for key in trial.params})
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["trial", "state", *figures, *keys])
+        for trial in trials:
+            values = trial.values or [""] * len(figures)
+            writer.writerow(
+                [trial.number, trial.state.name.lower(), *values, *(trial.params.get(key, "") for key in keys)]
+            )
+
+
+def _parsed(overrides: Sequence[str]) -> list[Any]:
+    """Overrides as Hydra understands them. Raises InputError."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    try:
+        return list(OverridesParser.create().parse_overrides(list(overrides)))
+    except HydraException as error:
+        raise InputError(" ".join(str(error).split())) from None
+
+
+def _fixed_overrides(overrides: Sequence[str]) -> list[str]:
+    return [each.input_line for each in _parsed(overrides) if not each.is_sweep_override()]
+
+
+def _sweep_overrides(overrides: Sequence[str]) -> list[str]:
+    return [each.input_line for each in _parsed(overrides) if each.is_sweep_override()]
+
+
+# So many values of a key are checked before a sweep starts: the first and the last of a longer list.
+MAX_CHECKED_VALUES = 8
+
+
+def _boundary_overrides(search_overrides: Sequence[str]) -> Iterator[list[str]]:
+    """Overrides with single values to check a sweep by, every choice and both ends of an interval, all keys at once."""
+    values: dict[str, list[str]] = {}
+    for each in _parsed(search_overrides):
+        if each.is_interval_sweep():
+            found = [str(each.value().start), str(each.value().end)]
+        else:
+            found = list(each.sweep_string_iterator())
+        values[each.get_key_element()] = (
+            found
+            if len(found) <= MAX_CHECKED_VALUES
+            else found[: MAX_CHECKED_VALUES // 2] + found[-MAX_CHECKED_VALUES // 2 :]
+        )
+    for index in range(max(map(len, values.values()), default=0)):
+        yield [f"{key}={found[min(index, len(found) - 1)]}" for key, found in values.items()]

@@ -1,0 +1,366 @@
+"""The acceptance table: what a corpus has of how people's eyes, head, lids and jaw move, and what recorded people have.
+
+Run     python -m pipelines.reference_ranges [CORPUS]        (make reference-ranges; make reference-ranges corpus=DIR)
+Reads   the corpus of the workspace, or CORPUS; data/fit and data/embed beside it, where they are there; recordings of
+        people in ../shared/data/real/gaze, where they are there
+Writes  docs/reference_ranges.md and docs/pictures/reference-ranges-*.png; of another CORPUS build/reference_ranges/
+
+No stage: nothing reads it, and it reads what several stages have made. Takes of a synthetic corpus are drawn again from
+their seeds, which gives the same events, and rendered at 500, 120, 60 and 25 frames a second.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers
+from talkingeyes.audio.prosody import ProsodySettings, prosody
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.gaze_datasets import read_andersson, read_conversation, read_openface
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.store import Corpus
+from talkingeyes.evaluation.benchmark.behaviour import behaviour
+from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
+from talkingeyes.evaluation.reference_ranges import (
+    blinks,
+    measurements,
+    page,
+    plots,
+    probes,
+    pupils,
+    recorded_people,
+    saccades,
+)
+from talkingeyes.evaluation.reference_ranges.clip_data import (
+    ClipData,
+    FrameProsody,
+    PooledArrays,
+    join_pools,
+    no_measurement,
+)
+from talkingeyes.evaluation.reference_ranges.corpus_inputs import CorpusInputs, reference_motion
+from talkingeyes.evaluation.reference_ranges.measurements import RATES_FPS, Measurements
+from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_map, run_command
+from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL, sample_blink_rate
+from talkingeyes.synthesis import plan
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import Take, sample_take
+
+RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
+MAX_NATIVE_CLIPS, MAX_RAW_CLIPS = 300, 100
+FURTHER_TAKES = range(1000, 1004)
+CANDIDATES = 40  # for the timeline
+CONVERSATION = "conversation_fixations.csv.gz"
+SOUND_AND_MOTION = ("eye_r2", "averted_auc", "head_r2", "match_space", "match_gaze", "match_gaze_p", "match_jaw")
+DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
+
+
+@dataclass(frozen=True)
+class CorpusMeasurements:
+    """Figures of a corpus by fact, and what plots are drawn from."""
+
+    pool: PooledArrays
+    measurements: Measurements
+
+
+def source_of(workspace: Workspace, corpus: Path) -> CorpusInputs:
+    """The corpus with what stands beside it. Raises InputError if there is none."""
+    found = Corpus(corpus)
+    if not found.clips:
+        raise InputError(f"{corpus}: should hold clips, got none; `make repro` makes a corpus")
+    settings = workspace.settings("synthesize", plan.SynthesizeSettings) if found.has_truth else None
+    data = corpus.parent
+    return CorpusInputs(
+        found,
+        data / "fit",
+        data / "embed",
+        workspace.settings("embed.prosody", ProsodySettings),
+        workspace.settings("critic", CriticSettings),
+        settings,
+    )
+
+
+def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
+    """One clip with what is known of it."""
+    motion, annotation = reference_motion(corpus_inputs, clip), corpus_inputs.corpus.annotation(clip)
+    speech = corpus_inputs.corpus.speech(clip)
+    heard = prosody(speech, motion.fps, corpus_inputs.prosody)
+    fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
+    return ClipData(
+        speaker=clip.speaker,
+        sound=clip.sound,
+        behaviour=behaviour(motion.fps, fields, motion.valid, annotation),
+        motion=motion,
+        annotation=annotation,
+        frame_prosody=FrameProsody(heard.energy_dbfs, heard.f0_hz),
+        events=corpus_inputs.corpus.truth_events(clip) if corpus_inputs.corpus.has_truth else None,
+        axis_divergence_rad=axis_divergence_rad(corpus_inputs, clip),
+    )
+
+
+def axis_divergence_rad(corpus_inputs: CorpusInputs, clip: Clip) -> float:
+    """By how much the optical axes of a synthetic speaker's eyes part more than the lines of sight."""
+    if corpus_inputs.settings is None:
+        return 0.0
+    left, right = plan.speaker_of(corpus_inputs.settings, sound_of(corpus_inputs.settings, clip)).style.kappa
+    return left[0] - right[0]
+
+
+def sound_of(settings: plan.SynthesizeSettings, clip: Clip) -> plan.PlannedSound:
+    """The sound of the plan that a clip is a take of."""
+    return plan.sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
+
+
+def extract_sound(corpus_inputs: CorpusInputs, takes: Sequence[Clip]) -> dict[str, np.ndarray]:
+    """All takes of one sound, and how they differ."""
+    seen = [load_clip_data(corpus_inputs, clip) for clip in takes]
+    pool = join_pools(measurements.extract(one) for one in seen)
+    if len(takes) > 1:
+        parts = {
+            "eye": [one.behaviour.eye_rad.mean(axis=1) for one in seen],
+            "head": [one.behaviour.head for one in seen],
+            "jaw": [one.motion.jaw[:, :1] for one in seen if one.motion is not None],
+        }
+        pool |= {f"takes.{part}": probes.between_take_variance(np.stack(each))[None] for part, each in parts.items()}
+    return pool
+
+
+def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
+    """A take of the sound of a clip from its seeds: one that the corpus holds, or a further one."""
+    settings = corpus_inputs.settings
+    assert settings is not None
+    sound = sound_of(settings, clip)
+    rng = plan.generator(settings.seed, "motion", sound.index, take)
+    annotation, style = corpus_inputs.corpus.annotation(clip), plan.speaker_of(settings, sound).style
+    return sample_take(annotation, style, clip.seconds, rng, settings.blink_profile)
+
+
+def reproduce_take(corpus_inputs: CorpusInputs, clip: Clip) -> Take:
+    """The take of a clip. Raises InputError if it is not the one that the corpus holds."""
+    take = regenerate_take(corpus_inputs, clip, clip.take)
+    if take.events != corpus_inputs.corpus.truth_events(clip):
+        raise InputError(f"{clip.id}: drawn again it has other events; the corpus is of other settings or code")
+    return take
+
+
+def extract_further_takes(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np.ndarray]:
+    """Large gaze shifts of takes that the corpus does not hold: it has too few of them for a figure."""
+    found = []
+    for number in FURTHER_TAKES:
+        motion = regenerate_take(corpus_inputs, clip, number).motion(clip.fps, int(clip.seconds * clip.fps))
+        fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
+        found.append(measurements.extract_gaze_shifts(behaviour(motion.fps, fields, motion.valid)))
+    return join_pools(found)
+
+
+def extract_frame_rates(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np.ndarray]:
+    """Saccades of a take at all frame rates, and its blinks at the highest."""
+    take = reproduce_take(corpus_inputs, clip)
+    pool: dict[str, np.ndarray] = {}
+    finest = None
+    for fps in RATES_FPS:
+        motion = take.motion(float(fps), int(clip.seconds * fps))
+        seen = behaviour(motion.fps, {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid})
+        found = saccades.detect_rendered(seen)
+        finest = found if finest is None else finest
+        pool |= saccades.extract_at_rate(f"at{fps}", seen, found)
+        pool |= saccades.match_frame_rates(f"same{fps}", finest, found)
+        if fps == RATES_FPS[0]:
+            pool |= blinks.extract_kinematics(seen)
+    return pool
+
+
+def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements:
+    """All figures of a corpus, and the pool that plots are drawn from."""
+    sounds = select_sounds(corpus_inputs.corpus.clips)
+    firsts = [takes[0] for takes in sounds]
+    pool = join_pools(parallel_map(partial(extract_sound, corpus_inputs), sounds, jobs, "reference ranges: clips"))
+    found = (
+        measurements.measure_gaze(pool)
+        | measurements.measure_head(pool)
+        | measurements.measure_speech(pool)
+        | measurements.measure_prosody(pool)
+    )
+    found |= (
+        measurements.measure_blinks(pool) | measurements.measure_lids(pool) | measurements.measure_take_variance(pool)
+    )
+    found |= (
+        measurements.measure_gaze_shifts(pool)
+        | measure_blink_rate_draws(corpus_inputs)
+        | measurements.measure_eye_aspect_ratio()
+        | measure_fit(corpus_inputs)
+        | measure_pupils(corpus_inputs, firsts)
+    )
+    if corpus_inputs.settings is not None:
+        fast = join_pools(
+            parallel_map(
+                partial(extract_frame_rates, corpus_inputs),
+                firsts[:MAX_NATIVE_CLIPS],
+                jobs,
+                "reference ranges: frame rates",
+            )
+        )
+        more = join_pools(
+            parallel_map(
+                partial(extract_further_takes, corpus_inputs),
+                firsts[:MAX_NATIVE_CLIPS],
+                jobs,
+                "reference ranges: further takes",
+            )
+        )
+        found |= (
+            measurements.measure_gaze_shifts(more)
+            | measurements.measure_main_sequence(fast)
+            | measurements.measure_blink_kinematics(fast)
+            | {"lag": measurements.measure_onset_lag(pool)}
+        )
+        pool = {**pool, **fast}
+    if (corpus_inputs.embed / "embedding.json").is_file():
+        found |= measure_probes(corpus_inputs, firsts, jobs) | measure_towers(corpus_inputs, jobs)
+    else:
+        found |= dict.fromkeys(SOUND_AND_MOTION, no_measurement("no speech features: the stage embed has not run"))
+    return CorpusMeasurements(pool, found)
+
+
+def measure_blink_rate_draws(corpus_inputs: CorpusInputs) -> Measurements:
+    """Rates of blinks as they are drawn, for people and for the paper's profile."""
+    seed = corpus_inputs.settings.seed if corpus_inputs.settings else 0
+    rng = np.random.default_rng(seed)
+    generators = (plan.generator(seed, "speaker", index) for index in range(DRAWN_SPEAKERS))
+    return measurements.measure_blink_rate_draws(
+        [sample_blink_rate(PAPER, rng) for _ in range(DRAWN_RATES)],
+        [sample_style(each, PHYSIOLOGICAL).blinks_per_min for each in generators],
+    )
+
+
+def measure_fit(corpus_inputs: CorpusInputs) -> Measurements:
+    """Table VIII, if the corpus has been fitted."""
+    path = corpus_inputs.fit / "table8.json"
+    if not path.is_file():
+        return dict.fromkeys(
+            ("fit_error", "fit_peak", "fit_speed"), no_measurement("not fitted: the stage fit has not run")
+        )
+    return measurements.measure_fit(json.loads(path.read_text()))
+
+
+def measure_pupils(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> Measurements:
+    """The simulated fitter and the projection; both want the truth."""
+    if not corpus_inputs.corpus.has_truth:
+        return dict.fromkeys(("raw_error", "raw_speed", "projected"), no_measurement("no true motion"))
+    rng, rows = np.random.default_rng(0), []
+    for clip in clips[:MAX_RAW_CLIPS]:
+        truth, events = corpus_inputs.corpus.truth(clip), corpus_inputs.corpus.truth_events(clip)
+        rows.append(pupils.simulate_gaze360(truth, events, corpus_inputs.corpus.observation(clip), rng))
+    camera = corpus_inputs.corpus.observation(clips[0]).camera
+    return measurements.measure_pupils({"raw.sums": np.concatenate(rows)}, pupils.projected_px(camera))
+
+
+def select_sounds(clips: Sequence[Clip]) -> list[list[Clip]]:
+    """Sounds with all their takes, spread evenly over the corpus."""
+    takes: dict[str, list[Clip]] = {}
+    for clip in clips:
+        takes.setdefault(clip.sound, []).append(clip)
+    every = max(1, -(-len(clips) // MAX_CLIPS))
+    return list(takes.values())[::every]
+
+
+@dataclass(frozen=True)
+class RecordedMeasurements:
+    """Figures of recorded people, and their saccades, by the letter that the page gives a source."""
+
+    measurements: dict[str, Measurements]
+    pools: dict[str, PooledArrays]
+
+
+def measure_recordings(folder: Path) -> RecordedMeasurements:
+    """What the recordings in a folder tell; nothing where there is none."""
+    tracked = [read_andersson(path).recording for path in sorted(folder.glob("andersson_*_MN.mat"))]
+    filmed = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
+    found, pools = {}, {}
+    if tracked:
+        found["T"], pools["T"] = recorded_people.measure_eye_tracking(tracked), recorded_people.tracking_pool(tracked)
+    if (folder / CONVERSATION).is_file():
+        talk = read_conversation(folder / CONVERSATION)
+        found["C"], pools["C"] = recorded_people.measure_conversation(talk), recorded_people.conversation_pool(talk)
+    if filmed:
+        found["V"] = recorded_people.measure_video(filmed)
+    return RecordedMeasurements(found, pools)
+
+
+def timeline_clip(corpus_inputs: CorpusInputs) -> Clip:
+    """The clip of the timeline: of the first with several aversions and blinks, listening if any clip does."""
+    best, most = corpus_inputs.corpus.clips[0], -1
+    for clip in corpus_inputs.corpus.clips[:CANDIDATES]:
+        seen = load_clip_data(corpus_inputs, clip)
+        assert seen.annotation is not None
+        events = min(int(seen.behaviour.states.dwell_averted.sum()), 3) + min(len(seen.behaviour.blinks), 3)
+        value = events + 10 * bool(seen.annotation.listening)
+        if value > most:
+            best, most = clip, value
+    return best
+
+
+def write(
+    out: Path, corpus_inputs: CorpusInputs, found: CorpusMeasurements, recorded: RecordedMeasurements, what: str
+) -> None:
+    """The page and its pictures; each file is written beside its place and put there whole."""
+    pictures = out / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    drawn: dict[str, Callable[[Path], None]] = {
+        "distributions": partial(plots.distributions, found.pool, recorded.pools),
+        "timeline": lambda path: plots.timeline(
+            load_clip_data(corpus_inputs, clip), corpus_inputs.corpus.speech(clip), path
+        ),
+    }
+    clip = timeline_clip(corpus_inputs)
+    if f"at{RATES_FPS[0]}.amplitude_deg" in found.pool:
+        drawn = {"main-sequence": partial(plots.main_sequence, found.pool), **drawn}
+    for name, draw in drawn.items():
+        write_atomically(pictures / f"reference-ranges-{name}.png", draw)
+    links = {name: f"pictures/reference-ranges-{name}.png" for name in drawn}
+    text = page.markdown(found.measurements, recorded.measurements, what, links)
+    write_atomically(out / "reference_ranges.md", lambda path: path.write_text(text))
+
+
+def write_atomically(path: Path, write_to: Callable[[Path], object]) -> None:
+    """A file that appears when it is finished."""
+    partial_path = path.with_name(f".{path.name}.partial")
+    write_to(partial_path)
+    partial_path.replace(path)
+
+
+def describe_corpus(corpus_inputs: CorpusInputs) -> str:
+    """A corpus in words: nothing of the machine, so that the page is the same everywhere."""
+    clips = corpus_inputs.corpus.clips
+    minutes = sum(clip.seconds for clip in clips) / 60
+    speakers = len({clip.speaker for clip in clips})
+    kind = "synthetic, true motion" if corpus_inputs.corpus.has_truth else "tracked, fitted motion"
+    sounds = len({clip.sound for clip in clips})
+    return f"{kind}, {len(clips)} clips of {sounds} sounds, {speakers} speakers, {minutes:.0f} minutes"
+
+
+def main() -> None:
+    """Measure, print, write."""
+    workspace = Workspace.open(Path.cwd())
+    if len(sys.argv) > 2:
+        raise InputError(f"reference ranges: should get one corpus or none, got {' '.join(sys.argv[1:])}")
+    other = Path(sys.argv[1]) if sys.argv[1:] else None
+    corpus_inputs = source_of(workspace, other or workspace.corpus)
+    out = workspace.root / (Path("docs") if other is None else Path("build", "reference_ranges"))
+    with parallel_backend(workspace.params.get("machine", {})):
+        found = measure_corpus(corpus_inputs, workspace.jobs)
+    recorded = measure_recordings(RECORDED)
+    write(out, corpus_inputs, found, recorded, describe_corpus(corpus_inputs))
+    print(page.as_text(found.measurements, recorded.measurements))
+    print(f"written: {out / 'reference_ranges.md'}")
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,169 @@
+"""Rows of a table under several seeds of training and sampling, through the result store: nothing is made twice.
+
+Used by: pipelines.combinations, pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit,
+embedding, codebooks, critic) is made first; then the models run side by side, one a process. Killed, it goes on: every
+model, what follows its training and its row are kept under `store` (store.py).
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.result_store import StoredResult, get_or_run
+from talkingeyes.orchestration.run import Report, Workspace, parallel_backend, parallel_map
+from talkingeyes.orchestration.stage_graph import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, stage_calls
+
+SEEDS = (0, 1, 2)
+METRICS_FILE = "metrics.json"
+
+
+@dataclass(frozen=True)
+class RowResult:
+    """A row under one seed: where its figures are, and of a model its samples (if the row reads them) and the model
+    itself, with the CPU seconds of its training (None if `dvc repro` trained it)."""
+
+    name: str
+    figures: Path
+    samples: Path | None = None
+    model: Path | None = None
+    training_cpu_s: float | None = None
+
+
+@dataclass(frozen=True)
+class RowSpec:
+    """What a row is: the name of its entries in the store, the code that it follows from, what it reads, its measure.
+
+    `measure` writes metrics.json. `models`: those who are rows; real motion (`references`) is measured alone.
+    `stages_after`: the stages that follow the training of a model and that the row reads.
+    """
+
+    stage: str
+    code_deps: tuple[str, ...]
+    reads: tuple[str, ...]
+    sections: tuple[str, ...]
+    measure: Callable[[StageCall, Workspace], Report]
+    models: tuple[str, ...]
+    references: tuple[str, ...]
+    stages_after: tuple[str, ...] = ("sample",)
+
+
+@dataclass(frozen=True)
+class TableRows:
+    """All rows, by name, one a seed; and where what they share lies, by stage."""
+
+    by_name: dict[str, list[RowResult]]
+    data: dict[str, Path]
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """What the command line asks for: where to write, which seeds, what is set in conf/, and words of its own."""
+
+    out: Path
+    seeds: list[int]
+    overrides: list[str]
+    words: dict[str, list[str]]
+
+
+def parse_arguments(arguments: Sequence[str], words: Sequence[str] = ()) -> TableOptions:
+    """The arguments, of which `words` (as in word=a,b) are a table's own. Raises InputError for seeds that are none."""
+    left, out = list(arguments), REPOSITORY_ROOT / "docs"
+    if "--out" in left:
+        at = left.index("--out")
+        if at + 1 == len(left):
+            raise InputError("--out: should name a folder, got none")
+        out = Path(left[at + 1])
+        left[at : at + 2] = []
+    given = {word: _values(left, word) for word in ("seeds", *words)}
+    try:
+        seeds = [int(seed) for seed in given.pop("seeds")] or list(SEEDS)
+    except ValueError:
+        came = next(text for text in left if text.startswith("seeds="))
+        raise InputError(f"seeds: should be numbers such as seeds=0,1,2, got {came.removeprefix('seeds=')!r}") from None
+    overrides = [text for text in left if text.partition("=")[0] not in ("seeds", *words)]
+    return TableOptions(out, seeds, overrides, given)
+
+
+def _values(arguments: Sequence[str], word: str) -> list[str]:
+    return [value for text in arguments if text.startswith(f"{word}=") for value in text.partition("=")[2].split(",")]
+
+
+def configs_by_seed(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
+    """The composition under each seed. A corpus from elsewhere is named as seen from anywhere."""
+    made = [compose([*overrides, f"train.seed={seed}", f"sample.seed={seed}"]) for seed in seeds]
+    for params in made:
+        if params["corpus"] != DEFAULT_CORPUS:
+            params["corpus"] = str(Path(params["corpus"]).resolve())
+    return made
+
+
+def compute_rows(made: Sequence[Mapping[str, Any]], kind: RowSpec, critic: bool, title: str) -> TableRows:
+    """Every row of every seed; references have one."""
+    params, entries = made[0], dict[Path, StoredResult]()
+    for call in shared_calls(params, kind.models, critic):
+        entries[call.folder] = _obtain(params, call, entries)
+    work = [(params, name) for name in kind.references] + [(each, name) for each in made for name in kind.models]
+    found: dict[str, list[RowResult]] = {}
+    for one in parallel_map(partial(_row, kind, entries), work, params["machine"]["jobs"], f"{title}: rows"):
+        found.setdefault(one.name, []).append(one)
+    return TableRows(found, {folder.parts[1]: entry.output for folder, entry in entries.items()})
+
+
+def shared_calls(params: Mapping[str, Any], models: Iterable[str], critic: bool) -> list[StageCall]:
+    """What all rows and seeds share."""
+    tokenizers = {params["model"][name]["tokenizer"] for name in _with_parts(params, models)} - {None}
+    own = [("synthesize",)] if params["corpus"] == DEFAULT_CORPUS else []
+    order = [
+        *own,
+        ("fit",),
+        ("embed",),
+        *(("pretrain", tokenizer) for tokenizer in sorted(tokenizers)),
+        *[("critic",)] * critic,
+    ]
+    return stage_calls(params, order)
+
+
+def _with_parts(params: Mapping[str, Any], models: Iterable[str]) -> list[str]:
+    """Models, each after those that it is made of."""
+    found = []
+    for name in models:
+        found += [*_with_parts(params, params["model"][name].get("source_models", ())), name]
+    return found
+
+
+def _obtain(params: Mapping[str, Any], call: StageCall, upstream: Mapping[Path, StoredResult]) -> StoredResult:
+    def make(of: StageCall, workspace: Workspace) -> Report:
+        print("==", of.stage, *of.names, file=sys.stderr)
+        with parallel_backend(params["machine"]):
+            report: Report = importlib.import_module(f"pipelines.{of.stage}").run(workspace, *of.names)
+        return report
+
+    return get_or_run(Path(params["result_store"]), call, params, upstream, make)
+
+
+def _row(kind: RowSpec, shared_entries: Mapping[Path, StoredResult], work: tuple[Mapping[str, Any], str]) -> RowResult:
+    """Train one model of one seed, run what follows the training, and measure it; real motion is measured alone."""
+    params, name = work
+    entries, of_model = dict(shared_entries), name not in kind.references
+    if of_model:
+        order = [("train", each) for each in _with_parts(params, [name])]
+        for call in stage_calls(params, [*order, *((stage, name) for stage in kind.stages_after)]):
+            entries[call.folder] = _obtain(params, call, entries)
+    own = tuple(f"data/{stage}/{name}" for stage in (*kind.stages_after, "train") if of_model)
+    corpus = "data/synthesize" if params["corpus"] == DEFAULT_CORPUS else params["corpus"]
+    reads = (corpus, "data/fit", "data/embed", *kind.reads, *own)
+    call = StageCall(kind.stage, name, reads, kind.code_deps, kind.sections)
+    figures = get_or_run(Path(params["result_store"]), call, params, entries, kind.measure).output / METRICS_FILE
+    if not of_model:
+        return RowResult(name, figures)
+    samples, model = (entries.get(Path("data", stage, name)) for stage in ("sample", "train"))
+    assert model is not None
+    return RowResult(name, figures, samples.output if samples else None, model.output, model.cpu_s)

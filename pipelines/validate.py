@@ -1,0 +1,186 @@
+"""Stage `validate`: the figures on val that models and settings are chosen by (test and unseen are for `evaluate`).
+
+Run: python -m pipelines.validate talkingeyes
+Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
+Writes: data/validate/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
+beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
+motion's, in a corpus without truth), and their mean, `distance`; the same of how far gaze is from straight ahead,
+`place_distance`; `apart`, by how many measures of the gaze benchmark the samples are worse than the truth by more than
+the interval, of `apart_of`. benchmark.json: the benchmark itself.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.recordings import Recordings, recordings
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.corpus.sound_groups import SoundGroup, sounds
+from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.evaluation.benchmark.corr import CRITICS, SHUFFLED_SOUNDS, corr_scores
+from talkingeyes.evaluation.benchmark.paired import (
+    PairedAccumulator,
+    SoundStatistics,
+    motion_behaviours,
+    pair_with_truth,
+    sample_behaviours,
+    sound_statistics,
+)
+from talkingeyes.evaluation.critic.evaluators import Evaluators
+from talkingeyes.evaluation.model_selection.validation_metrics import (
+    DynamicsDistances,
+    MotionDynamics,
+    ValidateSettings,
+    dynamics_distances,
+    motion_dynamics,
+)
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING
+from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
+from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider
+from talkingeyes.training.motion_generators import TrainedGenerator, load_generator, required_inputs, training_speakers
+
+
+@dataclass(frozen=True)
+class InputPaths:
+    """Paths of the inputs of validation."""
+
+    corpus: Path
+    fit: Path
+    embed: Path
+    critic: Path
+    model: Path
+
+
+@dataclass(frozen=True)
+class SoundValidation:
+    """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true; its part of the benchmark."""
+
+    corr: dict[str, float]
+    corr_fitted: dict[str, float]
+    sampled: MotionDynamics
+    truth: MotionDynamics
+    benchmark: SoundStatistics
+
+
+def run(workspace: Workspace, name: str) -> Report:
+    """Clip-parallel; every clip's seeds are its own."""
+    settings = workspace.settings("validate", ValidateSettings)
+    data = workspace.data
+    paths = InputPaths(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
+    with workspace.output("validate", name) as folder:
+        work, benchmark = _sounds(paths, settings), PairedAccumulator()
+        found = list(parallel_map(partial(validate_sound, paths, settings), work, workspace.jobs, f"validate {name}"))
+        for one in found:
+            benchmark.add(one.benchmark)
+        table = benchmark.table(settings.bootstrap)
+        figures = {
+            **{_name("corr", part): _mean([clip.corr[part] for clip in found]) for part in CRITICS},
+            **{_name("corr_fitted", part): _mean([clip.corr_fitted[part] for clip in found]) for part in CRITICS},
+            **_named(dynamics_distances([clip.sampled for clip in found], [clip.truth for clip in found])),
+            "metrics_worse": float(table.worse),
+            "metrics_comparable": float(table.comparable),
+        }
+        (folder / "metrics.json").write_text(json.dumps(figures, indent=1))
+        (folder / "benchmark.json").write_text(table.json())
+    return Report(metrics=figures, artifacts=[data("validate", name, "metrics.json")])
+
+
+def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
+    """The sounds of val whose first take was fitted."""
+    corpus = Corpus(paths.corpus)
+    found = sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
+    if not found:
+        raise InputError(f"{corpus.root}: no fitted clip in val; a corpus needs clips in every split")
+    return found
+
+
+def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGroup) -> SoundValidation:
+    """Draw samples for one sound and measure them."""
+    corpus, clip = Corpus(paths.corpus), sound.clip
+    fitted, *others = Recordings([clip, *sound.others], paths.fit, paths.embed)
+    speech, evaluators = np.array(fitted.speech), _load_evaluators(paths.critic)
+    seeds = np.random.default_rng([settings.seed, *clip.id.encode()]).integers(2**31, size=settings.samples).tolist()
+    conditioning_provider = _conditioning_provider(paths)
+    conditioning = conditioning_provider.clip_inputs(clip, len(speech)) if conditioning_provider else NO_CONDITIONING
+    sampled = _generator(paths.model).generate(speech, seeds, clip.fps, conditioning)
+    own = _single_sample(Motion.of(clip.fps, fitted.head.astype(float), fitted.gaze.astype(float)))
+    under = [np.array(other.speech) for other in others]
+    heard = corr_scores(evaluators.critics, speech, under, sampled.head, sampled.gaze)
+    takes = _takes(corpus, paths, sound)
+    annotation = corpus.annotation(clip)
+    motion_sets = pair_with_truth(sample_behaviours(sampled, annotation), motion_behaviours(takes, annotation))
+    return SoundValidation(
+        {part: float(heard[critic].matched.mean()) for part, critic in CRITICS.items()},
+        {
+            part: float(evaluators.critics[critic](speech, own.head, own.gaze).mean())
+            for part, critic in CRITICS.items()
+        },
+        motion_dynamics(sampled),
+        motion_dynamics(_single_sample(takes[0]) if corpus.has_truth else own),
+        sound_statistics(motion_sets, heard, evaluators.critics, evaluators.encoder, speech, under),
+    )
+
+
+def _takes(corpus: Corpus, paths: InputPaths, sound: SoundGroup) -> list[Motion]:
+    """True motions of all takes; in a corpus without truth the fitted ones."""
+    if corpus.has_truth:
+        return [corpus.truth(take) for take in sound.takes]
+    return [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in sound.takes]
+
+
+@lru_cache(maxsize=1)
+def _generator(folder: Path) -> TrainedGenerator:
+    """Loaded once a process."""
+    return load_generator(folder)
+
+
+@lru_cache(maxsize=1)
+def _conditioning_provider(paths: InputPaths) -> ConditioningProvider | None:
+    """What says what else the model is told, if it is told anything; references are of the train split."""
+    generator, corpus = _generator(paths.model), Corpus(paths.corpus)
+    wanted = required_inputs(generator)
+    known = recordings(corpus, paths.fit, paths.embed, "train") if "reference" in wanted else ()
+    return (
+        ConditioningProvider(wanted, training_speakers(generator), known, ConditioningPaths(corpus, paths.embed))
+        if wanted
+        else None
+    )
+
+
+@lru_cache(maxsize=1)
+def _load_evaluators(folder: Path) -> Evaluators:
+    """Loaded once a process."""
+    return Evaluators.load(folder)
+
+
+def _single_sample(motion: Motion) -> Samples:
+    return Samples(motion.fps, motion.head[None], motion.gaze[None])
+
+
+def _name(figure: str, part: str) -> str:
+    """Corr. of the eyes in the head is the paper's, and has the plain name."""
+    return figure if part == "gaze" else f"{figure}_{part}"
+
+
+def _named(found: DynamicsDistances) -> dict[str, float]:
+    return {
+        "dynamics_distance": found.mean,
+        "eye_speed_distance": found.eye_speed,
+        "saccade_amplitude_distance": found.saccade_amplitude,
+        "eccentricity_distance": found.eccentricity,
+    }
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values))
+
+
+if __name__ == "__main__":
+    main(run)

@@ -1,0 +1,198 @@
+"""Gaze goes to targets and back to what the model does: saccades by their law, the head along, the eyes converging.
+
+The line of sight leaves at the target's onset in one saccade of the main sequence and lands on it; a target that moves
+is then followed (smooth pursuit without delay). Vergence comes after at its own pace (a time constant of 0.2 s). The
+head starts 30 ms later and takes what lies beyond a threshold of eccentricity, or all that eyes do not reach in comfort
+(physiology.eye_head); the eyes make up for it. A saccade of the model's own just before is
+left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.ndimage import gaussian_filter1d
+
+from talkingeyes.animation import line_of_sight
+from talkingeyes.animation.gaze_trajectory import (
+    MIN_STEP_RAD,
+    GazeTrajectory,
+    add_head_rotation,
+    main_sequence_saccade,
+    remove_saccades,
+)
+from talkingeyes.animation.targets import TargetTrack
+from talkingeyes.core import rotation
+from talkingeyes.core.motion import HeadMovement, Saccade
+from talkingeyes.physiology import eye_head, saccades
+from talkingeyes.physiology.vergence import TIME_CONSTANT_S
+
+# The head's part in looking at things, the middle of what people do (Stahl 1999), and what eyes do in comfort.
+HEAD_THRESHOLD_RAD, HEAD_GAIN, HEAD_LAG_S = float(np.radians(10.0)), 0.6, 0.030
+COMFORT_RANGE_RAD = np.radians([[-17.0, -17.0], [17.0, 11.0]])
+HEAD_PURSUIT_S = 0.15
+# Between targets closer than this gaze does not go back to what the model does.
+MIN_RETURN_S = 0.25
+# Nor do two saccades follow each other within this.
+MIN_INTERVAL_S = 0.15
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """From `start_s` on gaze is at a place, given at each frame of `part`; without one it is as the model has it."""
+
+    start_s: float
+    part: slice
+    points_m: Float[ndarray, "N 3"] | None
+
+
+@dataclass
+class _Gaze:
+    """Where both eyes look together, half of what they differ by, and the saccades: rewritten leg by leg."""
+
+    cyclopean_rad: Float[ndarray, "T 2"]
+    half_vergence_rad: Float[ndarray, "T 2"]
+    saccades: list[Saccade]
+
+
+def apply_targets(trajectory: GazeTrajectory, track: TargetTrack) -> GazeTrajectory:
+    """The course with gaze at the targets of a track while they last."""
+    last_s = trajectory.times_s[-1]
+    track = replace(track, targets=tuple(each for each in track.targets if each.start_s <= last_s - MIN_RETURN_S))
+    if not track.targets:
+        return trajectory
+    trajectory = remove_saccades(trajectory, _too_close(trajectory, track))
+    segments = _segments(trajectory, track)
+    if track.frame == "world":
+        trajectory = add_head_rotation(trajectory, _head_rotation_rad(trajectory, segments))
+    own = _Gaze(
+        trajectory.cyclopean_rad,
+        (trajectory.gaze_in_space_rad[:, 0] - trajectory.gaze_in_space_rad[:, 1]) / 2.0,
+        list(trajectory.saccades),
+    )
+    before = [each for each in own.saccades if each.onset_s < segments[0].start_s]
+    gaze = _Gaze(own.cyclopean_rad.copy(), own.half_vergence_rad.copy(), before)
+    for segment in segments:
+        if segment.points_m is None:
+            _return_to_model(gaze, own, segment, trajectory)
+        else:
+            goal = line_of_sight.optical_axes_rad(trajectory.head[segment.part], segment.points_m, track.frame)
+            _saccade_to(gaze, segment, trajectory, goal.mean(axis=1), (goal[:, 0] - goal[:, 1]) / 2.0)
+    space = np.stack([gaze.cyclopean_rad + gaze.half_vergence_rad, gaze.cyclopean_rad - gaze.half_vergence_rad], axis=1)
+    return replace(trajectory, gaze_in_space_rad=space, saccades=tuple(gaze.saccades))
+
+
+def _segments(trajectory: GazeTrajectory, track: TargetTrack) -> list[_Segment]:
+    """Where gaze goes in turn; a target waits until the saccade that is under way has ended."""
+    starts: list[tuple[float, str | None]] = []
+    for number, target in enumerate(track.targets):
+        starts.append((target.start_s, target.name))
+        following = track.targets[number + 1].start_s if number + 1 < len(track.targets) else np.inf
+        if target.end_s + MIN_RETURN_S < following:
+            starts.append((target.end_s, None))
+    onsets = [(max(start, _saccade_end_s(trajectory, start)) if name else start, name) for start, name in starts]
+    frames = [
+        min(int(np.ceil(onset * trajectory.fps - 1e-9)), len(trajectory.head)) if onset < 1e9 else len(trajectory.head)
+        for onset, _ in onsets
+    ]
+    segments = []
+    for (onset, name), first, stop in zip(onsets, frames, [*frames[1:], len(trajectory.head)], strict=True):
+        if first < stop:
+            part = slice(first, stop)
+            segments.append(
+                _Segment(onset, part, None if name is None else track.object_track(name).at(trajectory.times_s[part]))
+            )
+    return segments
+
+
+def _too_close(trajectory: GazeTrajectory, track: TargetTrack) -> set[int]:
+    """The model's saccades that come so shortly before a target that no second one could follow."""
+    onsets = np.array([each.onset_s for each in trajectory.saccades])
+    spans = [np.searchsorted(onsets, [each.start_s - MIN_INTERVAL_S, each.start_s]) for each in track.targets]
+    return {index for first, stop in spans for index in range(first, stop)}
+
+
+def _saccade_end_s(trajectory: GazeTrajectory, time_s: float) -> float:
+    """When the saccade that is under way at a time ends."""
+    return max(
+        (s.onset_s + s.duration_s for s in trajectory.saccades if s.onset_s < time_s < s.onset_s + s.duration_s),
+        default=0.0,
+    )
+
+
+def _saccade_to(
+    gaze: _Gaze,
+    segment: _Segment,
+    trajectory: GazeTrajectory,
+    goal_rad: Float[ndarray, "N 2"],
+    half_vergence_rad: Float[ndarray, "N 2"],
+) -> None:
+    """One saccade from where gaze is to a goal, which it then stays with; vergence follows."""
+    times = trajectory.times_s[segment.part]
+    first = segment.part.start
+    if first == 0:  # there from the start
+        gaze.cyclopean_rad[segment.part], gaze.half_vergence_rad[segment.part] = goal_rad, half_vergence_rad
+        return
+    start, apart = gaze.cyclopean_rad[first - 1], gaze.half_vergence_rad[first - 1] - half_vergence_rad[0]
+    duration = float(saccades.duration_s(float(np.hypot(*(goal_rad[0] - start)))))
+    landing = np.array([np.interp(segment.start_s + duration, times, axis) for axis in goal_rad.T])
+    if np.hypot(*(landing - start)) < MIN_STEP_RAD:
+        done = np.ones((len(times), 1))
+    else:
+        jump = main_sequence_saccade(segment.start_s, start, landing - start)
+        done = saccades.progress((times - jump.onset_s) / jump.duration_s, jump.skew)[:, None]
+        gaze.saccades.append(jump)
+    gaze.cyclopean_rad[segment.part] = start + done * (goal_rad - start)
+    gaze.half_vergence_rad[segment.part] = (
+        half_vergence_rad + np.exp(-(times - segment.start_s) / TIME_CONSTANT_S)[:, None] * apart
+    )
+
+
+def _return_to_model(gaze: _Gaze, own: _Gaze, segment: _Segment, trajectory: GazeTrajectory) -> None:
+    """One saccade to where the model's gaze is when it lands, or when the model's own saccade meanwhile has ended."""
+    first, times = segment.part.start, trajectory.times_s[segment.part]
+    step = own.cyclopean_rad[first] - gaze.cyclopean_rad[first - 1]
+    lands_s = segment.start_s + float(saccades.duration_s(float(np.hypot(*step))))
+    for each in own.saccades:
+        if each.onset_s < lands_s + MIN_INTERVAL_S and lands_s < each.onset_s + each.duration_s:
+            lands_s = each.onset_s + each.duration_s
+    landed = min(int(np.ceil(lands_s * trajectory.fps)) - first, len(times) - 1)
+    goal = own.cyclopean_rad[segment.part].copy()
+    goal[:landed] = goal[landed]
+    _saccade_to(gaze, segment, trajectory, goal, own.half_vergence_rad[segment.part])
+    stop_s = segment.part.stop / trajectory.fps
+    gaze.saccades += [each for each in own.saccades if lands_s <= each.onset_s < stop_s]
+
+
+def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> Float[ndarray, "T 2"]:
+    """How far (yaw, pitch) the head turns towards each target, and back, over what the model's head does."""
+    pointing = rotation.direction_to_angles(rotation.rotvec_to_direction(trajectory.head))
+    total = np.zeros((len(trajectory.head), 2))
+    moves: list[HeadMovement] = []
+    now = np.zeros(2)
+    for segment in segments:
+        level = _head_contribution_rad(segment.points_m, pointing[segment.part].mean(axis=0))
+        step = level[0] - now
+        if (size := float(np.hypot(*step))) > MIN_STEP_RAD:
+            onset = segment.start_s + HEAD_LAG_S if segment.part.start else -1.0
+            moves.append(HeadMovement(onset, float(eye_head.head_duration_s(size)), (step[0], step[1], 0.0)))
+        followed = gaussian_filter1d(level - level[0], HEAD_PURSUIT_S * trajectory.fps, axis=0, mode="nearest")
+        followed -= followed[0]
+        total[segment.part] += followed
+        total[segment.part.stop :] += followed[-1]
+        now = level[0] + followed[-1]
+    return np.asarray(total + eye_head.head_path(moves, trajectory.times_s)[:, :2])
+
+
+def _head_contribution_rad(
+    points_m: Float[ndarray, "N 3"] | None, pointing_rad: Float[ndarray, " 2"]
+) -> Float[ndarray, "N 2"]:
+    if points_m is None:
+        return np.zeros((1, 2))
+    angles = rotation.direction_to_angles(points_m / np.linalg.norm(points_m, axis=-1, keepdims=True))
+    beside = angles - pointing_rad
+    left = beside - eye_head.head_contribution(beside, HEAD_THRESHOLD_RAD, HEAD_GAIN)
+    return np.asarray(beside - np.clip(left, *COMFORT_RANGE_RAD))

@@ -1,0 +1,148 @@
+"""One live stream over a WebSocket: the client's sound in, rows of poses out, in the order in which they come.
+
+The client says its wish (JSON), then sends sound (binary messages: 16-bit PCM, 16 kHz, mono), then {"end": true}. It is
+told fps, latency_s and columns, then gets binary messages: the number of the first frame (4 bytes) and its rows; at the
+end {"end": true, "frames": N}. A message is taken when the one before is answered: a client that is too fast waits, and
+nothing piles up. What goes wrong is told as {"error": ...} before the socket is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from talkingeyes.apps.service.animation_request import AnimationRequest, Limits, PoseChunk
+from talkingeyes.apps.service.worker_pool import Worker, WorkerFailedError, WorkerPool
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import validate_section
+
+POLICY, TOO_BIG, FAULT, TRY_AGAIN_LATER = 1008, 1009, 1011, 1013  # codes of RFC 6455
+MAX_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s
+WORKER_TIMEOUT_S = 20.0  # within which a worker answers a chunk
+CLOSE_TIMEOUT_S = 10.0  # within which a client has read why
+
+
+class StreamRefusedError(Exception):
+    """Why a stream ends, and the code of it."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code, self.reason = code, reason
+
+
+class StreamServer:
+    """All streams of the service."""
+
+    def __init__(self, workers: WorkerPool | None, limits: Limits) -> None:
+        self._workers, self._limits = workers, limits
+        self.running = 0
+
+    async def serve(self, socket: WebSocket) -> None:
+        """One stream from its wish to its end."""
+        await socket.accept()
+        try:
+            if self._workers is None:
+                raise StreamRefusedError(POLICY, "no model for streams is loaded here: `serve --live-model` names one")
+            if self.running >= self._limits.streams:
+                raise StreamRefusedError(
+                    TRY_AGAIN_LATER, f"{self.running} streams run already, which is the most; try again later"
+                )
+            self.running += 1
+            try:
+                async with self._workers.least_busy() as worker:
+                    await self._stream(socket, worker)
+            finally:
+                self.running -= 1
+        except StreamRefusedError as refusal:
+            await _close(socket, refusal.code, refusal.reason)
+        except InputError as error:
+            await _close(socket, POLICY, str(error))
+        except WorkerFailedError as error:
+            await _close(socket, FAULT, str(error))
+        except TimeoutError:
+            await _close(socket, POLICY, f"nothing was heard, or taken, for {self._limits.idle_timeout_s:g} s")
+        except (WebSocketDisconnect, RuntimeError):  # the client has gone; starlette says either
+            pass
+
+    async def _stream(self, socket: WebSocket, worker: Worker) -> None:
+        animation_request = _animation_request(_content(await self._receive(socket)))
+        key = secrets.token_hex(8)
+        begun = await worker.call(("open", key, animation_request), WORKER_TIMEOUT_S)
+        try:
+            await self._send(socket, json.dumps(begun))
+            frames = await self._relay(socket, worker, key)
+            await self._send(socket, json.dumps({"end": True, "frames": frames}))
+            await socket.close()
+        finally:
+            with contextlib.suppress(WorkerFailedError):
+                await worker.call(("close", key), WORKER_TIMEOUT_S)
+
+    async def _relay(self, socket: WebSocket, worker: Worker, key: str) -> int:
+        """Answer sound with rows until the client ends; gives how many frames it got."""
+        samples = frames = 0
+        while True:
+            message = await self._receive(socket)
+            sound = message.get("bytes")
+            if sound is not None:
+                samples += _samples(sound)
+                if samples > self._limits.max_stream_s * SAMPLE_RATE:
+                    raise StreamRefusedError(TOO_BIG, f"a stream should last at most {self._limits.max_stream_s:g} s")
+            elif _content(message) != {"end": True}:
+                raise StreamRefusedError(POLICY, 'a text after the wish should be {"end": true}')
+            pose_chunk: PoseChunk = await worker.call(
+                ("finish", key) if sound is None else ("push", key, sound), WORKER_TIMEOUT_S
+            )
+            if pose_chunk.count:
+                async with asyncio.timeout(self._limits.idle_timeout_s):
+                    await socket.send_bytes(pose_chunk.rows)
+            frames += pose_chunk.count
+            if sound is None:
+                return frames
+
+    async def _receive(self, socket: WebSocket) -> Any:
+        """The next message. Raises TimeoutError if none comes."""
+        async with asyncio.timeout(self._limits.idle_timeout_s):
+            message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code", 1000))
+        return message
+
+    async def _send(self, socket: WebSocket, text: str) -> None:
+        async with asyncio.timeout(self._limits.idle_timeout_s):
+            await socket.send_text(text)
+
+
+def _samples(sound: bytes) -> int:
+    if len(sound) > MAX_CHUNK_BYTES:
+        raise StreamRefusedError(TOO_BIG, f"a message should hold at most {MAX_CHUNK_BYTES} bytes, got {len(sound)}")
+    if len(sound) % 2:
+        raise StreamRefusedError(POLICY, f"sound should be 16-bit samples, got {len(sound)} bytes")
+    return len(sound) // 2
+
+
+def _content(message: Any) -> Any:
+    text = message.get("text")
+    try:
+        return None if text is None else json.loads(text)
+    except ValueError:
+        return None
+
+
+def _animation_request(content: Any) -> AnimationRequest:
+    if not isinstance(content, dict):
+        raise StreamRefusedError(POLICY, 'the first message should be a wish, such as {"seed": 1}')
+    return validate_section("wish", AnimationRequest, content)
+
+
+async def _close(socket: WebSocket, code: int, reason: str) -> None:
+    """Say why, and close; the client may have gone."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+        async with asyncio.timeout(CLOSE_TIMEOUT_S):
+            await socket.send_text(json.dumps({"error": reason}))
+            await socket.close(code, reason.encode()[:120].decode(errors="ignore"))

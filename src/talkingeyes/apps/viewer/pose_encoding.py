@@ -1,0 +1,38 @@
+"""A head and its poses for a browser: the head as GLB once, then a row of numbers a frame.
+
+A row is translation of the root (3), quaternions x, y, z, w of neck, jaw, left eye, right eye (16), then the weights of
+the morph targets in the order of the GLB: what `assets/stage.js` sets on the head. Float32, little-endian.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.formats.rotations import quaternions
+from talkingeyes.formats.writers.glb import joint_offsets, write_glb
+from talkingeyes.head.model import HeadModel
+from talkingeyes.head.posing import motion_to_pose
+
+POSE_COLUMNS = 3 + 4 * 4  # columns before the weights
+
+
+def head_glb(head: HeadModel) -> bytes:
+    """The head at rest, with its joints and morph targets."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "head.glb"
+        write_glb(Motion.of(25.0, np.zeros((1, 3)), np.zeros((1, 2, 3))), head, path)
+        return path.read_bytes()
+
+
+def pose_rows(head: HeadModel, motion: Motion) -> Float[ndarray, "T C"]:
+    """A motion as rows; the columns are those of the module's docstring."""
+    pose = motion_to_pose(head, motion)
+    turned = (pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1])
+    root = joint_offsets(head)[0] + pose.translation
+    return np.concatenate([root, *map(quaternions, turned), pose.expression], axis=1).astype("<f4")

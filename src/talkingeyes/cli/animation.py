@@ -1,0 +1,166 @@
+"""`talkingeyes animate`: speech in, motion out; of a sound, of text, of many sounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from talkingeyes.core.errors import InputError
+
+if TYPE_CHECKING:
+    from talkingeyes.workflows.animate import AnimationOptions
+    from talkingeyes.workflows.speak import SynthesizedSpeech
+
+
+def animate(
+    speech: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="SPEECH",
+            help="A sound file: wav, flac, ogg, mp3, m4a; 0.3 s to an hour; or several, or a folder.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write: new, or empty.")] = None,
+    text: Annotated[str | None, typer.Option(help="Text to speak and animate instead of SPEECH.")] = None,
+    voice: Annotated[
+        str | None, typer.Option(help="Voice of --text: accent+variant of espeak-ng, such as en-us+f3.")
+    ] = None,
+    language: Annotated[str | None, typer.Option(help="Language of --text: en, fr, de, es, it, pt or nl.")] = None,
+    samples: Annotated[int, typer.Option(help="Number of motions to sample.")] = 3,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same motions.")] = 0,
+    fps: Annotated[float, typer.Option(help="Frames per second, 10 to 240.")] = 25.0,
+    blinks: Annotated[str, typer.Option(help="Blink rate profile: physiological, paper or corpus.")] = "physiological",
+    target: Annotated[
+        str | None, typer.Option(help="Gaze target: camera, listener, or a track (.json, .csv; docs/control.md).")
+    ] = None,
+    eye_contact: Annotated[float | None, typer.Option(help="Share of time with eye contact, 0 to 1.")] = None,
+    head_liveliness: Annotated[float, typer.Option(help="Scale of head motion: 0 none, 1 as sampled, 2 double.")] = 1.0,
+    gaze_liveliness: Annotated[float, typer.Option(help="Scale of gaze: 0 none, 1 as sampled, 2 double.")] = 1.0,
+    blink_liveliness: Annotated[
+        float, typer.Option(help="Scale of the blink rate: 0 none, 1 as in the profile, 2 double.")
+    ] = 1.0,
+    partner: Annotated[Path | None, typer.Option(help="The sound of the conversation partner, synchronous.")] = None,
+    dialogue: Annotated[
+        bool,
+        typer.Option("--dialogue", help="Animate both speakers of a dialogue: two sounds, or one with two channels."),
+    ] = False,
+    person: Annotated[
+        str | None,
+        typer.Option(
+            help="Who moves: a speaker whom the model knows (two in a dialogue: A,B). Default: somebody, by the seed."
+        ),
+    ] = None,
+    style: Annotated[str | None, typer.Option(help="Motion style: a speaker of the model, or a motion (.npz).")] = None,
+    no_postprocessing: Annotated[
+        bool,
+        typer.Option(help="Head and gaze as sampled, without rule-based layers (docs/whole.md)."),
+    ] = False,
+    emotion: Annotated[
+        str,
+        typer.Option(help="Emotion of the face: neutral, happy, sad, surprised, fear, disgusted, angry or contempt."),
+    ] = "neutral",
+    intensity: Annotated[int | None, typer.Option(help="Intensity of the emotion: 1, 2 or 3.")] = None,
+    face_speaker: Annotated[str | None, typer.Option(help="Speaker of the face: one known to the face model.")] = None,
+    without: Annotated[list[str] | None, typer.Option(help="A part to switch off: head, gaze, blinks or face.")] = None,
+    replaced: Annotated[
+        list[str] | None, typer.Option("--replace", help="PART=MOTION.npz: take a part from another motion.")
+    ] = None,
+    model: Annotated[
+        Path, typer.Option(help="A trained model: a folder (`make repro` makes this one) or a file of `pack`.")
+    ] = Path("data/train/talkingeyes"),
+    formats: Annotated[
+        list[str] | None, typer.Option("-f", "--format", help="Also write this format, as `export` does; repeatable.")
+    ] = None,
+    flame: Annotated[Path | None, typer.Option(help="Your FLAME file, for formats that need one.")] = None,
+    previews: Annotated[bool, typer.Option(help="A small film of each motion, a plot and a contact sheet.")] = True,
+    jobs: Annotated[int | None, typer.Option(help="Number of processes; each sound gets its own folder.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
+) -> None:
+    """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
+    from talkingeyes.workflows.animate import AnimationOptions
+    from talkingeyes.workflows.direct import make_controls
+
+    if out is None:
+        raise InputError("out: should be the folder to write (-o DIR), got none")
+    sounds = speech or []
+    if (text is None) == (not sounds):
+        raise InputError(f"speech: should be sound files or --text, got {'neither' if text is None else 'both'}")
+    if text is None and (voice or language):
+        raise InputError("voice: is for --text, got a sound file")
+    controls = make_controls(
+        blinks=blinks,
+        target=target,
+        eye_contact=eye_contact,
+        head=head_liveliness,
+        gaze=gaze_liveliness,
+        blinking=blink_liveliness,
+        partner=partner,
+        person=person,
+        style=style,
+        no_postprocessing=no_postprocessing,
+        emotion=emotion,
+        intensity=intensity,
+        speaker=face_speaker,
+        without=without or (),
+        replaced=_parts(replaced or []),
+    )
+    options = AnimationOptions(samples, seed, float(fps), controls, tuple(formats or ()), previews, flame)
+    if dialogue:
+        _animate_dialogue(sounds, out, options, model, force)
+        return
+    if len(sounds) > 1 or any(path.is_dir() for path in sounds) or (jobs is not None and sounds):
+        _animate_all(sounds, out, options, model, 1 if jobs is None else jobs, force)
+        return
+    if text is None:
+        _animate_one(sounds[0], out, options, model, force)
+        return
+    from talkingeyes.workflows.direct import default_intensity
+    from talkingeyes.workflows.speak import speak
+
+    felt = default_intensity(emotion, intensity)
+    spoken = speak(text, voice=voice, language=language, emotion=emotion, intensity=felt)
+    _animate_one(spoken, out, options, model, force)
+
+
+def _parts(replaced: list[str]) -> dict[str, str]:
+    """PART=FILE as a mapping."""
+    found = dict(each.split("=", 1) for each in replaced if "=" in each)
+    if len(found) < len(replaced):
+        raise InputError(f"replace: should be PART=MOTION.npz, a part each, got {' '.join(replaced)}")
+    return found
+
+
+def _animate_dialogue(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, force: bool) -> None:
+    from talkingeyes.audio.waveform import read_dialogue, read_speech
+    from talkingeyes.workflows.animate import run_dialogue
+
+    if len(sounds) not in (1, 2) or options.controls.partner is not None:
+        raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
+    heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
+    dialogues = run_dialogue(heard, out, options, model, force)
+    first = dialogues[0].first.motion
+    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {options.fps:g} frames a second")
+
+
+def _animate_one(
+    speech: Path | SynthesizedSpeech, out: Path, options: AnimationOptions, model: Path, force: bool
+) -> None:
+    from talkingeyes.workflows.animate import run_animation
+
+    performances = run_animation(speech, out, options, model, force)
+    count = "1 motion" if options.samples == 1 else f"{options.samples} motions"
+    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {options.fps:g} frames a second")
+
+
+def _animate_all(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, jobs: int, force: bool) -> None:
+    from talkingeyes.workflows.animate_batch import DONE, FAILED, SKIPPED, animate_all
+
+    lines = animate_all(sounds, out, options, model=model, jobs=jobs, force=force)
+    counts = {status: sum(line.status == status for line in lines) for status in (DONE, SKIPPED, FAILED)}
+    typer.echo(f"{out}: {', '.join(f'{count} {status}' for status, count in counts.items() if count)}")
+    failed = [line for line in lines if line.status == FAILED]
+    if failed:
+        raise InputError(f"{len(failed)} of {len(lines)} failed ({out / 'summary.csv'}); the first: {failed[0].reason}")

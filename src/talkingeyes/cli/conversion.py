@@ -1,0 +1,78 @@
+"""`talkingeyes export`, `import` and `pack`: motion for other programs and from them, a model in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export_motion(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz).")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The file to write.")],
+    format: Annotated[
+        str | None,
+        typer.Option(
+            "-f",
+            "--format",
+            help="flame, vhap, diffposetalk, livelink, arkit, glb, vrm, usd, vocaset, bvh, events or mp4.",
+        ),
+    ] = None,
+    head: Annotated[str, typer.Option(help="Of glb, usd, vocaset and mp4: anny (the open head) or flame.")] = "anny",
+    model: Annotated[
+        Path | None, typer.Option(help="Your FLAME file: for --head flame, and where a face must be retargeted.")
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="Another frame rate, 10 to 240.")] = None,
+    keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks (.events.json).")] = None,
+    sound: Annotated[Path | None, typer.Option(help="The speech, for mp4.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+) -> None:
+    """Write a motion for other programs (docs/formats.md)."""
+    from talkingeyes.workflows.convert import export, format_of
+
+    format = format or format_of(out)
+    done = export(motion, out, format=format, head=head, model=model, fps=fps, keys=keys, sound=sound, force=force)
+    typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} frames a second")
+
+
+def import_motions(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Files of VHAP, metrical-tracker, OpenFace, Live Link, ..., or folders."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="NAME.npz, or a folder: new, or empty.")],
+    mapping: Annotated[
+        Path | None, typer.Option("--map", help="Meaning of the arrays of an npy or npz (YAML; docs/formats.md).")
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="Frames per second of files that do not state it.")] = None,
+    expression: Annotated[bool, typer.Option(help="Keep jaw and expression.")] = True,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+) -> None:
+    """Read motion of other programs, so that it can be evaluated and rendered here."""
+    from talkingeyes.workflows.convert import import_files
+
+    for done in import_files(files, out, fps=fps, mapping=mapping, expression=expression, force=force):
+        motion = done.read.motion
+        typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} frames a second")
+        for note in done.read.notes:
+            typer.echo(f"{done.name}: note: {note}", err=True)
+
+
+def pack(
+    models: Annotated[
+        list[Path],
+        typer.Argument(metavar="MODEL_DIR...", help="Folders of the train stage; `--model` means the first."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The file to write (.safetensors).")],
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+) -> None:
+    """Put a trained model into one file, for `--model FILE` on another machine."""
+    from talkingeyes.workflows.pack import pack as make
+
+    done = make(models, out, force=force)
+    typer.echo(f"{out}: {', '.join(done.models)}, {done.size_bytes / 1e6:.1f} MB")
+    for note in done.notes:
+        typer.echo(f"{out}: note: {note}", err=True)

@@ -1,0 +1,43 @@
+"""`talkingeyes render` and `talkingeyes head`: a motion as a film, a head as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def render(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz), as `animate` writes it.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The film to write (.mp4).")],
+    head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
+    model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
+    camera: Annotated[
+        str,
+        typer.Option(help="head, face, eyes, left or right; or yaw=, pitch= (degrees), distance=, height= (metres)."),
+    ] = "head",
+    sound: Annotated[Path | None, typer.Option(help="The speech, as sound track.")] = None,
+    size: Annotated[int, typer.Option(help="Pixels, 16 to 4096.")] = 512,
+    keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks: an .events.json of `animate`.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+) -> None:
+    """Film a motion on a head, with sound, at the motion's own frame rate."""
+    from talkingeyes.workflows.render import render as make
+
+    done = make(motion, out, head=head, model=model, camera=camera, sound=sound, size=size, keys=keys, force=force)
+    typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} frames a second")
+
+
+def render_head(
+    out: Annotated[Path, typer.Option("-o", "--out", help="The picture to write (.png).")],
+    head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
+    model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
+    size: Annotated[int, typer.Option(help="Width in pixels.")] = 1400,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+) -> None:
+    """Draw a head: gaze in nine directions, lids at five openings."""
+    from talkingeyes.workflows.render import render_head_sheet
+
+    render_head_sheet(out, head=head, model=model, size=size, force=force)
+    typer.echo(f"{out}: gaze in nine directions, lids at five openings")

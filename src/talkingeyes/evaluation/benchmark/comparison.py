@@ -1,0 +1,280 @@
+"""The benchmark over many clips: sums in groups, resamples of the groups, a row a measure.
+
+A clip here is a sound with all its motions (samples of a model, takes of the truth): the bootstrap draws sounds, never
+samples. Beyond GROUPS clips several share a group, so memory does not grow with the corpus; the interval is then over
+groups of clips, which is as wide.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.metric import HIGHER, LOWER, Metric, Sums, Totals
+from talkingeyes.evaluation.benchmark.registry import EXTRACTORS, METRICS
+from talkingeyes.evaluation.bootstrap import (
+    BootstrapSettings,
+    Estimate,
+    bootstrap,
+    percentile_interval,
+    resample_indices,
+)
+from talkingeyes.evaluation.distribution.mmd import WindowFeatures, sample_windows
+
+MAX_GROUPS = 1000
+# Random halvings of the reference that measures of comparison are read beside.
+SPLIT_HALF_REPEATS = 20
+# Windows that are compared pairwise, of either set, and resamples of their sounds.
+PAIRWISE_WINDOWS, PAIRWISE_DRAWS = 300, 200
+
+
+@dataclass(frozen=True)
+class SumLayout:
+    """Where each sum stands in the flat vector of a clip; first how many of its motions have each field.
+
+    A single number stands at an index, several in a slice (an index is written five times as fast).
+    """
+
+    slots: dict[str, int | slice]
+    size: int
+
+    @classmethod
+    def of(cls, sizes: Iterable[tuple[str, int]]) -> SumLayout:
+        """Sums of given lengths, one behind the other."""
+        slots: dict[str, int | slice] = {}
+        start = 0
+        for name, size in sizes:
+            assert name not in slots, name  # two observers would add to one sum
+            slots[name] = start if size == 1 else slice(start, start + size)
+            start += size
+        return cls(slots, start)
+
+    def totals(self, flat: Float[ndarray, "D K"]) -> Totals:
+        """Named views of flat totals."""
+        return {name: flat[:, place] for name, place in self.slots.items()}
+
+
+FIELDS = tuple(dict.fromkeys(field for extractor in EXTRACTORS for field in extractor.needs))
+LAYOUT = SumLayout.of(
+    [(f"motions with {field}", 1) for field in FIELDS]
+    + [item for extractor in EXTRACTORS for item in extractor.sizes.items()]
+)
+
+
+def extract(motions: Sequence[Behaviour]) -> Float[ndarray, " K"]:
+    """All sums over the motions of one sound."""
+    flat = np.zeros(LAYOUT.size)
+    for extractor in EXTRACTORS:
+        if extractor.together and motions and all(all(map(motion.has, extractor.needs)) for motion in motions):
+            _add(flat, extractor.extract(motions))
+    for motion in motions:
+        has = {field: motion.has(field) for field in FIELDS}
+        flat[: len(FIELDS)] += list(has.values())
+        for extractor in EXTRACTORS:
+            if not extractor.together and all(has[field] for field in extractor.needs):
+                _add(flat, extractor.extract(motion))
+    return flat
+
+
+def _add(flat: Float[ndarray, " K"], sums: Sums) -> None:
+    for name, value in sums.items():
+        flat[LAYOUT.slots[name]] += value
+
+
+class Accumulator:
+    """Sums of clips at one frame rate, in groups; the n-th clip goes to group n modulo GROUPS."""
+
+    def __init__(self, fps: float) -> None:
+        self.fps, self.clips = fps, 0
+        self.features: list[Float[ndarray, "W D"]] = []
+        self._groups = np.zeros((MAX_GROUPS, LAYOUT.size))
+
+    def add(self, flat: Float[ndarray, " K"], features: Float[ndarray, "W D"] | None = None) -> None:
+        """Count one clip; features of its windows are kept of the first GROUPS clips."""
+        self._groups[self.clips % MAX_GROUPS] += flat
+        self.clips += 1
+        if features is not None and len(self.features) < MAX_GROUPS:
+            self.features.append(features)
+
+    @property
+    def groups(self) -> Float[ndarray, "G K"]:
+        """The groups in use."""
+        return self._groups[: min(self.clips, MAX_GROUPS)]
+
+    def totals(self, bootstrap_weights: Float[ndarray, "D G"] | None = None) -> Totals:
+        """Totals over all groups, or over each draw of them."""
+        groups = self.groups
+        return LAYOUT.totals(
+            groups.sum(axis=0, keepdims=True) if bootstrap_weights is None else bootstrap_weights @ groups
+        )
+
+
+def bootstrap_weights(count: int, settings: BootstrapSettings) -> Float[ndarray, "D G"]:
+    """How often each of `count` groups is drawn in each resample: those of `bootstrap`, counted."""
+    drawn = resample_indices(count, settings)
+    offset = drawn + count * np.arange(len(drawn))[:, None]
+    return np.bincount(offset.ravel(), minlength=drawn.size).reshape(drawn.shape).astype(float)
+
+
+@dataclass(frozen=True)
+class MetricResult:
+    """A measure of a set of motions, of the reference, and how far they are apart; None where there is no figure.
+
+    `difference` is value less reference over the same draws. For measures that compare with the reference,
+    `reference` is the comparison of its own halves. `reason` says in words what keeps a figure from being there.
+    """
+
+    metric: Metric
+    count: int
+    value: Estimate | None
+    reference: Estimate | None
+    difference: Estimate | None
+    reason: str = ""
+
+    @property
+    def worse(self) -> bool | None:
+        """Whether the motions are worse than the reference by more than the interval; None where not compared."""
+        if self.value is None or self.reference is None:
+            return None
+        direction = self.metric.direction
+        if self.difference is None:
+            return self.value.low > self.reference.high if direction == LOWER else self.value.high < self.reference.low
+        if direction == LOWER:
+            return self.difference.low > 0
+        return self.difference.high < 0 if direction == HIGHER else not self.difference.low <= 0 <= self.difference.high
+
+
+class Comparison:
+    """A tally against the reference's. `paired`: the n-th clip of both is the same sound, so both draw the same."""
+
+    def __init__(
+        self, evaluated: Accumulator, reference: Accumulator, settings: BootstrapSettings, paired: bool
+    ) -> None:
+        self.evaluated, self.reference, self.settings, self.paired = evaluated, reference, settings, paired
+        self.same_rate = evaluated.fps == reference.fps
+
+    @cached_property
+    def _drawn(self) -> Totals:
+        return self.evaluated.totals(bootstrap_weights(len(self.evaluated.groups), self.settings))
+
+    @cached_property
+    def _reference_drawn(self) -> Totals:
+        settings = self.settings if self.paired else self.settings.model_copy(update={"seed": self.settings.seed + 1})
+        return self.reference.totals(bootstrap_weights(len(self.reference.groups), settings))
+
+    @cached_property
+    def _halves(self) -> tuple[Totals, Totals]:
+        count = len(self.reference.groups)
+        rng = np.random.default_rng([self.settings.seed, count])
+        half = np.stack([rng.permutation(count) < count // 2 for _ in range(SPLIT_HALF_REPEATS)]).astype(float)
+        return self.reference.totals(half), self.reference.totals(1 - half)
+
+    @cached_property
+    def _all(self) -> tuple[Totals, Totals]:
+        return self.evaluated.totals(), self.reference.totals()
+
+    def rows(self, metrics: Sequence[Metric] = METRICS) -> Iterator[MetricResult]:
+        """A row a measure."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)  # quantiles of nothing, where every draw is undefined
+            for metric in metrics:
+                yield self._row(metric)
+
+    def missing(self, metrics: Sequence[Metric] = METRICS) -> list[Metric]:
+        """Measures of what the reference does often enough and the motions, which could, do not: none is compared."""
+        ours, theirs = self._all
+        return [
+            metric
+            for metric in metrics
+            if all(ours[f"motions with {field}"][0] for field in metric.extractor.needs)
+            and ours[metric.count_key][0] < metric.min_count
+            and not _lacking(metric, theirs, "the reference")
+        ]
+
+    def _row(self, metric: Metric) -> MetricResult:
+        ours, theirs = self._all
+        count = int(ours[metric.count_key][0])
+        reason = _lacking(metric, ours, "the motions")
+        if not metric.compute:
+            reason = reason or _lacking(metric, theirs, "the reference")
+            if not self.same_rate and metric.rate_dependent:
+                reason = self._rates
+        if reason:
+            return MetricResult(metric, count, None, None, None, reason)
+        if metric.pairwise:
+            return self._pairwise(metric, count)
+        return self._against(metric, count) if metric.compare else self._figure(metric, count)
+
+    def _pairwise(self, metric: Metric, count: int) -> MetricResult:
+        assert metric.pairwise is not None
+        settings = self.settings.model_copy(update={"n_resamples": min(self.settings.n_resamples, PAIRWISE_DRAWS)})
+        ours, theirs = self.evaluated.features, self.reference.features
+        paired = self.paired and len(ours) == len(theirs)
+        statistic = metric.pairwise(self._some(ours), self._some(theirs), paired)
+        order = np.random.default_rng(self.settings.seed).permutation(len(theirs))
+        halves = [[theirs[index] for index in half] for half in np.array_split(order, 2)]
+        between = metric.pairwise(self._some(halves[0]), self._some(halves[1]), False)
+        return MetricResult(
+            metric,
+            count,
+            bootstrap(statistic, len(ours), settings),
+            bootstrap(between, len(halves[1]), settings),
+            None,
+        )
+
+    def _some(self, groups: Sequence[Float[ndarray, "W D"]]) -> WindowFeatures:
+        return sample_windows(groups, PAIRWISE_WINDOWS, self.settings.seed)
+
+    @property
+    def _rates(self) -> str:
+        return f"not compared: {self.evaluated.fps:g} frames a second, the reference {self.reference.fps:g}"
+
+    def _against(self, metric: Metric, count: int) -> MetricResult:
+        assert metric.compare is not None
+        ours, theirs = self._all
+        value = _estimate(metric.compare(ours, theirs), metric.compare(self._drawn, theirs), self.settings)
+        between = metric.compare(*self._halves)
+        floor = None
+        if np.isfinite(between).any():
+            floor = Estimate(float(np.nanmean(between)), *percentile_interval(between, self.settings))
+        return MetricResult(metric, count, value, floor, None, "" if value else "undefined")
+
+    def _figure(self, metric: Metric, count: int) -> MetricResult:
+        assert metric.compute is not None
+        ours, theirs = self._all
+        drawn = metric.compute(self._drawn)
+        value = _estimate(metric.compute(ours), drawn, self.settings)
+        lacking = _lacking(metric, theirs, "the reference") or (
+            self._rates if metric.rate_dependent and not self.same_rate else ""
+        )
+        if value is None or lacking:
+            return MetricResult(metric, count, value, None, None, lacking or "undefined")
+        reference_drawn = metric.compute(self._reference_drawn)
+        own = metric.compute(theirs)
+        reference = _estimate(own, reference_drawn, self.settings)
+        difference = _estimate(metric.compute(ours) - own, drawn - reference_drawn, self.settings)
+        return MetricResult(
+            metric, count, value, reference, difference, "" if reference else "the reference has no figure"
+        )
+
+
+def _lacking(metric: Metric, totals: Totals, whose: str) -> str:
+    """Why there is no figure, in words; empty if there is one."""
+    missing = [field for field in metric.extractor.needs if not totals[f"motions with {field}"][0]]
+    if missing:
+        return f"needs {' and '.join(missing)}: {whose} without"
+    count = int(totals[metric.count_key][0])
+    return "" if count >= metric.min_count else f"needs {metric.min_count} {metric.count_unit}: {whose} with {count}"
+
+
+def _estimate(value: Float[ndarray, " 1"], drawn: Float[ndarray, " D"], settings: BootstrapSettings) -> Estimate | None:
+    if not np.isfinite(value[0]) or not np.isfinite(drawn).any():
+        return None
+    return Estimate(float(value[0]), *percentile_interval(drawn, settings))

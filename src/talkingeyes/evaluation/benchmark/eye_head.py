@@ -1,0 +1,292 @@
+"""Measures of how the two eyes and the head work together: the eyes as a pair, the eyes against the head.
+
+In a fixation the eyes turn against the head (vestibulo-ocular reflex): the slope of eye velocity on head velocity is
+near -1, and its sign shows a flipped axis that every norm misses (FACTS, sections 2 and 9). At a gaze shift the head
+follows, a little later and by a part of the way (Guitton & Volle 1987; Stahl 1999).
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.metric import (
+    ZERO_TOLERANCE,
+    Bins,
+    Extractor,
+    Metric,
+    Sums,
+    Totals,
+    ratio,
+    safe_divide,
+)
+
+ANGLE_DEG = Bins(-45.0, 45.0, 180)
+AXES = ("yaw", "pitch")
+# Head velocity is compared with gaze velocity at these lags; a positive lag: the head is late.
+LAGS_S = np.arange(-10, 21) * 0.04
+# The head's share is read over this time from the start of a saccade, of saccades of at least so many degrees.
+HEAD_CONTRIBUTION_S, MIN_GAZE_SHIFT_DEG = 0.6, 8.0
+
+
+def extract_binocular(behaviour: Behaviour) -> Sums:
+    """Of the two eyes in the head, over valid frames."""
+    assert behaviour.gaze is not None
+    good, valid_steps = behaviour.valid, behaviour.valid_steps
+    angles = np.degrees(behaviour.eye_rad[good])
+    mean = angles.mean(axis=1)
+    left, right = (np.diff(behaviour.eye_rad[:, eye, 0])[valid_steps] * behaviour.fps for eye in (0, 1))
+    return {
+        "pair.frames": good.sum(),
+        "pair.vergence_deg": (angles[:, 1, 0] - angles[:, 0, 0]).sum(),
+        "pair.torsion2": np.square(np.degrees(behaviour.gaze[good, :, 2])).mean(axis=1).sum(),
+        "pair.yaw": ANGLE_DEG(mean[:, 0]),
+        "pair.pitch": ANGLE_DEG(mean[:, 1]),
+        "pair.yaw_2": np.square(mean[:, 0] - mean[:, 0].mean()).sum(),
+        "pair.pitch_2": np.square(mean[:, 1] - mean[:, 1].mean()).sum(),
+        "pair.pitch_3": ((mean[:, 1] - mean[:, 1].mean()) ** 3).sum(),
+        "pair.left_2": left @ left,
+        "pair.right_2": right @ right,
+        "pair.left_right": left @ right,
+    }
+
+
+def extract_eye_head(behaviour: Behaviour) -> Sums:
+    """Eye against head velocity, between saccades; head against gaze velocity by lag, always."""
+    fps, rest = behaviour.fps, behaviour.valid_steps & ~behaviour.in_saccade
+    eye = np.diff(behaviour.eye_rad.mean(axis=1), axis=0) * fps
+    head = np.diff(behaviour.head_rad, axis=0) * fps
+    found: dict[str, Any] = {"counter.frames": rest.sum()}
+    for axis, name in enumerate(AXES):
+        of_eye, of_head = (
+            each[rest, axis] - each[rest, axis].mean() if rest.any() else each[:0, axis] for each in (eye, head)
+        )
+        found |= {
+            f"counter.{name}": of_eye @ of_head,
+            f"counter.{name}_eye": of_eye @ of_eye,
+            f"counter.{name}_head": of_head @ of_head,
+        }
+    return {**found, **_following(behaviour, head)}
+
+
+def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
+    """How far the head turns along with large saccades, and its velocity at lags from their middle along them."""
+    fps, shifts = behaviour.fps, behaviour.saccades
+    large = shifts.amplitude_deg >= MIN_GAZE_SHIFT_DEG
+    step = shifts.displacement_rad[large]
+    unit = step / np.linalg.norm(step, axis=1, keepdims=True)
+    middle_s = (shifts.onset_s + shifts.offset_s)[large] / 2
+    frame = np.round((middle_s[:, None] + LAGS_S) * fps - 0.5).astype(int)
+    inside = (frame >= 0) & (frame < len(head_rad_s))
+    along = np.einsum("nla,na->nl", head_rad_s[np.where(inside, frame, 0)], unit) * inside
+    first = np.round(shifts.onset_s[large] * fps).astype(int)
+    last = first + round(HEAD_CONTRIBUTION_S * fps)
+    whole = last < len(behaviour)
+    turn = behaviour.head_rad[last[whole]] - behaviour.head_rad[np.maximum(first[whole], 0)]
+    return {
+        "follow.gaze_shifts": large.sum(),
+        "follow.velocity": along.sum(axis=0),
+        "follow.counted": inside.sum(axis=0),
+        "follow.turn": (turn * step[whole]).sum(),
+        "follow.shift": np.square(step[whole]).sum(),
+    }
+
+
+BINOCULAR = Extractor(
+    extract_binocular,
+    ("gaze",),
+    {
+        **dict.fromkeys(
+            ("pair.frames", "pair.vergence_deg", "pair.torsion2", "pair.yaw_2", "pair.pitch_2", "pair.pitch_3"), 1
+        ),
+        **dict.fromkeys(("pair.left_2", "pair.right_2", "pair.left_right"), 1),
+        **dict.fromkeys(("pair.yaw", "pair.pitch"), ANGLE_DEG.count),
+    },
+)
+EYE_HEAD = Extractor(
+    extract_eye_head,
+    ("head", "gaze"),
+    {
+        "counter.frames": 1,
+        **{f"counter.{axis}{end}": 1 for axis in AXES for end in ("", "_eye", "_head")},
+        **dict.fromkeys(("follow.gaze_shifts", "follow.turn", "follow.shift"), 1),
+        **dict.fromkeys(("follow.velocity", "follow.counted"), len(LAGS_S)),
+    },
+)
+
+
+def _range(totals: Totals, axis: str) -> Float[ndarray, " D"]:
+    return np.asarray(
+        ANGLE_DEG.quantile(totals[f"pair.{axis}"], 0.95) - ANGLE_DEG.quantile(totals[f"pair.{axis}"], 0.05)
+    )
+
+
+def _root(totals: Totals, total: str) -> Float[ndarray, " D"]:
+    return np.asarray(np.sqrt(safe_divide(totals[total], totals["pair.frames"])))
+
+
+def _skewness(totals: Totals) -> Float[ndarray, " D"]:
+    third = safe_divide(totals["pair.pitch_3"], totals["pair.frames"])
+    return safe_divide(third, _root(totals, "pair.pitch_2") ** 3)
+
+
+def _conjugacy(totals: Totals) -> Float[ndarray, " D"]:
+    return safe_divide(totals["pair.left_right"], np.sqrt(totals["pair.left_2"] * totals["pair.right_2"]))
+
+
+def _coupling(totals: Totals, axis: str) -> Float[ndarray, " D"]:
+    scale = np.sqrt(totals[f"counter.{axis}_eye"] * totals[f"counter.{axis}_head"])
+    return safe_divide(totals[f"counter.{axis}"], scale)
+
+
+def _lag(totals: Totals) -> Float[ndarray, " D"]:
+    """Where the mean velocity of the head along a saccade is highest, by a parabola through the top three lags.
+
+    NaN where the head stands still.
+    """
+    mean = safe_divide(totals["follow.velocity"], totals["follow.counted"])
+    known = np.nan_to_num(mean, nan=-np.inf)
+    top = np.clip(known.argmax(axis=1), 1, len(LAGS_S) - 2)
+    draw = np.arange(len(top))
+    before, here, after = (mean[draw, top + shift] for shift in (-1, 0, 1))
+    bend = before - 2 * here + after
+    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
+    lag = LAGS_S[top] + np.clip(shift, -1, 1) * (LAGS_S[1] - LAGS_S[0])
+    return np.where(np.abs(here) > ZERO_TOLERANCE, lag, np.nan)
+
+
+_pair = partial(Metric, extractor=BINOCULAR, count_key="pair.frames", min_count=1500)
+_counter = partial(Metric, extractor=EYE_HEAD, count_key="counter.frames", min_count=1500)
+_follow = partial(Metric, extractor=EYE_HEAD, count_key="follow.gaze_shifts", min_count=100)
+
+METRICS = (
+    _pair(
+        "eye/range_yaw",
+        "range of the eyes, yaw",
+        "deg",
+        "5 to 95 % of eye-in-head yaw, all frames pooled",
+        compute=partial(_range, axis="yaw"),
+        source="Stahl 1999; Guitton & Volle 1987",
+        caveat="a constant offset a person (kappa) widens it",
+    ),
+    _pair(
+        "eye/range_pitch",
+        "range of the eyes, pitch",
+        "deg",
+        "5 to 95 % of eye-in-head pitch, all frames pooled",
+        compute=partial(_range, axis="pitch"),
+        source="Stahl 1999",
+        caveat="as above",
+    ),
+    _pair(
+        "eye/sd_yaw",
+        "spread within a clip, yaw",
+        "deg",
+        "root mean square of eye-in-head yaw about the clip's mean",
+        compute=partial(_root, total="pair.yaw_2"),
+        source="FACTS, acceptance table",
+        caveat="grows with the length of the clips",
+    ),
+    _pair(
+        "eye/sd_pitch",
+        "spread within a clip, pitch",
+        "deg",
+        "root mean square of eye-in-head pitch about the clip's mean",
+        compute=partial(_root, total="pair.pitch_2"),
+        source="FACTS, acceptance table",
+        caveat="grows with the length of the clips",
+    ),
+    _pair(
+        "eye/pitch_skew",
+        "skew of pitch",
+        "",
+        "third moment of eye-in-head pitch about the clip's mean / SD^3",
+        compute=_skewness,
+        source="FACTS 9 (a sign error is invisible to norms)",
+        caveat="a few long aversions decide it",
+    ),
+    _pair(
+        "eye/vergence",
+        "vergence",
+        "deg",
+        "mean of yaw of the right eye less yaw of the left; positive: the eyes converge",
+        compute=ratio("pair.vergence_deg", "pair.frames"),
+        source="Malinov et al. 2000; Elisei, Bailly & Casari 2007",
+        caveat=(
+            "pupils follow the optical axis: a constant offset of up to 10 deg between the eyes is anatomy "
+            "(kappa); parallel eyes have 0"
+        ),
+    ),
+    _pair(
+        "eye/torsion",
+        "torsion",
+        "deg",
+        "root mean square of the z component of the eyes' rotation vectors",
+        compute=partial(_root, total="pair.torsion2"),
+        source="Listing's law (Tweed & Vilis 1990)",
+        caveat="angles built as yaw, then pitch (Fick) have false torsion: 3.5 deg at 20 by 20",
+        direction="lower",
+    ),
+    _pair(
+        "eye/conjugacy",
+        "left and right eye",
+        "correlation",
+        "correlation of the yaw velocities of the two eyes",
+        compute=_conjugacy,
+        source="Collewijn, Erkelens & Steinman 1988",
+        caveat="1 by construction where one angle moves both",
+    ),
+    _counter(
+        "head_eye/slope_yaw",
+        "head-eye slope, yaw",
+        "deg/deg",
+        "slope of eye-in-head on head yaw velocity between saccades; -1: gaze holds still in space",
+        compute=ratio("counter.yaw", "counter.yaw_head"),
+        source="vestibulo-ocular reflex; FACTS 2",
+        caveat="noise in the head flattens it; positive: an axis is flipped",
+    ),
+    _counter(
+        "head_eye/slope_pitch",
+        "head-eye slope, pitch",
+        "deg/deg",
+        "slope of eye-in-head on head pitch velocity between saccades",
+        compute=ratio("counter.pitch", "counter.pitch_head"),
+        source="vestibulo-ocular reflex; FACTS 2",
+        caveat="as above",
+    ),
+    _counter(
+        "head_eye/correlation",
+        "head-eye correlation, yaw",
+        "correlation",
+        "correlation of eye-in-head and head yaw velocity between saccades",
+        compute=partial(_coupling, axis="yaw"),
+        source="FACTS 9",
+        caveat="noise in either weakens it",
+    ),
+    _follow(
+        "head_eye/head_contribution",
+        "head's share of gaze shifts",
+        "share",
+        (
+            "sum of head turn x gaze shift / sum of gaze shift squared, over 0.6 s from the onset of "
+            "saccades of 8 deg and more"
+        ),
+        compute=ratio("follow.turn", "follow.shift"),
+        source="Stahl 1999; Freedman & Sparks 1997",
+        caveat="negative: head or gaze is mirrored",
+    ),
+    _follow(
+        "head_eye/head_lag",
+        "head behind gaze",
+        "s",
+        "lag of the highest mean velocity of the head along saccades of 8 deg and more",
+        compute=_lag,
+        source="Guitton & Volle 1987; Zangemeister & Stark 1982",
+        caveat="undefined where the head does not follow: then any lag comes out",
+    ),
+)

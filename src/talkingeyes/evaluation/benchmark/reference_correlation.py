@@ -1,0 +1,93 @@
+"""Measures of likeness to the reference under the same sound: does the person keep to the same side?
+
+People have sides: where they look when they look away, how they hold their heads. In a population left and right come
+out even, so no distribution tells a mirrored motion from a true one; these do. A model that does not know its speaker
+has 0 and is not wrong: only a negative value is.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.benchmark.metric import HIGHER, Extractor, Metric, Sums, Totals, safe_divide
+
+AVERSION = ("aversion_yaw", "aversion_pitch")
+POSTURE = ("head_pitch", "head_yaw", "head_roll")  # components of the head's rotation vector
+# A clip that is averted for less time than this has no side.
+MIN_AVERTED_S = 0.4
+MOMENTS = ("pairs", "x", "y", "xx", "yy", "xy")
+
+
+def extract_aversion_direction(behaviour: Behaviour) -> Sums:
+    """Mean direction of averted gaze from the partner, in both motions."""
+    return _moments(AVERSION, _aversion(behaviour), _aversion(behaviour.required_reference))
+
+
+def extract_head_posture(behaviour: Behaviour) -> Sums:
+    """Mean rotation vector of the head, in both motions."""
+    return _moments(POSTURE, _posture(behaviour), _posture(behaviour.required_reference))
+
+
+def _aversion(behaviour: Behaviour) -> Float[ndarray, " 2"]:
+    away = behaviour.states.averted & behaviour.valid
+    if away.sum() < MIN_AVERTED_S * behaviour.fps:
+        return np.full(2, np.nan)
+    return np.asarray(np.degrees(behaviour.gaze_in_space_rad[away].mean(axis=0) - behaviour.states.partner_rad))
+
+
+def _posture(behaviour: Behaviour) -> Float[ndarray, " 3"]:
+    assert behaviour.head is not None
+    return np.asarray(np.degrees(behaviour.head[behaviour.valid].mean(axis=0)))
+
+
+def _moments(names: tuple[str, ...], ours: Float[ndarray, " C"], theirs: Float[ndarray, " C"]) -> Sums:
+    found: dict[str, Any] = {}
+    for name, x, y in zip(names, ours, theirs, strict=True):
+        values = (1.0, x, y, x * x, y * y, x * y) if np.isfinite(x + y) else (0.0,) * len(MOMENTS)
+        found |= {f"{name}.{moment}": value for moment, value in zip(MOMENTS, values, strict=True)}
+    return found
+
+
+def _sizes(names: tuple[str, ...]) -> dict[str, int]:
+    return {f"{name}.{moment}": 1 for name in names for moment in MOMENTS}
+
+
+def _correlation(totals: Totals, name: str) -> Float[ndarray, " D"]:
+    count, x, y, xx, yy, xy = (totals[f"{name}.{moment}"] for moment in MOMENTS)
+    scale = np.sqrt(np.maximum(count * xx - x**2, 0) * np.maximum(count * yy - y**2, 0))
+    return safe_divide(count * xy - x * y, scale)
+
+
+AVERSION_EXTRACTOR = Extractor(extract_aversion_direction, ("head", "gaze", "reference"), _sizes(AVERSION))
+POSTURE_EXTRACTOR = Extractor(extract_head_posture, ("head", "reference"), _sizes(POSTURE))
+
+_TITLES = {
+    "aversion_yaw": ("side of looking away", AVERSION_EXTRACTOR, "mean yaw of averted gaze from the partner"),
+    "aversion_pitch": ("height of looking away", AVERSION_EXTRACTOR, "mean pitch of averted gaze from the partner"),
+    "head_pitch": ("head held up or down", POSTURE_EXTRACTOR, "mean x component of the head's rotation vector"),
+    "head_yaw": ("head turned", POSTURE_EXTRACTOR, "mean y component of the head's rotation vector"),
+    "head_roll": ("head tilted", POSTURE_EXTRACTOR, "mean z component of the head's rotation vector"),
+}
+
+METRICS = tuple(
+    Metric(
+        f"reference_correlation/{name}",
+        title,
+        "correlation",
+        f"correlation over clips of the {what} with that of the reference under the same sound",
+        compute=partial(_correlation, name=name),
+        extractor=extractor,
+        count_key=f"{name}.pairs",
+        min_count=30,
+        direction=HIGHER,
+        source="personal sides and postures: Rogers et al. 2018",
+        caveat="needs the speaker to be known: 0 is no fault; below 0: an axis is flipped",
+    )
+    for name, (title, extractor, what) in _TITLES.items()
+)

@@ -1,0 +1,305 @@
+"""Training of the critic: InfoNCE (van den Oord et al. 2018) among windows of one speaker.
+
+Positives are sound and motion of one window of the train split. Negatives are motions of other sounds of the same
+speaker, and the right motion at a wrong time; other speakers are no negatives, so knowing who speaks does not help. The
+weights kept are the best on speakers kept out of the training.
+
+Where no speaker has two sounds, as in a corpus of single short videos, wrong times are the only negatives, of training
+and of validation: such a critic tells when, not under which sound (`TIME_SHIFTS_ONLY` says so beside its figures).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.recordings import Recording
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.paper_metrics.corr import CriticCorrelation, auc
+from talkingeyes.models.contrastive_critic import (
+    CRITIC_PARTS,
+    MIRROR_SIGNS,
+    Critic,
+    CriticNetworkSettings,
+    part_angles,
+    similarity,
+)
+from talkingeyes.training.execution import CPU_CONTEXT, ExecutionContext
+from talkingeyes.training.loop import LoopSettings, train
+from talkingeyes.training.resume import ResumeFile
+
+
+class CriticSettings(Settings):
+    """The section `critic`."""
+
+    seed: int
+    channels: Annotated[list[str], Field(min_length=1)]  # of the speech embedding, that the critic hears
+    window_s: Annotated[float, Field(gt=0)]
+    hop_s: Annotated[float, Field(gt=0)]
+    held_out: Annotated[float, Field(gt=0, lt=1)]  # share of the train speakers that weights are chosen on
+    windows_per_speaker: Annotated[int, Field(ge=2)]  # windows of one speaker in a batch, of different sounds
+    time_shifted_negatives: Annotated[int, Field(ge=0)]  # negatives of the same window at wrong times
+    min_shift_s: Annotated[float, Field(gt=0)]  # how wrong, at least
+    scale_augmentation: Annotated[float, Field(ge=1)]  # motion is enlarged or shrunk by up to this factor
+    temperature: Annotated[float, Field(gt=0)]  # of InfoNCE at the start; it is learned
+    network: CriticNetworkSettings
+    loop: LoopSettings
+    encoder: EncoderSettings  # of the Frechet distance; it learns beside the critics, on the same speakers
+    bootstrap: BootstrapSettings
+
+
+# Clips that a figure over pairs of clips is made of, at most.
+MAX_SCORED_CLIPS = 300
+TIME_SHIFTS_ONLY = (
+    "trained on wrong times alone, as no train speaker has two sounds: this Corr. tells whether motion fits the time, "
+    "not whether it fits this sound rather than another"
+)
+
+
+@dataclass(frozen=True)
+class SpeakerSplit:
+    """Indices of recordings whose speakers the critic trains on, and of those kept out."""
+
+    train: list[int]
+    held_out: list[int]
+
+
+def split_speakers(recordings: Sequence[Recording], settings: CriticSettings) -> SpeakerSplit:
+    """Keep some speakers out, by the seed. Raises InputError if there are fewer than two."""
+    speaker_of = [recording.clip.speaker for recording in recordings]
+    speakers = sorted(set(speaker_of))
+    if len(speakers) < 2:
+        raise InputError(f"critic: needs train clips of at least two speakers, got {len(speakers)}")
+    count = min(len(speakers) - 1, max(1, round(settings.held_out * len(speakers))))
+    out = set(np.random.default_rng(settings.seed).choice(speakers, size=count, replace=False).tolist())
+    train = [index for index, speaker in enumerate(speaker_of) if speaker not in out]
+    return SpeakerSplit(train, [index for index, speaker in enumerate(speaker_of) if speaker in out])
+
+
+@dataclass(frozen=True)
+class WindowBatch:
+    """Sound (the channels heard) and motion of B windows, and which of them share a speaker but not a sound."""
+
+    speech_features: Float[Tensor, "B T H"]
+    angles: Float[Tensor, "B T A"]
+    negatives: Bool[ndarray, "B B"]
+
+    def to(self, device: torch.device) -> WindowBatch:
+        """The same on a device."""
+        return WindowBatch(self.speech_features.to(device), self.angles.to(device), self.negatives)
+
+
+def first_windows(recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int) -> WindowBatch:
+    """The first window of up to JUDGED recordings, evenly spread; those shorter than a window only if all are."""
+    chosen = [
+        recordings[int(index)] for index in np.linspace(0, len(recordings) - 1, min(MAX_SCORED_CLIPS, len(recordings)))
+    ]
+    whole = [recording for recording in chosen if len(recording) >= frames] or chosen
+    return cut_windows(whole, part, channels, frames, [0] * len(whole))
+
+
+def cut_windows(
+    recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int, starts: Sequence[int]
+) -> WindowBatch:
+    """One window of each recording, cut to the shortest of them."""
+    frames = min(frames, *(len(recording) - start for recording, start in zip(recordings, starts, strict=True)))
+    cuts = [slice(start, start + frames) for start in starts]
+    pairs = list(zip(recordings, cuts, strict=True))
+    motion = np.stack([part_angles(part, recording.head[cut], recording.gaze[cut]) for recording, cut in pairs])
+    speech_features = np.stack([recording.speech[cut][:, channels] for recording, cut in pairs])
+    speakers = np.array([recording.clip.speaker for recording in recordings])
+    sounds = np.array([recording.clip.sound for recording in recordings])
+    return WindowBatch(
+        torch.from_numpy(speech_features.astype(np.float32)),
+        torch.from_numpy(motion.astype(np.float32)),
+        (speakers[:, None] == speakers) & (sounds[:, None] != sounds),
+    )
+
+
+@dataclass(frozen=True)
+class ChannelSelection:
+    """The channels of the speech embedding that a critic hears: where they stand, mean and standard deviation."""
+
+    index: Int[ndarray, " H"]
+    mean: Float[ndarray, " H"]
+    std: Float[ndarray, " H"]
+
+    @classmethod
+    def of(cls, embedding: Mapping[str, Any], channels: Sequence[str]) -> ChannelSelection:
+        """From embedding.json. Raises InputError if a channel is not there."""
+        names = list(embedding["channels"])
+        missing = [name for name in channels if name not in names]
+        if missing:
+            raise InputError(f"critic.channels: should be channels of the embedding, got {', '.join(missing)}")
+        index = np.array([names.index(name) for name in channels])
+        mean, std = (np.asarray(embedding[key], np.float32)[index] for key in ("mean", "std"))
+        return cls(index, mean, np.maximum(std, np.float32(1e-6)))
+
+
+def new_critic(
+    part: str, recordings: Sequence[Recording], channel_selection: ChannelSelection, settings: CriticSettings
+) -> Critic:
+    """An untrained critic. One scale for all angles of a part: a channel that hardly moves must not be blown up."""
+    deviations, speeds = [], []
+    for recording in recordings:
+        motion = part_angles(part, recording.head, recording.gaze)
+        deviations.append(np.square(motion - np.median(motion, axis=0)).mean())
+        speeds.append(np.linalg.norm(np.diff(motion, axis=0), axis=-1).mean())
+    scale_augmentation = torch.tensor([float(np.sqrt(np.mean(deviations))), float(np.mean(speeds))]).clamp_min(1e-6)
+    index, mean, std = (
+        torch.from_numpy(each) for each in (channel_selection.index, channel_selection.mean, channel_selection.std)
+    )
+    torch.manual_seed(settings.seed)
+    critic = Critic(settings.network, index, mean, std, scale_augmentation, len(MIRROR_SIGNS[part]))
+    critic.log_scale.data.fill_(-np.log(settings.temperature))
+    return critic
+
+
+@dataclass(frozen=True)
+class TrainedCritic:
+    """A trained critic as a metric, what is stored of it, and the recordings of the speakers kept out.
+
+    `caveat`: what a reader of its figures must know; empty if nothing.
+    """
+
+    corr: CriticCorrelation
+    config: dict[str, Any]
+    history: list[dict[str, float]]
+    held_out: list[Recording]
+    caveat: str
+
+
+def train_critic(
+    part: str,
+    recordings: Sequence[Recording],
+    channel_selection: ChannelSelection,
+    settings: CriticSettings,
+    context: ExecutionContext = CPU_CONTEXT,
+    resume: ResumeFile | None = None,
+) -> TrainedCritic:
+    """Train the critic of one part."""
+    division = split_speakers(recordings, settings)
+    fps = recordings[0].clip.fps
+    critic = new_critic(part, [recordings[index] for index in division.train], channel_selection, settings)
+    task = ContrastiveTask(part, critic, recordings, division, fps, settings)
+    history = train(task, settings.loop, f"critic of {part}", context=context, resume=resume)
+    frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
+    config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json", exclude={"encoder"})}
+    held_out = [recordings[index] for index in division.held_out]
+    caveat = TIME_SHIFTS_ONLY if task.time_shifts_only else ""
+    return TrainedCritic(CriticCorrelation(part, critic, frames, hop), config, history, held_out, caveat)
+
+
+class ContrastiveTask:
+    """The task: batches of a few speakers with several sounds each."""
+
+    def __init__(
+        self,
+        part: str,
+        critic: Critic,
+        recordings: Sequence[Recording],
+        division: SpeakerSplit,
+        fps: float,
+        settings: CriticSettings,
+    ) -> None:
+        self.part, self.settings, self.recordings = part, settings, recordings
+        self.channels = critic.speech_channels.numpy()
+        self.frames = round(settings.window_s * fps)
+        self.shift_min = round(settings.min_shift_s * fps / settings.network.step_frames)
+        self.rng = np.random.default_rng([settings.seed, CRITIC_PARTS.index(part)])
+        self.critic = critic
+        self.module: nn.Module = critic
+        self.clips_by_speaker: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
+        for index in division.train:
+            clip = recordings[index].clip
+            self.clips_by_speaker[clip.speaker][clip.sound].append(index)
+        several = sorted(name for name, sounds in self.clips_by_speaker.items() if len(sounds) > 1)
+        self.time_shifts_only = not several
+        if self.time_shifts_only and not settings.time_shifted_negatives:
+            raise InputError(
+                "critic.time_shifted_negatives: should be above 0 where no train speaker has two sounds, got 0"
+            )
+        self.speakers = several or sorted(self.clips_by_speaker)
+        self.held_out_windows = first_windows(
+            [recordings[index] for index in division.held_out], part, self.channels, self.frames
+        )
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """InfoNCE in both directions, with wrong times of the right motion among the negatives."""
+        batch = self._draw().to(self.critic.log_scale.device)
+        speech, motion = self.critic.speech(batch.speech_features), self.critic.motion(batch.angles)
+        scale_augmentation = self.critic.log_scale.exp().clamp_max(100.0)
+        allowed = torch.from_numpy(batch.negatives | np.eye(len(speech), dtype=bool)).to(speech.device)
+        between = (scale_augmentation * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
+        wrong = self._wrong_times(speech, motion) * scale_augmentation
+        right = torch.arange(len(speech), device=speech.device)
+        by_sound = functional.cross_entropy(torch.cat([between, wrong], dim=1), right)
+        by_motion = functional.cross_entropy(torch.cat([between.T, wrong], dim=1), right)
+        return {"total": (by_sound + by_motion) / 2}
+
+    def validate(self) -> dict[str, float]:
+        """AUC on the speakers kept out: same-speaker negatives (what is chosen on; else wrong times), and all."""
+        held_out_windows = self.held_out_windows.to(self.critic.log_scale.device)
+        speech, motion = (
+            self.critic.speech(held_out_windows.speech_features),
+            self.critic.motion(held_out_windows.angles),
+        )
+        similar = similarity(speech, motion).cpu().numpy()
+        right, others = np.diag(similar), similar[~np.eye(len(similar), dtype=bool)]
+        if self.held_out_windows.negatives.any():
+            score = auc(right, similar[self.held_out_windows.negatives])
+        else:
+            steps, least = motion.shape[1], self._least_shift(motion.shape[1])
+            score = auc(right, _at_times(speech, motion, range(least, steps - least + 1)).cpu().numpy().ravel())
+        return {"validation_score": score, **({"auc_all": auc(right, others)} if len(others) else {})}
+
+    def _draw(self) -> WindowBatch:
+        chosen: list[int] = []
+        for name in self.rng.permutation(self.speakers):
+            sounds = self.clips_by_speaker[name]
+            names = self.rng.permutation(sorted(sounds))[: self.settings.windows_per_speaker]
+            chosen += [int(self.rng.choice(sounds[sound])) for sound in names]
+            if len(chosen) >= self.settings.loop.batch:
+                break
+        recordings = [self.recordings[index] for index in chosen]
+        starts = [int(self.rng.integers(max(1, len(each) - self.frames + 1))) for each in recordings]
+        drawn = cut_windows(recordings, self.part, self.channels, self.frames, starts)
+        mirror = np.where(self.rng.random((len(chosen), 1)) < 0.5, MIRROR_SIGNS[self.part], 1.0)
+        bound = np.log(self.settings.scale_augmentation)
+        gain = mirror * np.exp(self.rng.uniform(-bound, bound, (len(chosen), 1)))
+        return WindowBatch(
+            drawn.speech_features, drawn.angles * torch.from_numpy(gain[:, None].astype(np.float32)), drawn.negatives
+        )
+
+    def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
+        """Cosines with the motion features turned round in time by a few random shifts."""
+        steps, least = motion.shape[1], self._least_shift(motion.shape[1])
+        time_shifted_negatives = self.rng.integers(least, steps - least + 1, size=self.settings.time_shifted_negatives)
+        return _at_times(speech, motion, time_shifted_negatives.tolist())
+
+    def _least_shift(self, steps: int) -> int:
+        """The least wrong time, in steps; half of a window that is too short for it."""
+        return min(self.shift_min, steps // 2)
+
+
+def _at_times(
+    speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"], time_shifted_negatives: Iterable[int]
+) -> Float[Tensor, "B W"]:
+    columns = [
+        functional.cosine_similarity(speech.flatten(1), motion.roll(shift, 1).flatten(1))
+        for shift in time_shifted_negatives
+    ]
+    return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)

@@ -1,0 +1,25 @@
+"""The frozen networks that judge motion: the critics behind Corr. and the encoder of windows, by the stage `critic`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from talkingeyes.evaluation.benchmark.corr import CRITICS
+from talkingeyes.evaluation.distribution.encoder import MotionEncoder
+from talkingeyes.evaluation.paper_metrics.corr import CriticCorrelation
+
+
+@dataclass(frozen=True)
+class Evaluators:
+    """Critics by part, and the encoder."""
+
+    critics: dict[str, CriticCorrelation]
+    encoder: MotionEncoder
+
+    @classmethod
+    def load(cls, folder: Path) -> Evaluators:
+        """From what the stage `critic` wrote."""
+        return cls(
+            {part: CriticCorrelation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder)
+        )

@@ -1,0 +1,111 @@
+"""The face's part of a row: the figures of one sound, and of all sounds with intervals over them.
+
+Compared with the true motion (in a corpus without truth: the fitted). MVE and LVE average over frames, the others over
+sounds, as in ProbTalk3D's text. The mean face wins MVE and every multi-sample error, a shut mouth closes on every
+bilabial: read a row beside truth, fitted and baselines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, bootstrap, mean_statistic, ratio_statistic
+from talkingeyes.evaluation.face.articulation import ArticulationMetrics, articulation
+from talkingeyes.evaluation.face.emotion import EmotionClassifier, balanced_accuracy, emotion_features
+from talkingeyes.evaluation.face.surface import FaceSurface
+from talkingeyes.evaluation.face.vertices import VertexErrors, split_half_diversity, vertex_errors
+from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedEstimate, combine_seeds, nanmean_statistic
+
+FRAME_AVERAGED = ("mve", "lve", "lve_squared")
+
+
+@dataclass(frozen=True)
+class FaceCase:
+    """One sound. `own`: the samples are real motions of this very sound, the first of them what is compared with."""
+
+    samples: FaceSamples
+    includes_reference: bool
+    truth: FaceSamples  # all takes
+    valid: Bool[ndarray, " T"]
+    annotation: Annotation
+    sound: Float[ndarray, " N"]
+    seed: tuple[int, ...]  # of the halves
+
+
+@dataclass(frozen=True)
+class FaceMetrics:
+    """One sound; `errors` is None where there is no second motion to compare with. NaN where a figure is undefined."""
+
+    errors: VertexErrors | None
+    articulation: ArticulationMetrics
+    diversity: float
+    diversity_truth: float
+    emotion: str
+    accuracy: float  # share of the samples whose emotion was told; NaN where nobody can
+
+
+def face_metrics(surface: FaceSurface, classifier: EmotionClassifier | None, case: FaceCase) -> FaceMetrics:
+    """The figures of one sound."""
+    compared = range(int(case.includes_reference), len(case.samples.jaw))
+    told = classifier.predict(emotion_features(surface, case.samples)) if classifier else []
+    own = split_half_diversity(surface, case.samples, np.random.default_rng(case.seed))
+    return FaceMetrics(
+        errors=vertex_errors(surface, case.truth, case.samples, compared, case.valid) if compared else None,
+        articulation=articulation(surface, case.samples, case.annotation, case.sound),
+        diversity=own,
+        diversity_truth=split_half_diversity(surface, case.truth, np.random.default_rng(case.seed)),
+        emotion=case.annotation.emotion,
+        accuracy=float(np.mean([each == case.annotation.emotion for each in told])) if told else float("nan"),
+    )
+
+
+def crop_faces(faces: FaceSamples, frames: int) -> FaceSamples:
+    """The first frames."""
+    jaw, expression = faces.jaw[:, :frames], faces.expression[:, :frames]
+    return FaceSamples(faces.fps, jaw, expression, faces.expression_names, faces.head_model)
+
+
+def summarise_face(sounds: Sequence[FaceMetrics], settings: BootstrapSettings) -> dict[str, Estimate]:
+    """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
+    found = _statistics(sounds)
+    return {name: bootstrap(each, each.count, settings) for name, each in found.items()}
+
+
+def summarise_seeds(
+    seeds: Sequence[Sequence[FaceMetrics]], settings: BootstrapSettings
+) -> dict[str, MultiSeedEstimate]:
+    """The same sounds under several seeds: the mean of all, its interval over sounds, and the range over seeds."""
+    found = combine_seeds([_statistics(each) for each in seeds])
+    return {name: each.estimate(settings) for name, each in found.items()}
+
+
+def _statistics(sounds: Sequence[FaceMetrics]) -> dict[str, ClipStatistic]:
+    """Every figure that some sound allows."""
+    errors = [each.errors for each in sounds if each.errors is not None]
+    frames = np.array([each.frames for each in errors], float)
+    found: dict[str, ClipStatistic] = {}
+    for name in (field.name for field in fields(VertexErrors) if field.name != "frames"):
+        values = np.array([getattr(each, name) for each in errors])
+        found[name] = ClipStatistic(
+            ratio_statistic(values * frames, frames) if name in FRAME_AVERAGED else mean_statistic(values), len(values)
+        )
+    for name in (field.name for field in fields(ArticulationMetrics)):
+        found[name] = nanmean_statistic(np.array([getattr(each.articulation, name) for each in sounds]))
+    own, truth = (np.array([getattr(each, name) for each in sounds]) for name in ("diversity", "diversity_truth"))
+    several = ~np.isnan(own + truth)
+    found["diversity"] = nanmean_statistic(own)
+    if truth[several].all():
+        found["diversity_ratio"] = ClipStatistic(ratio_statistic(own[several], truth[several]), int(several.sum()))
+    known = [each for each in sounds if not np.isnan(each.accuracy)]
+    accuracy, emotions = np.array([each.accuracy for each in known]), np.array([each.emotion for each in known])
+    found["emotion_accuracy"] = ClipStatistic(
+        lambda drawn: balanced_accuracy(accuracy[drawn], emotions[drawn]), len(known)
+    )
+    return {name: each for name, each in found.items() if each.count}

@@ -1,0 +1,93 @@
+"""Does a head move as the speech has it? One-class SVMs on correlations (Zhang et al., section 5.1, eq. 9, Table 1).
+
+Of every 256 frames, the Pearson correlations of 29 speech features with the six numbers of the pose make 174 features.
+An SVM of one class (Schoelkopf et al. 2001) learns those of a speaker's own speech and poses in the train split; told
+is the share of test windows that it takes for such, for own poses, and for poses of other windows of each speaker.
+
+Ours: the paper's 29 speech features are DeepSpeech's characters; here the embedding is reduced to 29 by PCA.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+
+from talkingeyes.core.settings import Settings
+from talkingeyes.evaluation.head_pose.windows import PoseWindows
+
+MAX_PCA_FRAMES = 20_000
+
+
+class SVMSettings(Settings):
+    """The one-class SVM. `nu` is the share of training windows that may lie outside."""
+
+    features: Annotated[int, Field(gt=0)]
+    nu: Annotated[float, Field(gt=0, lt=1)]
+    seed: int
+
+
+@dataclass(frozen=True)
+class AcceptanceRates:
+    """By speaker of the speech: share taken for own with own poses, and with poses of each speaker (columns)."""
+
+    matched: Float[ndarray, " K"]
+    random_poses: Float[ndarray, "K K"]
+
+
+def correlations(speech: Float[ndarray, "N L S"], pose: Float[ndarray, "N L P"]) -> Float[ndarray, "N F"]:
+    """Eq. 9 of all pairs of a speech feature and a number of the pose; 0 where one of them does not vary."""
+    ours, theirs = (each - each.mean(1, keepdims=True) for each in (speech.astype(float), pose.astype(float)))
+    norms = (
+        np.sqrt(np.einsum("nls,nls->ns", ours, ours))[:, :, None]
+        * np.sqrt(np.einsum("nlp,nlp->np", theirs, theirs))[:, None]
+    )
+    products = np.einsum("nls,nlp->nsp", ours, theirs)
+    found = np.divide(products, norms, out=np.zeros_like(products), where=norms > 1e-12)
+    return np.asarray(found.reshape(len(found), -1))
+
+
+def fit_pca(speech: Float[ndarray, "N L C"], settings: SVMSettings) -> Any:
+    """The PCA of speech features, from frames of the train split."""
+    from sklearn.decomposition import PCA
+
+    frames = speech.reshape(-1, speech.shape[-1])
+    chosen = np.random.default_rng(settings.seed).choice(len(frames), min(MAX_PCA_FRAMES, len(frames)), replace=False)
+    return PCA(settings.features, random_state=settings.seed).fit(frames[chosen])
+
+
+def apply_pca(pca: Any, speech: Float[ndarray, "N L C"]) -> Float[ndarray, "N L S"]:
+    """Speech features of windows."""
+    return np.asarray(pca.transform(speech.reshape(-1, speech.shape[-1])).reshape(*speech.shape[:2], -1))
+
+
+def acceptance_rates(
+    train: PoseWindows, test: PoseWindows, speakers: Sequence[str], settings: SVMSettings, repeats: int = 5
+) -> AcceptanceRates:
+    """Table 1. A random pose is that of another test window of the speaker, drawn `repeats` times."""
+    from sklearn.svm import OneClassSVM
+
+    pca, rng = fit_pca(train.speech, settings), np.random.default_rng(settings.seed)
+    heard_train, heard_test = apply_pca(pca, train.speech), apply_pca(pca, test.speech)
+    own, others = np.full(len(speakers), np.nan), np.full((len(speakers), len(speakers)), np.nan)
+    for index in range(len(speakers)):
+        mine, tested = train.speaker == index, np.flatnonzero(test.speaker == index)
+        if not mine.any() or not len(tested):
+            continue
+        svm = OneClassSVM(nu=settings.nu, gamma="scale").fit(correlations(heard_train[mine], train.pose[mine]))
+
+        def accepted(poses: ndarray, svm: Any = svm, tested: ndarray = tested) -> float:
+            return float((svm.predict(correlations(heard_test[tested], poses)) > 0).mean())
+
+        own[index] = accepted(test.pose[tested])
+        for other in range(len(speakers)):
+            sources = np.flatnonzero(test.speaker == other)
+            if len(sources):
+                drawn = [accepted(test.pose[rng.choice(sources, len(tested))]) for _ in range(repeats)]
+                others[index, other] = np.mean(drawn)
+    return AcceptanceRates(own, others)

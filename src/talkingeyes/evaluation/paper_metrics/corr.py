@@ -1,0 +1,77 @@
+"""Corr. (section V-B.3): the cosine of the critic's features of sound and motion over windows of 8 s; the critic's AUC.
+
+Higher is not better: a conditional mean is more predictable than any true motion, and a constant can beat a random
+draw. So Corr. is read as a distance to that of the truth, beside shuffled truth and a constant (LEARNING.md, point 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from torch import Tensor
+
+from talkingeyes.models.contrastive_critic import MIRROR_SIGNS, Critic, CriticNetworkSettings, part_angles
+from talkingeyes.training.checkpoint import load
+
+
+def auc(positives: Float[ndarray, " P"], negatives: Float[ndarray, " N"]) -> float:
+    """Chance that a positive scores above a negative; ties count half."""
+    ordered = np.sort(negatives)
+    below, not_above = (np.searchsorted(ordered, positives, side=side) for side in ("left", "right"))
+    return float((below + not_above).mean() / 2 / len(ordered))
+
+
+class CriticCorrelation:
+    """A frozen critic of one part, as a metric."""
+
+    def __init__(self, part: str, critic: Critic, frames: int, hop: int) -> None:
+        """`frames` a window, one window every `hop` frames."""
+        self.part, self.critic, self.frames, self.hop = part, critic.eval(), frames, hop
+
+    @classmethod
+    def load(cls, folder: Path, part: str) -> CriticCorrelation:
+        """From what the stage `critic` wrote."""
+        checkpoint = load(folder / part)
+        tensors, config = checkpoint.tensors, checkpoint.config
+        critic = Critic(
+            CriticNetworkSettings.model_validate(config["network"]),
+            tensors["speech_channels"],
+            tensors["speech_mean"],
+            tensors["speech_std"],
+            tensors["motion_scale"],
+            len(MIRROR_SIGNS[part]),
+        )
+        critic.load_state_dict(tensors)
+        return cls(part, critic, int(config["frames"]), int(config["hop"]))
+
+    def __call__(
+        self, speech: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
+    ) -> Float[ndarray, " S"]:
+        """Corr. of each sample: mean over the windows; a clip shorter than a window is one window."""
+        return np.asarray(self.score_sounds([speech], head, gaze)[0])
+
+    @torch.no_grad()
+    def score_sounds(
+        self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
+    ) -> Float[ndarray, "N S"]:
+        """The same under each of several sounds, as far as both last; a window of motion is looked at once for all."""
+        motion = torch.from_numpy(part_angles(self.part, head, gaze).astype(np.float32))
+        seen: dict[tuple[int, int], Tensor] = {}
+        found = []
+        for sound in sounds:
+            heard = torch.from_numpy(sound[:, self.critic.speech_channels.numpy()].astype(np.float32))
+            frames = min(len(sound), motion.shape[1])
+            values = []
+            for start in range(0, max(0, frames - self.frames) + 1, self.hop):
+                stop = min(start + self.frames, frames)
+                if (start, stop) not in seen:
+                    seen[start, stop] = self.critic.motion(motion[:, start:stop]).flatten(1)
+                one = self.critic.speech(heard[None, start:stop]).flatten(1)
+                values.append(torch.cosine_similarity(one, seen[start, stop]).numpy())
+            found.append(np.mean(values, axis=0))
+        return np.asarray(found)

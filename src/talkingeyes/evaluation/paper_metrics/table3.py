@@ -1,0 +1,226 @@
+"""Table III as text, and what the project asks of it.
+
+The rows of the paper's Table III, with truth, fitted and mismatched motion around them and the paper's own numbers (on
+TKED-Test) beside them. Those came from another corpus and another critic: compare the order of rows, not the values.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+# {split: {part: {figure: {value, low, high}}}}, what the stage `evaluate` writes for each row.
+MethodMetrics = Mapping[str, Any]
+
+TITLES = {
+    "truth": "Truth",
+    "fitted": "Fitted motion",
+    "mismatched": "Mismatched motion",
+    "mean": "Mean",
+    "random": "Random",
+    "similar": "Similar Sample",
+    "vae": "VAE",
+    "talkingeyes_paper": "TalkingEyes, as in the paper",
+    "talkingeyes": "TalkingEyes",
+    "talkingeyes_live": "TalkingEyes, live (0.24 s ahead)",
+}
+# Tables III and V of the paper: Diversity, Corr., L2.
+PUBLISHED = {
+    "gaze": {
+        "mean": (0.0, 0.45685, 0.17162),
+        "random": (0.23383, 0.49117, 0.23989),
+        "similar": (0.06170, 0.57849, 0.23479),
+        "vae": (0.06655, 0.45796, 0.17887),
+        "talkingeyes_paper": (0.26398, 0.60435, 0.26570),
+    },
+    "head": {"vae": (0.09645, 0.52148, 0.23699), "talkingeyes_paper": (0.05143, 0.51913, 0.22731)},
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, where its figure stands, and how it is written."""
+
+    heading: str
+    part: str
+    metric: str
+    digits: int = 3
+
+
+COLUMNS = {
+    "gaze": (
+        Column("Div.", "gaze", "diversity"),
+        Column("Div. / truth", "gaze", "diversity_ratio", 2),
+        Column("Corr. eye-in-head", "gaze", "corr"),
+        Column("Corr. gaze in space", "gaze_in_space", "corr"),
+        Column("L2", "gaze", "l2"),
+        Column("speed °/s", "gaze", "speed", 1),
+        Column("99 % °/s", "gaze", "speed_p99", 0),
+        Column("still, eye", "gaze", "still_fraction", 2),
+        Column("still, space", "gaze_in_space", "still_fraction", 2),
+    ),
+    "head": (
+        Column("Div.", "head", "diversity"),
+        Column("Div. / truth", "head", "diversity_ratio", 2),
+        Column("Corr.", "head", "corr"),
+        Column("L2", "head", "l2"),
+        Column("speed °/s", "head", "speed", 1),
+        Column("99 % °/s", "head", "speed_p99", 0),
+    ),
+}
+CSV_COLUMNS = tuple(dict.fromkeys((*COLUMNS["gaze"], *COLUMNS["head"])))
+SPLIT_TITLES = {"test": "Test: speakers that models know, new sentences", "unseen": "Unseen: new speakers"}
+
+
+def order_rows(rows: Mapping[str, MethodMetrics]) -> list[str]:
+    """Row names in the order of the table; rows it does not know come last."""
+    return [*(name for name in TITLES if name in rows), *sorted(set(rows) - set(TITLES))]
+
+
+def metric(table: MethodMetrics, split: str, part: str, name: str) -> Mapping[str, float] | None:
+    """One figure with its interval, if the row has it."""
+    found: Mapping[str, float] | None = table.get(split, {}).get(part, {}).get(name)
+    return found
+
+
+def markdown(rows: Mapping[str, MethodMetrics]) -> str:
+    """Table III (eyes) and the head's, for each split."""
+    lines: list[str] = []
+    for split, title in SPLIT_TITLES.items():
+        for part, columns in COLUMNS.items():
+            lines += [f"### {title}: {'eyes' if part == 'gaze' else 'head'}", ""]
+            headings = ["", *(column.heading for column in columns), "paper: Div., Corr., L2"]
+            lines += [markdown_row(headings), markdown_row(["---"] * len(headings))]
+            lines += [markdown_row(_cells(name, rows[name], split, part)) for name in order_rows(rows)]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def to_csv(rows: Mapping[str, MethodMetrics]) -> str:
+    """The same, a row and split a line, with the limits of every interval."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    headings = [f"{column.part}_{column.metric}" for column in CSV_COLUMNS]
+    limits = [f"{heading}{limit}" for heading in headings for limit in ("", "_low", "_high")]
+    papers = [f"paper_{part}_{name}" for part in PUBLISHED for name in ("diversity", "corr", "l2")]
+    writer.writerow(["split", "row", *limits, *papers])
+    for split in SPLIT_TITLES:
+        for name in order_rows(rows):
+            cells: list[str] = []
+            for column in CSV_COLUMNS:
+                found = metric(rows[name], split, column.part, column.metric)
+                cells += [f"{found[key]:.6g}" if found else "" for key in ("value", "low", "high")]
+            for of_part in PUBLISHED.values():
+                cells += [str(value) for value in of_part.get(name, ("", "", ""))]
+            writer.writerow([split, name, *cells])
+    return text.getvalue()
+
+
+def _cells(name: str, table: MethodMetrics, split: str, part: str) -> list[str]:
+    found = [(column, metric(table, split, column.part, column.metric)) for column in COLUMNS[part]]
+    paper = PUBLISHED[part].get(name)
+    return [
+        TITLES.get(name, name),
+        *(_written(value, column.digits) if value else "" for column, value in found),
+        ", ".join(f"{value:.3f}" for value in paper) if paper else "",
+    ]
+
+
+def _written(value: Mapping[str, float], digits: int) -> str:
+    return f"{value['value']:.{digits}f} <sub>{value['low']:.{digits}f}–{value['high']:.{digits}f}</sub>"
+
+
+def markdown_row(cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A figure with the bounds that it should lie in; `value` None where nothing measured it."""
+
+    name: str
+    value: float | None
+    minimum: float = -math.inf
+    maximum: float = math.inf
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it lies inside."""
+        return self.value is not None and self.minimum <= self.value <= self.maximum
+
+    @property
+    def bounds(self) -> str:
+        """The bounds in words."""
+        if math.isinf(self.maximum):
+            return f"at least {self.minimum:.3g}"
+        return (
+            f"at most {self.maximum:.3g}" if math.isinf(self.minimum) else f"{self.minimum:.3g} to {self.maximum:.3g}"
+        )
+
+    @property
+    def deviation(self) -> float:
+        """By how much it fails."""
+        if self.value is None or self.is_met:
+            return 0.0
+        return self.value - (self.minimum if self.value < self.minimum else self.maximum)
+
+
+def requirements(rows: Mapping[str, MethodMetrics]) -> list[Requirement]:
+    """What is asked of TalkingEyes with its own head, and of the critics, on each split."""
+    return [each for split in SPLIT_TITLES for each in _of_split(rows, split)]
+
+
+def _of_split(rows: Mapping[str, MethodMetrics], split: str) -> list[Requirement]:
+    def value(row: str, part: str, name: str) -> float | None:
+        found = metric(rows.get(row, {}), split, part, name)
+        return found["value"] if found else None
+
+    above = [value(row, "gaze", "diversity") or 0.0 for row in ("mean", "vae")]
+    found = [
+        Requirement(
+            f"{split}: Diversity above Mean and VAE", value("talkingeyes", "gaze", "diversity"), minimum=max(above)
+        ),
+        Requirement(f"{split}: Diversity to truth's own", value("talkingeyes", "gaze", "diversity_ratio"), 0.5, 1.3),
+        Requirement(f"{split}: mean eye speed to truth's", value("talkingeyes", "gaze", "speed_ratio"), 0.6, 1.5),
+        Requirement(
+            f"{split}: 99 % of eye speed to truth's", value("talkingeyes", "gaze", "speed_p99_ratio"), 0.6, 1.5
+        ),
+        Requirement(
+            f"{split}: share of frames with gaze in space still",
+            value("talkingeyes", "gaze_in_space", "still_fraction"),
+            0.75,
+        ),
+    ]
+    for part, title in (("gaze", "eye-in-head"), ("gaze_in_space", "gaze in space"), ("head", "head")):
+        difference = value("mismatched", part, "corr_minus_fitted")
+        less = None if difference is None else -difference
+        found.append(Requirement(f"{split}: Corr. of {title}, matched above mismatched by", less, minimum=0.0))
+    return found
+
+
+def requirements_table(found: Sequence[Requirement]) -> str:
+    """Requirements as a table: value, bound, whether reached."""
+    lines = [markdown_row(["required", "bound", "found", ""]), markdown_row(["---"] * 4)]
+    for each in found:
+        state = (
+            "reached" if each.is_met else "not measured" if each.value is None else f"**off by {each.deviation:+.3g}**"
+        )
+        lines.append(markdown_row([each.name, each.bounds, "" if each.value is None else f"{each.value:.3g}", state]))
+    return "\n".join(lines)
+
+
+def critic_table(report: Mapping[str, Any]) -> str:
+    """What the critics can tell, from critic/report.json."""
+    names = ("auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant")
+    headings = ["critic", "on", "AUC, same speaker", "AUC, all", "Corr. of truth", "shuffled truth", "a constant"]
+    lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
+    for part, groups in report.items():
+        for group, verdict in groups.items():
+            cells = [_written(verdict[name], 3) if verdict[name] else "" for name in names]
+            lines.append(markdown_row([part, group.replace("_", " "), *cells]))
+    return "\n".join(lines)

@@ -1,0 +1,94 @@
+"""The two eyes as a pair, their range, and the head's part in gaze shifts.
+
+Stahl 1999: the head takes part beyond a threshold of eccentricity; Guitton & Volle 1987: it starts after the eye. When
+a head movement starts cannot be seen to 20 ms in a head that never rests, so onsets are those of the events, where they
+are known; the share is read from the motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy import ndarray
+
+from talkingeyes.core.motion import Events
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measurement
+
+YAW_DEG, PITCH_DEG = 30.0, (-30.0, 20.0)
+ROUNDING_DEG = 0.01  # of float32 files
+FOLLOWED_S = (-0.1, 0.8)  # of a saccade's onset, over which the head's part is read
+MIN_GAZE_SHIFT_DEG = 5.0
+LAG_S, ALIGNED, MIN_HEAD_MOVEMENT_DEG = (-0.12, 0.17), 0.8, 1.0
+
+
+def extract(behaviour: Behaviour, axis_divergence_rad: float) -> PooledArrays:
+    """Frames in range, vergence while looking at the partner, and eccentricity and head turn of each gaze shift."""
+    angles = np.degrees(behaviour.eye_rad[behaviour.valid])
+    yaw, pitch = np.abs(angles[..., 0]).max(axis=1), angles[..., 1]
+    inside = (yaw < YAW_DEG + ROUNDING_DEG) & (pitch > PITCH_DEG[0] - ROUNDING_DEG).all(axis=1)
+    inside &= (pitch < PITCH_DEG[1] + ROUNDING_DEG).all(axis=1)
+    at_partner = (behaviour.valid & ~behaviour.states.averted)[behaviour.valid]
+    converged = angles[:, 1, 0] - angles[:, 0, 0] + np.degrees(axis_divergence_rad)
+    return {
+        "range.inside": np.array([[inside.sum(), len(inside)]]),
+        "vergence.deg": np.array([[converged[at_partner].sum(), at_partner.sum()]]),
+        **extract_gaze_shifts(behaviour),
+    }
+
+
+def extract_gaze_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
+    """Of each saccade: how far its goal was from where the head pointed, and how far the head turned towards it."""
+    fps, found = behaviour.fps, behaviour.saccades
+    first = np.round((found.onset_s + FOLLOWED_S[0]) * fps).astype(int)
+    last = np.round((found.onset_s + FOLLOWED_S[1]) * fps).astype(int)
+    whole = (first >= 0) & (last < len(behaviour)) & (found.amplitude_deg >= MIN_GAZE_SHIFT_DEG)
+    first, last = first[whole], last[whole]
+    goal = found.start_rad[whole] + found.displacement_rad[whole]
+    away = goal - behaviour.head_rad[first]
+    eccentricity = np.linalg.norm(away, axis=1)
+    turn = ((behaviour.head_rad[last] - behaviour.head_rad[first]) * away).sum(axis=1) / np.maximum(eccentricity, 1e-9)
+    return {"shift.eccentricity_deg": np.degrees(eccentricity), "shift.head_deg": np.degrees(turn)}
+
+
+def extract_events(events: Events) -> PooledArrays:
+    """Head minus eye onset, of head moves that go the way of a large saccade at about its time."""
+    lags = []
+    for saccade in events.saccades:
+        step = np.subtract(saccade.end_rad, saccade.start_rad)
+        if np.hypot(*step) < np.radians(MIN_GAZE_SHIFT_DEG):
+            continue
+        for move in events.head_movements:
+            turn = np.array([move.delta_rad[1], -move.delta_rad[0]])
+            size, lag = float(np.hypot(*turn)), move.onset_s - saccade.onset_s
+            aligned = turn @ step > ALIGNED * size * np.hypot(*step)
+            if LAG_S[0] <= lag <= LAG_S[1] and aligned and size >= np.radians(MIN_HEAD_MOVEMENT_DEG):
+                lags.append(lag)
+                break
+    return {"lag.s": np.array(lags)}
+
+
+def in_range(pool: PooledArrays) -> Measurement:
+    """Percent of frames with both eyes within the range of conversation."""
+    inside, frames = pool["range.inside"].sum(axis=0)
+    return measurement(100 * inside / max(frames, 1), int(frames), "frames", 100)
+
+
+def vergence(pool: PooledArrays) -> Measurement:
+    """Mean angle between the lines of sight while looking at the partner, degrees."""
+    total, frames = pool["vergence.deg"].sum(axis=0)
+    return measurement(total / max(frames, 1), int(frames), "frames", 100)
+
+
+def onset_lag_ms(pool: PooledArrays) -> Measurement:
+    """Median of head minus eye onset."""
+    lags = pool["lag.s"]
+    return measurement(1000 * float(np.median(lags)) if len(lags) else np.nan, len(lags), "shifts with the head", 50)
+
+
+def head_contribution(pool: PooledArrays, low_deg: float, high_deg: float) -> Measurement:
+    """Share of the eccentricity that the head makes up, over shifts to goals at an eccentricity: sums, so that the
+    head's own unrest cancels."""
+    eccentricity = pool["shift.eccentricity_deg"]
+    within = (eccentricity >= low_deg) & (eccentricity < high_deg)
+    total = float(eccentricity[within].sum())
+    return measurement(float(pool["shift.head_deg"][within].sum()) / max(total, 1e-9), int(within.sum()), "shifts", 30)

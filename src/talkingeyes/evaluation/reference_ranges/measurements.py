@@ -1,0 +1,246 @@
+"""Every figure of the acceptance table, by the name of its fact, from pools of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour
+from talkingeyes.evaluation.reference_ranges import blinks, eyes, face, head, partner_gaze, probes, saccades
+from talkingeyes.evaluation.reference_ranges.clip_data import (
+    ClipData,
+    Measurement,
+    PooledArrays,
+    benchmark_metric,
+    benchmark_sums,
+    measurement,
+    no_measurement,
+)
+
+RATES_FPS = (500, 120, 60, 25)
+Measurements = dict[str, Measurement]
+
+
+def extract(clip_data: ClipData) -> PooledArrays:
+    """All that one clip at its own frame rate tells."""
+    behaviour, pool = clip_data.behaviour, dict(benchmark_sums(clip_data.behaviour))
+    if behaviour.head is not None and behaviour.gaze is not None:
+        pool |= {**saccades.extract(behaviour), **eyes.extract(behaviour, clip_data.axis_divergence_rad)}
+    if clip_data.events is not None:
+        pool |= eyes.extract_events(clip_data.events)
+    if behaviour.lid is not None:
+        pool |= blinks.extract(clip_data.speaker, behaviour, clip_data.annotation)
+    if clip_data.motion is not None:
+        pool |= face.extract_lids(_in_mood(clip_data), clip_data.motion)
+    if clip_data.annotation is not None:
+        pool |= {**partner_gaze.extract(clip_data.speaker, behaviour, clip_data.annotation), **_style(clip_data)}
+        if clip_data.frame_prosody is not None:
+            pool |= head.extract(behaviour, clip_data.annotation, clip_data.frame_prosody)
+            if clip_data.motion is not None:
+                pool |= face.extract_jaw(clip_data.motion, behaviour, clip_data.annotation, clip_data.frame_prosody)
+    return pool
+
+
+def _in_mood(clip_data: ClipData) -> str:
+    """Whose lids these are: fear widens and sadness narrows one person's eyes, which is not for gaze to explain."""
+    said = clip_data.annotation
+    return clip_data.speaker if said is None else f"{clip_data.speaker} {said.emotion} {said.intensity}"
+
+
+def _style(clip_data: ClipData) -> dict[str, np.ndarray]:
+    behaviour = clip_data.behaviour
+    assert behaviour.head is not None
+    away = np.degrees(behaviour.head[behaviour.valid])
+    seconds, fps = len(behaviour) / behaviour.fps, behaviour.fps
+    return {
+        "style.speaker": np.array([clip_data.speaker]),
+        "style.s": np.array([seconds]),
+        "style.blinks": np.array([float(len(behaviour.blinks))]),
+        "style.looked_s": np.array([float((~behaviour.states.averted).sum()) / fps]),
+        "style.head_deg_s": np.array([float(np.sqrt(away.var(axis=0).sum())) * seconds]),
+    }
+
+
+def measure_gaze(pool: PooledArrays) -> Measurements:
+    """Saccades, eyes and spectrum of gaze."""
+    return {
+        "below_5": saccades.fraction_below(pool, 5.0),
+        "below_15": saccades.fraction_below(pool, 15.0),
+        "amplitude": saccades.mean_amplitude(pool),
+        "cardinal": saccades.cardinal(pool),
+        "rate": saccades.rate(pool),
+        "eye_yaw": benchmark_metric(pool, "eye/sd_yaw"),
+        "eye_pitch": benchmark_metric(pool, "eye/sd_pitch"),
+        "in_range": eyes.in_range(pool),
+        "conjugacy": benchmark_metric(pool, "eye/conjugacy"),
+        "torsion": benchmark_metric(pool, "eye/torsion"),
+        "vergence": eyes.vergence(pool),
+        "vor_yaw": _slope(pool, "yaw"),
+        "vor_pitch": _slope(pool, "pitch"),
+        "speed": benchmark_metric(pool, "eye/speed"),
+        "psd_gaze": benchmark_metric(pool, "gaze_in_space/spectrum_slope"),
+    }
+
+
+def _slope(pool: PooledArrays, axis: str) -> Measurement:
+    """Of eye velocity on head velocity between saccades."""
+    product, square = (float(pool[f"counter.{axis}{end}"].sum()) for end in ("", "_head"))
+    return measurement(product / square if square else np.nan, int(pool["counter.frames"].sum()), "frames", 1500)
+
+
+def measure_main_sequence(pool: PooledArrays) -> Measurements:
+    """The main sequence at the highest rate, and what is left of its peaks at 25 frames a second."""
+    main_sequence_model = saccades.main_sequence_model(pool, "at500")
+    return {
+        "largest": saccades.largest(pool, "at500"),
+        "vmax": main_sequence_model["most"],
+        "constant": main_sequence_model["constant"],
+        "slope_10": saccades.log_slope(pool, "at500", 0.5, 10.0),
+        "slope_40": saccades.log_slope(pool, "at500", 0.5, 40.0),
+        "duration_slope": main_sequence_model["slope"],
+        "duration_intercept": main_sequence_model["intercept"],
+        "shape": main_sequence_model["shape"],
+        "peak_5": saccades.peak_ratio(pool, "same25", 4.0, 6.0),
+        "peak_20": saccades.peak_ratio(pool, "same25", 16.0, 24.0),
+    }
+
+
+def measure_gaze_shifts(pool: PooledArrays) -> Measurements:
+    """Large gaze shifts, which are rare: the head's share of them, and blinks with them."""
+    return {
+        "share_10": eyes.head_contribution(pool, 8.0, 12.0),
+        "share_25": eyes.head_contribution(pool, 21.0, 30.0),
+        "evoked": blinks.gaze_evoked(pool),
+    }
+
+
+def extract_gaze_shifts(behaviour: Behaviour) -> PooledArrays:
+    """What `measure_gaze_shifts` needs of one motion."""
+    return {**eyes.extract_gaze_shifts(behaviour), **blinks.extract_gaze_shifts(behaviour)}
+
+
+def measure_head(pool: PooledArrays) -> Measurements:
+    """Spread, speed and spectrum of the head."""
+    return {
+        "head_yaw": benchmark_metric(pool, "head/sd_yaw"),
+        "head_pitch": benchmark_metric(pool, "head/sd_pitch"),
+        "head_roll": benchmark_metric(pool, "head/sd_roll"),
+        "head_fast": head.fast_power_fraction(pool),
+        "psd_head": benchmark_metric(pool, "head/spectrum_slope"),
+    }
+
+
+def measure_speech(pool: PooledArrays) -> Measurements:
+    """What needs the sound's annotation: looking, the head in speech, blinks at phrase ends, jaw, styles."""
+    talking, onset = partner_gaze.fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
+    return {
+        "look": talking["mean"],
+        "look_sd": talking["sd"],
+        "look_listening": partner_gaze.listening_fraction(pool),
+        "start_averted": partner_gaze.averted_at_utterances(pool, "start"),
+        "end_looking": _complement(partner_gaze.averted_at_utterances(pool, "end")),
+        "aversion": partner_gaze.dwell_median(pool, True),
+        "mutual": partner_gaze.dwell_median(pool, False),
+        "onset": onset["median"],
+        "onset_iqr": onset["iqr"],
+        "head_speed": head.speaking_speed(pool),
+        "head_ratio": benchmark_metric(pool, "head/speech_speed_ratio"),
+        "phrase_end": blinks.phrase_end_ratio(pool),
+        "icc_blink": probes.style_icc(pool, "blinks"),
+        "icc_look": probes.style_icc(pool, "looked_s"),
+        "icc_head": probes.style_icc(pool, "head_deg_s"),
+    }
+
+
+def _complement(fraction: Measurement) -> Measurement:
+    return fraction if fraction.value is None else Measurement(1 - fraction.value, fraction.count, fraction.count_unit)
+
+
+def measure_prosody(pool: PooledArrays) -> Measurements:
+    """What needs the sound itself."""
+    return {
+        "cca": head.sentence_correlation(pool),
+        "tie": head.frame_correlation(pool),
+        "jaw_wide": face.jaw_opening_p95(pool),
+        "jaw_hz": face.jaw_peak_hz(pool),
+        "jaw_envelope": face.jaw_envelope(pool),
+    }
+
+
+def measure_blinks(pool: PooledArrays) -> Measurements:
+    """Rates over people, intervals, blinks at gaze shifts."""
+    rate = blinks.rate(pool)
+    return {
+        "blink_rate": rate["mean"],
+        "blink_low": rate["low"],
+        "blink_high": rate["high"],
+        "blink_cv": benchmark_metric(pool, "blinks/interval_cv"),
+    }
+
+
+def measure_blink_kinematics(pool: PooledArrays) -> Measurements:
+    """Kinematics of blinks at the highest rate."""
+    kinematics = blinks.kinematics(pool)
+    return {f"blink_{name}": kinematics[name] for name in ("length", "down", "up", "faster")}
+
+
+def measure_lids(pool: PooledArrays) -> Measurements:
+    """Lids that follow gaze."""
+    gains = face.lid_gains(pool)
+    return {"lid_down": gains["down"], "lid_up": gains["up"], "lid_model": face.lid_r_squared(pool)}
+
+
+def measure_take_variance(pool: PooledArrays) -> Measurements:
+    """Shares of variance that a new draw makes."""
+    return {f"seed_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head", "jaw")}
+
+
+def measure_blink_rate_draws(paper: Sequence[float], physiological: Sequence[float]) -> Measurements:
+    """Drawn blink rates: 1,000 of the profile `paper`, 500 speakers of the profile `physiological`."""
+    return {
+        "paper_mean": measurement(float(np.mean(paper)), len(paper), "draws"),
+        "paper_sd": measurement(float(np.std(paper, ddof=1)), len(paper), "draws"),
+        "log_normal": blinks.log_normal_p(physiological),
+    }
+
+
+def measure_fit(table8: Mapping[str, Any]) -> Measurements:
+    """Table VIII, as the stage `fit` has it."""
+    rows = {row["method"]: row for row in table8["rows"]}
+
+    def cell(method: str, key: str) -> Measurement:
+        if key not in rows.get(method, {}):
+            return no_measurement(f"fit has no {key} of {method}")
+        return measurement(rows[method][key], rows[method]["clips"], "clips")
+
+    return {
+        "fit_error": cell("lightgazefit", "error_px"),
+        "fit_peak": cell("lightgazefit", "saccade_peak_ratio"),
+        "fit_speed": cell("lightgazefit", "velocity_ratio"),
+    }
+
+
+def measure_onset_lag(pool: PooledArrays) -> Measurement:
+    """How much later than the eyes the head starts."""
+    return eyes.onset_lag_ms(pool)
+
+
+def measure_eye_aspect_ratio() -> Measurements:
+    """The eye aspect ratio of the open head."""
+    return {
+        "ear_open": measurement(face.eye_aspect_ratio(0.0), 1, "head"),
+        "ear_shut": measurement(face.eye_aspect_ratio(1.0), 1, "head"),
+    }
+
+
+def measure_pupils(pool: PooledArrays, projected_px: float) -> Measurements:
+    """A fitter like Gaze360, simulated, and the projection of the pupils."""
+    distance, distances, speed, true = pool["raw.sums"].sum(axis=0)
+    count = len(pool["raw.sums"])
+    return {
+        "raw_error": measurement(distance / max(distances, 1), count, "clips"),
+        "raw_speed": measurement(speed / max(true, 1e-9), count, "clips"),
+        "projected": measurement(projected_px, 2, "pupils"),
+    }

@@ -1,0 +1,191 @@
+"""Which measure notices which fault: the matrix of measures against corrupted truth.
+
+The reference are true takes of every sound, what is judged are other takes of the same sounds, as they are and with
+each fault. A measure catches a fault when it tells it from the reference by more than its bootstrap interval, in its
+own direction, and farther than it tells true from true. The effect is the distance in intervals: 1 is the edge of the
+interval, below 1 nothing is caught. One in twenty true takes is told apart by chance: that is what intervals mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.recordings import Recording
+from talkingeyes.evaluation.benchmark.behaviour import Behaviour, behaviour
+from talkingeyes.evaluation.benchmark.comparison import Accumulator, Comparison, MetricResult, extract
+from talkingeyes.evaluation.benchmark.features import Encoder, add_features, gather_features
+from talkingeyes.evaluation.benchmark.metric import HIGHER, LOWER, Metric
+from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings, MotionEncoder, fit_motion_encoder
+from talkingeyes.evaluation.paper_metrics.l2_diversity import l2_error
+from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption, apply_corruption
+from talkingeyes.synthesis.sketched_clips import SketchedClip
+
+# Intervals by which a fault must be farther from the truth than other true takes are.
+MARGIN = 0.5
+SIGNIFICANCE_LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class TakeSets:
+    """True takes of the same sounds, as many to judge as to compare with; each judged one has one as its reference."""
+
+    reference: Sequence[Sequence[Behaviour]]
+    evaluated: Sequence[Sequence[Behaviour]]
+    speakers: Sequence[str]
+
+
+def split_takes(talks: Sequence[SketchedClip]) -> TakeSets:
+    """The first half of the takes of every sound is the reference, the second half is judged."""
+    reference, evaluated = [], []
+    for talk in talks:
+        half = len(talk.takes) // 2
+        motions = [_behaviour(motion, talk) for motion in talk.takes[: 2 * half]]
+        evaluated.append([replace(each, reference=motions[0]) for each in motions[half:]])
+        reference.append([replace(each, reference=motions[half]) for each in motions[:half]])
+    return TakeSets(reference, evaluated, [talk.speaker for talk in talks])
+
+
+def _behaviour(motion: Motion, talk: SketchedClip) -> Behaviour:
+    fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
+    return behaviour(motion.fps, fields, motion.valid, talk.annotation)
+
+
+def train_pool_encoder(talks: Sequence[SketchedClip], settings: EncoderSettings, seed: int) -> MotionEncoder:
+    """An encoder that learns on the first takes of a pool; a fifth of its speakers is kept out."""
+    recordings = [_recording(number, talk) for number, talk in enumerate(talks)]
+    speakers = sorted({talk.speaker for talk in talks})
+    held_out = set(speakers[::5])
+    train, held = ([each for each in recordings if (each.clip.speaker in held_out) == out] for out in (False, True))
+    return fit_motion_encoder(train, held, settings, seed).encoder
+
+
+def _recording(number: int, talk: SketchedClip) -> Recording:
+    motion, name = talk.takes[0], str(number)
+    clip = Clip(name, name, 0, talk.speaker, "train", motion.seconds, motion.fps, "", 0, "", "", "pool", "", "")
+    head, gaze = motion.head.astype(np.float32), motion.gaze.astype(np.float32)
+    return Recording(clip, np.zeros((len(motion), 1), np.float32), head, gaze, motion.valid)
+
+
+@dataclass(frozen=True)
+class FaultEffect:
+    """A measure of one fault. `effect_size` in intervals; NaN where there is no figure any more, which is told too."""
+
+    value: float
+    effect_size: float
+    baseline_effect: float
+
+    @property
+    def detected(self) -> bool:
+        """Whether the fault is told from the truth."""
+        return bool(np.isnan(self.effect_size) or self.effect_size > max(1.0, self.baseline_effect + MARGIN))
+
+    @property
+    def rated_better(self) -> bool:
+        """Whether the fault looks better than the truth."""
+        return bool(self.effect_size < min(-1.0, self.baseline_effect - MARGIN))
+
+
+# Measure to corruption to cell, in the order of the registry.
+SensitivityMatrix = Mapping[str, Mapping[str, FaultEffect]]
+
+
+def sensitivity_matrix(
+    takes: TakeSets,
+    settings: BootstrapSettings,
+    encoder: Encoder | None = None,
+    strength: float = 1.0,
+    corruptions: Sequence[Corruption] = CORRUPTIONS,
+    seed: int = 0,
+) -> SensitivityMatrix:
+    """All measures of the registry against all corruptions; those that the takes do not allow are left out."""
+    fps = takes.reference[0][0].fps
+    reference = accumulate(takes.reference, fps, encoder)
+    rows = {}
+    for corruption in (UNCORRUPTED, *corruptions):
+        wrong = accumulate(_corrupted(takes, corruption, strength, seed), fps, encoder)
+        rows[corruption.name] = list(Comparison(wrong, reference, settings, paired=True).rows(METRICS))
+    found = {}
+    for index, true in enumerate(rows[UNCORRUPTED.name]):
+        if true.value is not None and true.reference is not None:
+            found[true.metric.name] = {name: _cell(each[index], true) for name, each in rows.items()}
+    return found
+
+
+def _corrupted(takes: TakeSets, corruption: Corruption, strength: float, seed: int) -> list[list[Behaviour]]:
+    """The n-th takes of all sounds are corrupted together, so that a swap takes the n-th of another."""
+    columns = zip(*takes.evaluated, strict=True)
+    wrong = [
+        apply_corruption(column, takes.speakers, corruption, strength, seed + number)
+        for number, column in enumerate(columns)
+    ]
+    return [list(motions) for motions in zip(*wrong, strict=True)]
+
+
+def accumulate(sounds: Sequence[Sequence[Behaviour]], fps: float, encoder: Encoder | None) -> Accumulator:
+    """The sums of all motions, sound by sound."""
+    found = Accumulator(fps)
+    for motions in sounds:
+        known = add_features(motions, encoder)
+        found.add(extract(known), gather_features(known) if encoder else None)
+    return found
+
+
+def l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
+    """L2 of eye-in-head to the reference's first take (radians): the distance that a constant wins."""
+    wrong = _corrupted(takes, corruption, 1.0, seed)
+    found = []
+    for motions, reference in zip(wrong, takes.reference, strict=True):
+        gazes = np.stack([_gaze(motion) for motion in motions])
+        found.append(l2_error(gazes, _gaze(reference[0])))
+    return float(np.mean(found))
+
+
+def _gaze(motion: Behaviour) -> Float[ndarray, "T 6"]:
+    assert motion.gaze is not None
+    return motion.gaze.reshape(len(motion), 6)
+
+
+def detected_corruptions(of_measure: Mapping[str, FaultEffect]) -> list[str]:
+    """The corruptions that a measure catches."""
+    return [name for name, cell in of_measure.items() if name != UNCORRUPTED.name and cell.detected]
+
+
+def _cell(row: MetricResult, true: MetricResult) -> FaultEffect:
+    distance = float("nan") if row.value is None or row.reference is None else effect_size(row)
+    return FaultEffect(float("nan") if row.value is None else row.value.value, distance, effect_size(true))
+
+
+def effect_size(row: MetricResult) -> float:
+    """Distance from the reference in the measure's own direction, over the half of its interval on that side."""
+    assert row.value is not None
+    assert row.reference is not None
+    if row.metric.unit == "p":  # a probability has no interval: 1 is where it is called improbable
+        return float(np.log(row.value.value) / np.log(SIGNIFICANCE_LEVEL))
+    if row.difference is not None:
+        return _signed(row.difference, row.metric)
+    apart = row.value.value - row.reference.value
+    if row.metric.direction == LOWER:
+        return _over(apart, (row.value.value - row.value.low) + (row.reference.high - row.reference.value))
+    return _over(-apart, (row.value.high - row.value.value) + (row.reference.value - row.reference.low))
+
+
+def _signed(difference: Estimate, metric: Metric) -> float:
+    worse = difference.value
+    if metric.direction == HIGHER or (metric.direction != LOWER and worse < 0):
+        return _over(-worse, difference.high - worse)
+    return _over(worse, worse - difference.low)
+
+
+def _over(distance: float, half: float) -> float:
+    if distance == 0:
+        return 0.0
+    return distance / half if half > 0 else float("inf") if distance > 0 else float("-inf")

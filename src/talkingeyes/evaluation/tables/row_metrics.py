@@ -1,0 +1,103 @@
+"""A row of the paper's tables: a few numbers a sound, and what they say of all sounds under several seeds.
+
+Table II says in words how far VAE and VQ-VAE let a part move ("nearly stationary", "exaggerated"). Here it is measured:
+the range of a motion is the middle 95 % of each rotation component, averaged over components (pitch and yaw of the
+eyes, all three of the head) and over samples, beside the range of the truth under the same sounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.kinematics import still_fraction
+from talkingeyes.evaluation.bootstrap import ratio_statistic
+from talkingeyes.evaluation.head_pose.movement import jitter
+from talkingeyes.evaluation.multi_seed import ClipStatistic, MultiSeedStatistic, combine_seeds, nanmean_statistic
+from talkingeyes.evaluation.paper_metrics.summary import ClipMetrics, EvaluationCase, rotation_vectors
+
+RANGE_TAILS = (0.025, 0.975)
+MEANS = ("diversity", "corr", "l2", "speed", "still_fraction")
+# A ratio, its figure, and what it is compared with.
+RATIOS = {
+    "diversity_ratio": ("diversity", "diversity_truth"),
+    "speed_ratio": ("speed", "speed_truth"),
+    "range_ratio": ("range", "range_truth"),
+}
+HIGH_FREQUENCY = ("speed_above_5hz", "power_fraction_above_5hz")
+
+# {part/figure: value} of one sound or of one long motion.
+SoundMetrics = Mapping[str, float]
+
+
+def sound_metrics(case: EvaluationCase, figures: Mapping[str, ClipMetrics]) -> dict[str, float]:
+    """What is kept of one sound."""
+    found: dict[str, float] = {}
+    for part, each in figures.items():
+        own = {name: getattr(each, name) for name in ("diversity", "diversity_truth", "corr", "l2")}
+        own |= {"speed": float(each.speed.mean()), "speed_truth": float(each.speed_truth.mean())}
+        own |= {"still_fraction": float(still_fraction(each.speed))}
+        if part != "gaze_in_space":
+            own |= {"range": range_rad(rotating_components(part, rotation_vectors(part, case.samples)))}
+            own |= {
+                "range_truth": range_rad(rotating_components(part, rotation_vectors(part, case.truth or case.fitted)))
+            }
+        found |= {f"{part}/{name}": float(value) for name, value in own.items()}
+    return found
+
+
+def rotating_components(part: str, motion: Float[ndarray, "S T C"]) -> Float[ndarray, "S T D"]:
+    """The components that turn: the eyes have no torsion."""
+    return motion if part == "head" else motion[..., [0, 1, 3, 4]]
+
+
+def range_rad(motion: Float[ndarray, "S T C"]) -> float:
+    """The range of a motion: from the 2.5th to the 97.5th percentile over frames, mean over components and samples."""
+    low, high = np.quantile(motion, RANGE_TAILS, axis=1)
+    return float((high - low).mean())
+
+
+def high_frequency_motion(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> dict[str, float]:
+    """How a long motion moves above 5 Hz: root mean square of that part of its velocity, and its share of the power."""
+    found: dict[str, float] = {}
+    for part, motion in (("head", head), ("gaze", gaze.reshape(len(gaze), 6)[:, [0, 1, 3, 4]])):
+        share = jitter([motion], fps)
+        speed = np.diff(motion, axis=0) * fps
+        deg_s = math.degrees(math.sqrt(share * ((speed - speed.mean(0)) ** 2).mean()))
+        found |= {f"{part}/speed_above_5hz": deg_s, f"{part}/power_fraction_above_5hz": share}
+    return found
+
+
+def row_metrics(seeds: Sequence[Mapping[str, Any]], split: str) -> dict[str, MultiSeedStatistic]:
+    """All figures of a row in a split, seed by seed; a seed holds `sounds` and `long`, lists of numbers by split."""
+    by_seed = [_of_sounds(each["sounds"].get(split, [])) | _of_long(each["long"].get(split, [])) for each in seeds]
+    return {name: each for name, each in combine_seeds(by_seed).items() if each.count}
+
+
+def _of_sounds(sounds: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
+    found: dict[str, ClipStatistic] = {}
+    columns = {name: np.array([each[name] for each in sounds]) for name in (sounds[0] if sounds else ())}
+    for part in ("head", "gaze", "gaze_in_space"):
+        found |= {f"{part}/{name}": nanmean_statistic(columns[f"{part}/{name}"]) for name in MEANS if columns}
+        for name, (own, other) in RATIOS.items():
+            if f"{part}/{own}" in columns and f"{part}/{other}" in columns:
+                found[f"{part}/{name}"] = _ratio(columns[f"{part}/{own}"], columns[f"{part}/{other}"])
+    return found
+
+
+def _of_long(motions: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
+    names = [f"{part}/{name}" for part in ("head", "gaze") for name in HIGH_FREQUENCY if motions]
+    return {name: nanmean_statistic(np.array([each[name] for each in motions])) for name in names}
+
+
+def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> ClipStatistic:
+    """Over the sounds that have both; undefined where a reference does not move at all."""
+    known = ~np.isnan(values + reference)
+    return ClipStatistic(
+        ratio_statistic(values[known], reference[known]), int(known.sum()) if reference[known].all() else 0
+    )

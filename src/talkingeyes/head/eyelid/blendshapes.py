@@ -1,0 +1,112 @@
+"""The Eyelid model as blend shapes: it drives the lids of every head, three parameters an eye.
+
+Both stages of the model are linear in their inputs, so a head's lids are five shapes an eye: the four predictors of
+gaze, counted from gaze straight ahead, and the blink. What moves beside the curves depends on the head. Where it has
+ARKit's lid shapes, each of the five is the mixture of them that brings the curves nearest to the model's, by least
+squares: the skin folds as its sculptor meant. Elsewhere the skin around the eye is constructed as the curves are.
+Only the weight of the blink is more than a function of gaze or closure: it shuts the opening that the gaze leaves
+(`construction.EyelidModel.component`), measured on four lid landmarks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.rotation import gaze_to_angles
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
+from talkingeyes.head.eyelid.model import LOWER, POINTS, UPPER, fit_eyelid_model, predictors
+from talkingeyes.head.eyelid.postures import posture_grid
+from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, eyelid_region
+from talkingeyes.head.model import HeadModel, Landmarks
+
+SIDES = ("left", "right")
+PREDICTORS = ("SinSum", "SinDifference", "CosAzimuth", "CosElevation")
+LID_SHAPES = tuple(f"lid{what}{side.title()}" for side in SIDES for what in (*PREDICTORS, "Blink"))
+EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")
+AHEAD = predictors(np.zeros(2))
+SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookUp", "eyeSquint", "eyeWide")
+RIDGE = 1e-3  # of the mean square of a sculpted shape: they overlap
+
+
+def has_eyelids(model: HeadModel) -> bool:
+    """Whether a head has the shapes of the Eyelid model."""
+    return LID_SHAPES[0] in model.expression_names
+
+
+def lid_landmarks(model: HeadModel) -> Landmarks:
+    """p1 to p6 of the eye aspect ratio of both eyes, found on a head that has no landmarks: places along its lids."""
+    third, two = (UPPER.stop - UPPER.start) // 3, 2 * (UPPER.stop - UPPER.start) // 3
+    places = (UPPER.stop - 1, two, third, UPPER.start, LOWER.start + third, LOWER.start + two)
+    curves = [eyelid_region(model, eye).curves for eye in range(2)]
+    return Landmarks(
+        tuple(f"{side}_eye_{point}" for side in SIDES for point in EYE_POINTS),
+        np.concatenate([curve.corners[list(places)] for curve in curves]),
+        np.concatenate([curve.barycentric[list(places)] for curve in curves]),
+    )
+
+
+def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadModel:
+    """The head with the Eyelid model of both eyes, built on its own lids, among its shapes."""
+    shapes = []
+    for eye in range(2):
+        around = eyelid_region(model, eye)
+        built = fit_eyelid_model(posture_grid(around, eyelid_parameters))
+        moved = np.concatenate([built.weights, built.blink[None]]) * TEMPORAL_AXES[eye]
+        if f"{SCULPTED[0]}Left" in model.expression_names:
+            shapes.append(_mixture(model, around, moved[:, :POINTS]))
+        else:
+            free = np.zeros((5, *model.template.shape))
+            free[:, around.vertices] = moved[:, POINTS:]
+            shapes.append(free)
+    return replace(
+        model,
+        expression=np.concatenate([model.expression, *shapes]).astype(model.expression.dtype),
+        expression_names=(*model.expression_names, *LID_SHAPES),
+    )
+
+
+def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
+    """Mixtures of the sculpted lid shapes of an eye whose lid curves rise and fall as `curves` do, in head axes.
+
+    Heights alone: they open and close the eye, and depth follows from the sculpted skin.
+    """
+    side = SIDES[around.eye].title()
+    sculpted = model.expression[[model.shape(f"{name}{side}") for name in SCULPTED]]
+    lids = slice(UPPER.start, LOWER.stop)
+    given = around.curves.of(sculpted)[:, lids, 1]
+    gram = given @ given.T
+    ridge = RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
+    mix = np.linalg.solve(gram + ridge, given @ curves[:, lids, 1].T).T
+    return np.asarray(np.tensordot(mix, sculpted, axes=1))
+
+
+def eyelid_weights(
+    model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]
+) -> dict[str, Float[ndarray, " T"]]:
+    """Weights of the ten shapes at gazes and closures (`Motion.gaze`, `Motion.lid`)."""
+    inputs = predictors(gaze_to_angles(gaze)) - AHEAD
+    first = model.shape(LID_SHAPES[0])
+    weights: dict[str, Float[ndarray, " T"]] = {}
+    for eye, side in enumerate(SIDES):
+        shapes = model.expression[first + 5 * eye : first + 5 * eye + 5]
+        rest, gained = _opening(model, model.template, side), _opening(model, shapes, side)
+        left_open = np.maximum(rest + inputs[:, eye] @ gained[:4], 0.0)
+        blink = lid[:, eye] * left_open / -gained[4]
+        columns = (*inputs[:, eye].T, blink)
+        weights |= dict(zip(LID_SHAPES[5 * eye : 5 * eye + 5], columns, strict=True))
+    return weights
+
+
+def _opening(model: HeadModel, vertices: Float[ndarray, "*N V 3"], side: str) -> Float[ndarray, "*N"]:
+    """Height of the upper over the lower lid landmarks of an eye; of a shape, how far it opens the eye."""
+    height = model.landmarks.of(vertices)[..., 1]
+    names = model.landmarks.names
+    upper, lower = (
+        height[..., [names.index(f"{side}_eye_{lid}_{at}") for at in ("outer", "inner")]].mean(axis=-1)
+        for lid in ("upper", "lower")
+    )
+    return np.asarray(upper - lower)

@@ -1,0 +1,123 @@
+"""A face by autoregressive regression in the manner of FaceFormer (Fan et al. 2022): deterministic.
+
+A causal transformer over past frames of the face, with attention to the speech around its own frame (FaceFormer's
+alignment bias, widened), says the next frame. FaceFormer is trained by running it frame by frame; here a share of the
+history is what the model itself says in a first pass over all frames (Mihaylova & Martins 2019), which costs two passes
+instead of as many as there are frames. Style multiplies the speech, as in all models of the comparison.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
+from talkingeyes.models.layers.normaliser import MotionNormaliser
+from talkingeyes.models.layers.transformer import (
+    CausalTransformer,
+    CrossAttentionWindow,
+    TransformerSettings,
+    shift_right,
+)
+
+
+class AutoregressionSettings(ComponentSettings):
+    """A decoder that sees its own past."""
+
+    transformer: TransformerSettings
+    # Frames of speech that cross-attention sees before and after its own.
+    speech_lookback: Annotated[int, Field(ge=0)]
+    speech_lookahead: Annotated[int, Field(ge=0)]
+    # Share of past frames that are, in training, the model's own.
+    own_history_fraction: Annotated[float, Field(ge=0, le=1)]
+
+
+class RegressionFaceSettings(AutoregressionSettings):
+    """Nothing more."""
+
+    kind: Literal["autoregression"]
+
+
+class RegressionFace(nn.Module):
+    """The next frame of a face from those before it and the speech."""
+
+    settings_class = RegressionFaceSettings
+
+    def __init__(
+        self, settings: RegressionFaceSettings, speech: int, face_dim: int, tokenizer: FaceAutoencoder | None
+    ) -> None:
+        super().__init__()
+        self.settings, self.normal = settings, MotionNormaliser(face_dim)
+        self.decoder = AutoregressiveDecoder(settings, speech, face_dim, face_dim)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """Set what faces are centred on and divided by."""
+        self.normal.set(mean, scale)
+
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """L1 of expression and jaw; beside them what copying the last frame gives."""
+        true = self.normal(face)
+        first = shift_right(true, torch.zeros_like(true[:, :1]))
+        with torch.no_grad():
+            own = shift_right(self.decoder(speech, first), first[:, :1])
+        predicted = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
+        copied = reconstruction(first, true)["expression"]
+        return {**reconstruction(predicted, true), "copy_last_frame": copied.detach()}
+
+    def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
+        """Frame after frame; nothing is drawn."""
+        frames = []
+        previous = torch.zeros_like(self.normal.mean).expand(1, -1)
+        decoding = self.decoder.start(speech)
+        for position in range(speech.shape[1]):
+            previous = decoding.decode_step(position, previous)
+            frames.append(previous)
+        return self.normal.denormalise(torch.stack(frames, dim=1)).expand(len(seeds), -1, -1)
+
+
+class AutoregressiveDecoder(nn.Module):
+    """A causal transformer over `input_dim` numbers a frame, with speech as memory, giving `output_dim` numbers."""
+
+    def __init__(self, settings: AutoregressionSettings, speech: int, input_dim: int, output_dim: int) -> None:
+        super().__init__()
+        width = settings.transformer.width
+        self.embed = nn.Linear(input_dim, width)
+        self.memory = nn.Linear(speech, width)
+        window = CrossAttentionWindow(settings.speech_lookback, settings.speech_lookahead)
+        self.transformer = CausalTransformer(settings.transformer, window)
+        self.out = nn.Linear(width, output_dim)
+
+    def forward(self, speech: Float[Tensor, "B T S"], history: Float[Tensor, "B T H"]) -> Float[Tensor, "B T O"]:
+        """All frames at once, `history` being the frame before each."""
+        memory = self.memory(speech)
+        out: Tensor = self.out(self.transformer(self.embed(history) + memory, memory))
+        return out
+
+    def start(self, speech: Float[Tensor, "B T S"]) -> DecodingState:
+        """The same, frame by frame."""
+        return DecodingState(self, self.memory(speech))
+
+
+class DecodingState:
+    """A decoding under way: the cache of the transformer beside the memory."""
+
+    def __init__(self, decoder: AutoregressiveDecoder, memory: Float[Tensor, "B T W"]) -> None:
+        self.decoder, self.memory = decoder, memory
+        self.cache = decoder.transformer.start(memory)
+
+    def decode_step(self, position: int, previous: Float[Tensor, "B H"]) -> Float[Tensor, "B O"]:
+        """What the decoder tells of a frame, given the frame before it."""
+        x = self.decoder.embed(previous)[:, None] + self.memory[:, position : position + 1]
+        out: Tensor = self.decoder.out(self.decoder.transformer.step(x, self.cache))[:, 0]
+        return out
+
+
+def mix_history(true: Float[Tensor, "B T H"], own: Float[Tensor, "B T H"], fraction: float) -> Float[Tensor, "B T H"]:
+    """A share of the frames of a history replaced by the model's own."""
+    replaced = torch.rand(true.shape[:2], device=true.device) < fraction
+    return torch.where(replaced[..., None], own, true)

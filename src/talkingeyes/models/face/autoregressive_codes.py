@@ -1,0 +1,76 @@
+"""A face by autoregression over codes in the manner of CodeTalker (Xing et al. 2023), deterministic or sampled.
+
+A causal transformer says the latent of the next frame from those before it and the speech; the nearest code takes its
+place, or one drawn by a softmax over distances, as ProbTalk3D's authors do in CodeTalker-ND. CodeTalker feeds back the
+decoded face and decodes the prefix again at every step; here the code values are fed back and decoded once, at the end.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.models.face.autoencoder import FaceAutoencoder, reconstruction
+from talkingeyes.models.face.autoregression import AutoregressionSettings, AutoregressiveDecoder, mix_history
+from talkingeyes.models.face.vqvae import FaceVQVAE
+from talkingeyes.models.layers.transformer import shift_right
+
+
+class AutoregressiveCodesFaceSettings(AutoregressionSettings):
+    """Nothing more."""
+
+    kind: Literal["autoregressive_codes"]
+
+
+class AutoregressiveCodesFace(nn.Module):
+    """The codes of the next frame from those before it and the speech."""
+
+    settings_class = AutoregressiveCodesFaceSettings
+
+    def __init__(
+        self, settings: AutoregressiveCodesFaceSettings, speech: int, face_dim: int, tokenizer: FaceAutoencoder | None
+    ) -> None:
+        super().__init__()
+        if not isinstance(tokenizer, FaceVQVAE) or tokenizer.settings.layout != "frames":
+            raise InputError("model.tokenizer: should be a codebook with layout frames for a face of codes")
+        self.settings, self.tokenizer = settings, tokenizer
+        self.decoder = AutoregressiveDecoder(settings, speech, tokenizer.predicted_dim, tokenizer.predicted_dim)
+
+    def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
+        """The tokenizer has statistics of its own."""
+
+    def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
+        """L1 between latents, of expression and of jaw; the history are true codes, a share of them its own."""
+        true = self.tokenizer.latents(face)
+        first = self._history(self.tokenizer.decoder_inputs(true))
+        with torch.no_grad():
+            own = self._history(self.tokenizer.decoder_inputs(self.decoder(speech, first)))
+        latents = self.decoder(speech, mix_history(first, own, self.settings.own_history_fraction))
+        reconstructed = self.tokenizer.decode(self.tokenizer.decoder_inputs(latents))
+        return {
+            "latent": F.l1_loss(latents.float(), true),
+            **reconstruction(self.tokenizer.normal(reconstructed), self.tokenizer.normal(face)),
+        }
+
+    def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
+        """Frame after frame; at temperature 0 one face for all seeds."""
+        rows = len(seeds) if temperature else 1
+        noise = self.tokenizer.noise(seeds[:rows], speech.shape[1], correlation_frames=1)
+        decoding = self.decoder.start(speech.expand(rows, -1, -1))
+        previous = torch.zeros((rows, self.tokenizer.predicted_dim), device=speech.device)
+        values = []
+        for position in range(speech.shape[1]):
+            latents = decoding.decode_step(position, previous)[:, None]
+            drawn = self.tokenizer.sample_decoder_inputs(latents, noise[:, position : position + 1], temperature)
+            values.append(drawn)
+            previous = (drawn / self.tokenizer.latent_scale)[:, 0]
+        return self.tokenizer.decode(torch.cat(values, dim=1)).expand(len(seeds), -1, -1)
+
+    def _history(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T L"]:
+        """Code values before each frame, in units of the latents."""
+        return shift_right(values.detach() / self.tokenizer.latent_scale, torch.zeros_like(values[:, :1]))

@@ -1,0 +1,181 @@
+"""The cross-modal decoder of gaze as the paper writes it (TalkingEyes eq. 9, 10, 11, 12 and 14).
+
+Features are regressed from past gaze, speech and head, replaced by their nearest codes, and decoded by the frozen D_VQ.
+At temperature 0 this is the paper; above it, a code is drawn by a softmax over distances in units of the nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models import losses
+from talkingeyes.models.gaze.gaze_signal import to_gaze_tensor, to_signal_tensor
+from talkingeyes.models.gaze.generator import GazeCondition, uniform_noise
+from talkingeyes.models.gaze.history import (
+    FreeRunning,
+    HistorySettings,
+    NoisyTeacherForcing,
+    ScheduledSampling,
+    replacement_mask,
+)
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.categorical_sampling import sample_categorical
+from talkingeyes.models.layers.quantiser_factory import AnyQuantiser
+from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttentionWindow, TransformerSettings
+
+
+class RegressionGazeSettings(ComponentSettings):
+    """The decoder of features."""
+
+    kind: Literal["regression"]
+    transformer: TransformerSettings
+    # Frames of condition that cross-attention sees before and after its own.
+    condition_lookback: Annotated[int, Field(ge=0)]
+    condition_lookahead: Annotated[int, Field(ge=0)]
+    # What is seen of the past in training.
+    history: HistorySettings
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """Features, the values of the codes that stand for them, and what D_VQ makes of these (radians)."""
+
+    features: Float[Tensor, "B T C"]
+    codes: Float[Tensor, "B T C"]
+    signal: Float[Tensor, "B T F"]
+
+
+class RegressionGaze(nn.Module):
+    """D_cross-modal: queries are embedded past gaze, keys and values the embedded speech and head."""
+
+    settings_class = RegressionGazeSettings
+
+    def __init__(self, settings: RegressionGazeSettings, speech: int, codebook: GazeVQVAE | None) -> None:
+        super().__init__()
+        if codebook is None:
+            raise InputError("model.tokenizer: should name a codebook for regressed gaze, got null")
+        if codebook.settings.frames_per_code != 1 or codebook.stay_tolerance_rad is not None:
+            raise InputError("model.tokenizer: should have one code a frame and no stay token for regressed gaze")
+        self.settings, self.codebook, self.trained_steps = settings, codebook, 0
+        width = settings.transformer.width
+        self.embed = nn.Linear(len(codebook.mean), width)
+        self.condition = nn.Linear(speech + 3, width)
+        self.transformer = CausalTransformer(
+            settings.transformer, CrossAttentionWindow(settings.condition_lookback, settings.condition_lookahead)
+        )
+        self.out = nn.Linear(width, codebook.settings.quantiser.width)
+
+    def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
+        """The codebook has statistics of its own."""
+
+    def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
+        """Losses of frames predicted from their past; `copy_last_frame` is that of repeating the true last frame."""
+        true = self._normal(to_signal_tensor(self.codebook.settings.signal, condition.head, gaze))
+        past, memory, history = _previous(true), self._memory(condition), self.settings.history
+        if self.training and isinstance(history, FreeRunning):
+            made = self._free_run(memory, lambda features, _: self._nearest(features), history.truncation_frames)
+        else:
+            made = self._predict(self._training_history(past, memory), memory)
+        predicted = self._normal(made.signal)
+        return {
+            "gaze_reconstruction": losses.reconstruction(predicted, true),
+            "gaze_velocity": losses.velocity(predicted, true),
+            "gaze_regularity": F.mse_loss(self.codebook.quantiser.to_code_space(made.features), made.codes),
+            "copy_last_frame": losses.reconstruction(past, true).detach(),
+        }
+
+    @torch.no_grad()
+    def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
+        """Frame after frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
+        memory = self._memory(condition)
+        uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
+
+        def drawn(features: Float[Tensor, "B C"], step: int) -> Float[Tensor, "B C"]:
+            return sample_code_values(self.codebook.quantiser, features, uniform[:, step], temperature)
+
+        return to_gaze_tensor(self.codebook.settings.signal, condition.head, self._free_run(memory, drawn, None).signal)
+
+    def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Prediction:
+        """All frames at once, each from a past that is given."""
+        features = self.out(self.transformer(self.embed(past), memory))
+        quantised = self.codebook.quantiser(features)
+        stay = torch.zeros(past.shape[:2], dtype=torch.bool, device=past.device)
+        signal = self.codebook.decode(quantised.values, stay)
+        return _Prediction(features, self.codebook.quantiser.codebook[quantised.indices], signal)
+
+    def _training_history(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> Float[Tensor, "B T F"]:
+        """What a training step shows of the true past."""
+        history = self.settings.history
+        if not self.training:
+            return past
+        if isinstance(history, NoisyTeacherForcing):
+            return past + history.sigma * torch.randn_like(past)
+        if isinstance(history, ScheduledSampling):
+            with torch.no_grad():
+                own = _previous(self._normal(self._predict(past, memory).signal))
+            return torch.where(replacement_mask(history, self.trained_steps, past)[..., None], own, past)
+        return past
+
+    def _free_run(
+        self,
+        memory: Float[Tensor, "B T W"],
+        select_code: Callable[[Float[Tensor, "B C"], int], Float[Tensor, "B C"]],
+        truncation_frames: int | None,
+    ) -> _Prediction:
+        """Free running: each frame from those before it; `select_code` gives code values for the features of a frame.
+
+        The gradient goes back through at most `truncation_frames` frames (null: all), cut at every so many of them.
+        """
+        batch, frames = memory.shape[:2]
+        cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
+        moving = torch.zeros(batch, dtype=torch.bool, device=memory.device)
+        past = self.codebook.mean.expand(batch, -1)
+        features, codes, made = [], [], []
+        for step in range(frames):
+            if truncation_frames is not None and step % truncation_frames == 0:
+                past = past.detach()
+                cache.detach_past()
+                decoder_cache.detach_past()
+            entered = self.embed(self._normal(past))[:, None]
+            features.append(self.out(self.transformer.step(entered, cache))[:, 0])
+            values = select_code(features[-1], step)
+            past = self.codebook.step(values, moving, past, decoder_cache)[:, 0]
+            codes.append(values.detach())
+            made.append(past)
+        return _Prediction(torch.stack(features, dim=1), torch.stack(codes, dim=1), torch.stack(made, dim=1))
+
+    def _nearest(self, features: Float[Tensor, "B C"]) -> Float[Tensor, "B C"]:
+        """Eq. 5, straight through."""
+        values: Tensor = self.codebook.quantiser(features[:, None]).values[:, 0]
+        return values
+
+    def _normal(self, signal: Float[Tensor, "*B F"]) -> Float[Tensor, "*B F"]:
+        return (signal - self.codebook.mean) / self.codebook.scale
+
+    def _memory(self, condition: GazeCondition) -> Float[Tensor, "B T W"]:
+        out: Tensor = self.condition(torch.cat([condition.speech, condition.normalised_head], dim=-1))
+        return out
+
+
+def _previous(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
+    """What was before each frame; before the first, the mean."""
+    return torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
+
+
+def sample_code_values(
+    quantiser: AnyQuantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
+) -> Float[Tensor, "B C"]:
+    """Code values for features: the nearest (eq. 5), or drawn by softmax(-distance / (temperature * nearest))."""
+    distance = quantiser.distances(features).clamp(min=0).sqrt()
+    nearest = distance.min(-1, keepdim=True).values.clamp(min=1e-6)
+    return quantiser.codebook[sample_categorical(-distance / nearest, uniform, temperature)]

@@ -1,0 +1,121 @@
+"""The head's conditional VAE for streams: its decoder hears no frame ahead, and its codes are drawn one after another.
+
+Trained as `vae` is (TalkingEyes eq. 8, 11 to 13). A code is drawn from uniform numbers by the inverse of the normal
+distribution, so that the codes of a longer speech begin with those of a shorter one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from talkingeyes.core.settings import ComponentSettings
+from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.head.vae import VAEHead, VAEHeadSettings
+from talkingeyes.models.layers.conditional_vae import VAESettings
+from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.layers.normaliser import MotionNormaliser
+
+
+class CausalVAEHeadSettings(VAESettings, ComponentSettings):
+    """Size of the VAE of the head."""
+
+    kind: Literal["causal_vae"]
+    # Frames a code stands for; one a clip cannot be streamed.
+    latent_frames: Annotated[int, Field(gt=0)]
+
+
+@dataclass
+class _LatentState:
+    """The codes of a batch so far: the frame that comes next, and the codes from number `first` on."""
+
+    generators: Sequence[torch.Generator]
+    frame: int = 0
+    first: int = 0
+    codes: list[Float[Tensor, "B Z"]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, seeds: Sequence[int]) -> _LatentState:
+        """Before the first frame."""
+        return cls([torch.Generator().manual_seed(seed) for seed in seeds])
+
+
+class CausalVAEHead(nn.Module):
+    """Head rotation vectors of speech features, whole or part by part."""
+
+    settings_class = CausalVAEHeadSettings
+
+    def __init__(self, settings: CausalVAEHeadSettings, speech: int) -> None:
+        super().__init__()
+        self.settings = settings
+        size = settings.model_dump() | {"kind": "vae"}
+        self.vae_head = VAEHead(VAEHeadSettings.model_validate(size), speech)
+        self.vae_head.vae.decoder = CausalConvolutionStack(
+            settings.latent + speech, settings.width, settings.layers, settings.dropout, lookahead=0
+        )
+
+    @property
+    def normal(self) -> MotionNormaliser:
+        """The statistics of the head."""
+        return self.vae_head.normal
+
+    def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
+        """Reconstruct true motion under its speech (training)."""
+        return self.vae_head.predict(speech, head)
+
+    def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        """Motions from codes drawn from N(0, I), a seed a row."""
+        decoder_input = torch.cat(
+            [self.interpolate_latents(_LatentState.of(seeds), speech.shape[1]).to(speech), speech], dim=-1
+        )
+        return self.normal.denormalise(self.vae_head.vae.out(self.decoder(decoder_input)))
+
+    def stream(self, seed: int) -> HeadStream:
+        """Part after part what `sample` gives."""
+        return HeadStream(self, seed)
+
+    @property
+    def decoder(self) -> CausalConvolutionStack:
+        """Of codes and speech."""
+        assert isinstance(self.vae_head.vae.decoder, CausalConvolutionStack)
+        return self.vae_head.vae.decoder
+
+    def interpolate_latents(self, drawn: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
+        """Codes at their centres, interpolated to the next frames with their variance kept (as ConditionalVAE does)."""
+        span = self.settings.latent_frames
+        place = ((torch.arange(drawn.frame, drawn.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
+        left = place.floor().long()
+        drawn.frame += frames
+        while drawn.first + len(drawn.codes) < int(left[-1]) + 2:
+            drawn.codes.append(self._draw(drawn.generators))
+        del drawn.codes[: int(left[0]) - drawn.first]
+        drawn.first = int(left[0])
+        codes = torch.stack(drawn.codes, dim=1)
+        share, left = (place - left)[:, None], left - drawn.first
+        mixed = (1 - share) * codes[:, left] + share * codes[:, left + 1]
+        out: Tensor = mixed / torch.hypot(share, 1 - share)
+        return out
+
+    def _draw(self, generators: Sequence[torch.Generator]) -> Float[Tensor, "B Z"]:
+        uniform = torch.stack([torch.rand(self.settings.latent, generator=each) for each in generators])
+        normal: Tensor = torch.special.ndtri(uniform.clamp(1e-7, 1 - 1e-7))
+        return normal
+
+
+class HeadStream:
+    """The head of one seed, part after part."""
+
+    def __init__(self, head: CausalVAEHead, seed: int) -> None:
+        self._head, self._codes, self._decoder = head, _LatentState.of([seed]), head.decoder.stream()
+
+    def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
+        """The head at the next frames."""
+        decoder_input = torch.cat([self._head.interpolate_latents(self._codes, speech.shape[1]), speech], dim=-1)
+        decoded = torch.from_numpy(self._decoder.step(decoder_input[0].numpy()))[None]
+        return self._head.normal.denormalise(self._head.vae_head.vae.out(decoded))

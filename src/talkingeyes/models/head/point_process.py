@@ -1,0 +1,112 @@
+"""Head motion as movement segments between minima of speed: a point process, with cubics between its events.
+
+Not in the paper. The head of a speaker never rests, but its speed has minima several times a second (detected as in
+evaluation/detectors/head_movements.py). Poses at these minima, joined by cubics that slow down there, reconstruct
+fitted motion within 0.4 degrees an axis, with its spectrum (docs/log.md). An event (models/layers/point_process.py) is
+a speed minimum: its time and its pose.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from pydantic import Field, model_validator
+from scipy.interpolate import CubicHermiteSpline
+from torch import Tensor, nn
+
+from talkingeyes.core.settings import ComponentSettings, bounds_error
+from talkingeyes.models.head.generator import HeadPrediction
+from talkingeyes.models.layers.equaliser import Equaliser
+from talkingeyes.models.layers.normaliser import MotionNormaliser
+from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings, bin_means
+
+POSE_SPREAD = (1.0, 1.0, 0.6)
+# Strokes are drawn so many bins beyond the end, so that the last frames lie between two of them.
+EXTRA_BINS = 12
+# What is left at a dip of the velocity from the stroke before to the stroke after. With 1, or a spline, heads are
+# smoother than people's (velocity above 1.8 Hz, slope of the spectrum); chosen on val (docs/log.md).
+VELOCITY_RETENTION = 0.4
+
+
+class PointProcessHeadSettings(ComponentSettings):
+    """The process, and how strictly it is followed."""
+
+    kind: Literal["point_process"]
+    # Of the choice of a pose and of the Gaussians when strokes are drawn; 1: as learnt. Chosen on val by the benchmark.
+    temperature: Annotated[float, Field(ge=0)]
+    # Of the filter that gives drawn heads the spectrum of true ones (layers/equaliser.py); odd, or 0: none.
+    equaliser_frames: Annotated[int, Field(ge=0)]
+    process: PointProcessSettings
+
+    @model_validator(mode="after")
+    def _check_odd(self) -> PointProcessHeadSettings:
+        if self.equaliser_frames and self.equaliser_frames % 2 == 0:
+            raise bounds_error("equaliser_frames should be odd, or 0", self.equaliser_frames)
+        return self
+
+
+class PointProcessHead(nn.Module):
+    """Head rotation vectors of speech features."""
+
+    settings_class = PointProcessHeadSettings
+
+    def __init__(self, settings: PointProcessHeadSettings, speech: int) -> None:
+        super().__init__()
+        self.normal = MotionNormaliser(3)
+        self.bin_frames, self.temperature = settings.process.bin_frames, settings.temperature
+        self.process = PointProcess(settings.process, speech, POSE_SPREAD)
+        self.equaliser = Equaliser(settings.equaliser_frames)
+
+    def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
+        """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
+        events = EventSequence.from_frames(speed_minima(head), self.normal(head), self.bin_frames)
+        loss_terms = self.process.loss_terms(events, bin_means(speech, self.bin_frames))
+        return HeadPrediction(head, {f"head_{name}": value for name, value in loss_terms.items()})
+
+    @torch.no_grad()
+    def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
+        """Strokes drawn bin after bin, shown as frames."""
+        unique_speech = speech[:1] if speech.stride(0) == 0 else speech  # one speech for all seeds is heard once
+        binned_speech = bin_means(unique_speech, self.bin_frames, EXTRA_BINS)
+        count, numbers = binned_speech.shape[1], len(POSE_SPREAD) + 3
+        uniform = torch.stack(
+            [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
+        )
+        sampled = self.process.sample(binned_speech, uniform.to(binned_speech), self.temperature)
+        generated = self.equaliser(interpolate_poses(sampled.event, sampled.location, self.bin_frames))[
+            :, : speech.shape[1]
+        ]
+        return self.normal.denormalise(torch.from_numpy(generated.astype(np.float32)).to(binned_speech))
+
+
+def speed_minima(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:
+    """Frames in which the head turns more slowly than just before and no faster than just after."""
+    speed = head.diff(dim=1).norm(dim=-1)
+    lower = (speed[:, 1:-1] < speed[:, :-2]) & (speed[:, 1:-1] <= speed[:, 2:])
+    return torch.nn.functional.pad(lower, (1, head.shape[1] - 1 - lower.shape[1]))
+
+
+def interpolate_poses(
+    event: Bool[ndarray, "B N"], location: Float[ndarray, "B N 3"], bin_frames: int
+) -> Float[ndarray, "B T 3"]:
+    """Frames of N bins: cubics (Hermite's) between strokes, of which the first bin has one.
+
+    `location` holds the pose since the last stroke. Strokes are in the middle of their bins: at random moments two come
+    close, and what they differ by is a jerk. All rows are one curve, one after the other, for a curve costs more to
+    make than to ask.
+    """
+    event = event.copy()
+    event[:, -1] = True  # there the last pose
+    row, index = np.nonzero(event)
+    frames = event.shape[1] * bin_frames
+    knot, pose = row * frames + index * bin_frames + (bin_frames - 1) / 2, location[row, index].astype(float)
+    velocity = np.zeros_like(pose)
+    velocity[1:-1] = VELOCITY_RETENTION * (pose[2:] - pose[:-2]) / (knot[2:] - knot[:-2])[:, None]
+    velocity[(index == 0) | (index == event.shape[1] - 1)] = 0  # a row starts and ends at rest
+    time = np.arange(frames).clip((bin_frames - 1) / 2, frames - 1 - (bin_frames - 1) / 2)
+    curve = CubicHermiteSpline(knot, pose, velocity)
+    return np.asarray(curve(np.arange(len(event))[:, None] * frames + time))

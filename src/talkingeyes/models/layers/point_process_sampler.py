@@ -1,0 +1,258 @@
+"""Free runs of an event process (point_process.py): events drawn one after the other, in numpy.
+
+Every event changes what the next depends on, so a run is a loop of small steps, in which a call of torch costs more
+than its arithmetic does: in numpy a run takes a fraction of the time (docs/log.md). The formulas are those that the
+process learns with; tests/test_point_process_sampler.py holds each draw to them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+from scipy.special import expit, ndtri
+
+from talkingeyes.models.layers.categorical_sampling import sample_categorical
+from talkingeyes.models.layers.numpy_layers import NumpyGRU, NumpyLinear, gelu, to_numpy
+from talkingeyes.models.layers.previous_steps import MIN_STEP
+from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT
+
+if TYPE_CHECKING:
+    from talkingeyes.models.layers.point_process import PointProcess
+
+# Bins that are looked at together, at most, and in mean gaps between events: heads have some three, gaze twelve.
+MAX_BLOCK_BINS, BLOCK_MEAN_GAPS = 16, 2.0
+
+
+@dataclass(frozen=True)
+class SampledEvents:
+    """What was drawn in N bins: whether an event happened, when in its bin (0 to 1), and the place since then."""
+
+    event: Bool[ndarray, "B N"]
+    phase: Float[ndarray, "B N"]
+    location: Float[ndarray, "B N D"]
+
+
+@dataclass
+class SamplerState:
+    """Between two bins: what is remembered, the present place, headings of the last S steps to it, bins since the last
+    event, the last R places left."""
+
+    state: Float[ndarray, "B W"]
+    location: Float[ndarray, "B D"]
+    longest_dwell_location: Float[
+        ndarray, "B D"
+    ]  # the place that held longest; the present one where none was left yet
+    step_encodings: Float[ndarray, "B S H"]
+    age: Int[ndarray, " B"]
+    previous_locations: Float[ndarray, "B R D"]
+    dwell_bins: Float[ndarray, "B R"]  # bins; 0: no place was left yet
+
+    def move_to(self, rows: Int[ndarray, " S"], location: Float[ndarray, "S D"]) -> None:
+        """Some rows leave the place where they are for another; the oldest that was left is forgotten."""
+        old, age = self.location[rows], self.age[rows]
+        if self.step_encodings.shape[1]:
+            step = np.where(age[:, None] > 0, location - old, 0)  # to the first place leads no step
+            self.step_encodings[rows] = _prepend(_encode_step(step), self.step_encodings[rows])
+        self.previous_locations[rows] = previous_locations = _prepend(old, self.previous_locations[rows])
+        self.dwell_bins[rows] = dwell_bins = _prepend(age.astype(np.float32), self.dwell_bins[rows])
+        longest = dwell_bins.argmax(-1)
+        order = np.arange(len(rows))
+        self.longest_dwell_location[rows] = np.where(
+            dwell_bins[order, longest][:, None] > 0, previous_locations[order, longest], location
+        )
+        self.location[rows] = location
+        self.age[rows] = 0
+
+
+def _encode_step(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
+    """As previous_steps.py has it."""
+    length = np.sqrt(np.einsum("sd,sd->s", step, step))[:, None] + np.float32(MIN_STEP)
+    return np.concatenate([step / length, np.log(length)], axis=1)
+
+
+def _prepend(new: Float[ndarray, "S ..."], past: Float[ndarray, "S R ..."]) -> Float[ndarray, "S R ..."]:
+    """As many as before: the new one first, without the oldest."""
+    return np.concatenate([new[:, None], past[:, :-1]], axis=1)
+
+
+class Sampler:
+    """The weights of a process as free runs use them. Uniform numbers decide: D + 3 a bin."""
+
+    def __init__(self, process: PointProcess, temperature: float) -> None:
+        """The temperature narrows the choice of a place and the Gaussians."""
+        self.means, ar_coefficients = to_numpy(process.means()), to_numpy(process.ar_coefficients)
+        width, (count, numbers) = process.settings.width, self.means.shape
+        self.ar_coefficients = np.concatenate(
+            [np.zeros((count - len(ar_coefficients), numbers), np.float32), ar_coefficients]
+        )
+        self.temperature, self.previous_locations = temperature, process.settings.previous_locations
+        self.start, self.age, self.recency = (
+            to_numpy(process.start),
+            to_numpy(process.age.weight),
+            to_numpy(process.revisits.recency),
+        )
+        input_projection, self.input_bias = (
+            to_numpy(process.input_projection.weight).T.copy(),
+            to_numpy(process.input_projection.bias),
+        )
+        self.condition_weight, self.history_weight = input_projection[:width], input_projection[width:]
+        self.previous_steps, self.absolute_components = (
+            process.settings.previous_steps,
+            process.settings.absolute_components,
+        )
+        self.shift_and_scale = NumpyLinear(process.shift_and_scale) if process.shift_and_scale is not None else None
+        self.max_log_scale = process.max_log_scale
+        self.trunk = NumpyLinear(process.trunk[2])  # type: ignore[arg-type]
+        self.hazard, self.mixture_logits = NumpyLinear(process.hazard), NumpyLinear(process.mixture_logits)
+        self.history_rnn = NumpyGRU(process.token, process.history_rnn)
+        of = process.revisits
+        self.candidate, self.known, self.score = NumpyLinear(of.candidate), NumpyLinear(of.known), NumpyLinear(of.score)
+        self.sds, self.return_sd = map(to_numpy, process.denoised_sds())
+
+    def sample(self, encoded_condition: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> SampledEvents:
+        """The same as bin after bin, but from event to event; all rows hear what is heard, or each its own.
+
+        Nothing that a hazard depends on changes between two events but the condition and the age, so several bins are
+        looked at together.
+        """
+        # Beyond the last bin nothing is heard and nothing happens.
+        entered = np.pad(encoded_condition @ self.condition_weight, ((0, 0), (0, MAX_BLOCK_BINS), (0, 0)))
+        least = np.pad(uniform[..., 0], ((0, 0), (0, MAX_BLOCK_BINS)), constant_values=2.0)
+        batch, count = uniform.shape[:2]
+        encoded_condition, entered = (
+            np.broadcast_to(each, (batch, *each.shape[1:])) for each in (encoded_condition, entered)
+        )
+        run = self.begin(encoded_condition[:, 0], uniform[:, 0])
+        event, location = np.zeros((batch, count), bool), np.zeros((batch, count, run.location.shape[1]), np.float32)
+        event[:, 0], location[:, 0] = True, run.location
+        at = np.zeros(batch, int)  # the last bin that is known, a row each
+        block_bins, events = MAX_BLOCK_BINS, 0
+        while len(rows := np.flatnonzero(at < count - 1)):
+            ahead = np.arange(1, block_bins + 1)
+            bins = at[rows, None] + ahead
+            features = self._features(run, rows, entered[rows[:, None], bins], run.age[rows, None] + ahead)
+            happens = least[rows[:, None], bins] < self._hazard(features)
+            moved = happens.any(1)
+            first = np.where(moved, happens.argmax(1), block_bins - 1)
+            at[rows] += first + 1
+            run.age[rows] += first + 1
+            if len(new := rows[moved]):
+                where = at[new]
+                self._move(
+                    run, new, features[moved, first[moved]], encoded_condition[new, where], uniform[new, where, 2:]
+                )
+                event[new, where], location[new, where] = True, run.location[new]
+                events += len(new)
+                block_bins = min(1 + int(BLOCK_MEAN_GAPS * at.sum() / events), MAX_BLOCK_BINS)
+        since = np.maximum.accumulate(np.where(event, np.arange(count), 0), axis=1)
+        return SampledEvents(event, uniform[..., 1], np.take_along_axis(location, since[..., None], axis=1))
+
+    def begin(self, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> SamplerState:
+        """The first bin, which holds an event always."""
+        batch, numbers = len(encoded_condition), self.ar_coefficients.shape[1]
+        still = np.repeat(_encode_step(np.zeros((batch, numbers), np.float32))[:, None], self.previous_steps, axis=1)
+        run = SamplerState(
+            np.repeat(self.start[None], batch, axis=0),
+            np.zeros((batch, numbers), np.float32),
+            np.zeros((batch, numbers), np.float32),
+            still,
+            np.zeros(batch, int),
+            np.zeros((batch, self.previous_locations, numbers), np.float32),
+            np.zeros((batch, self.previous_locations), np.float32),
+        )
+        rows = np.arange(batch)
+        features = self._features(run, rows, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
+            :, 0
+        ]
+        self._move(run, rows, features, encoded_condition, uniform[:, 2:])
+        return run
+
+    def advance(
+        self, run: SamplerState, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]
+    ) -> Bool[ndarray, " B"]:
+        """One bin more, as a stream has them: whether an event happens in it; the run moves on."""
+        run.age += 1
+        every = np.arange(len(encoded_condition))
+        features = self._features(run, every, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
+            :, 0
+        ]
+        event: Bool[ndarray, " B"] = uniform[:, 0] < self._hazard(features)
+        if len(rows := np.flatnonzero(event)):
+            self._move(run, rows, features[rows], encoded_condition[rows], uniform[rows, 2:])
+        return event
+
+    def _features(
+        self, run: SamplerState, rows: Int[ndarray, " S"], entered: Float[ndarray, "S N W"], age: Int[ndarray, "S N"]
+    ) -> Float[ndarray, "S N W"]:
+        """Of N bins of some rows, of which what is heard has entered."""
+        location = run.location[rows]
+        step_encodings = run.step_encodings[rows].reshape(len(rows), -1)
+        known = (
+            np.concatenate(
+                [run.state[rows], location, location - run.longest_dwell_location[rows], step_encodings], axis=1
+            )
+            @ self.history_weight
+        )
+        entered = entered + (known + self.input_bias)[:, None] + self.age[np.minimum(age, len(self.age) - 1)]
+        return gelu(self.trunk(gelu(entered)))
+
+    def _hazard(self, features: Float[ndarray, "*N W"]) -> Float[ndarray, "*N"]:
+        return np.asarray(expit(self.hazard(features)[..., 0]))
+
+    def _move(
+        self,
+        run: SamplerState,
+        rows: Int[ndarray, " S"],
+        features: Float[ndarray, "S W"],
+        encoded_condition: Float[ndarray, "S W"],
+        uniform: Float[ndarray, "S U"],
+    ) -> None:
+        """An event happens in some rows: where it leads, and what is remembered of it."""
+        old = run.location[rows]
+        new = self._place(run, rows, features, uniform)
+        since = np.log1p(run.age[rows, None].astype(np.float32))
+        event = np.concatenate([new, new - old, since, encoded_condition], axis=1)
+        run.state[rows] = self.history_rnn(event, run.state[rows])
+        run.move_to(rows, new)
+
+    def _place(
+        self,
+        run: SamplerState,
+        rows: Int[ndarray, " S"],
+        features: Float[ndarray, "S W"],
+        uniform: Float[ndarray, "S U"],
+    ) -> Float[ndarray, "S D"]:
+        """Where an event leads: one Gaussian, then a number of it."""
+        logits = self.logits(run, rows, features)
+        chosen = sample_categorical(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
+        which = np.minimum(chosen, len(self.ar_coefficients) - 1)
+        centre, sd = self.means[which], self.sds[which]
+        if self.shift_and_scale is not None:
+            adapted = np.where(which[:, None] >= self.absolute_components, self.shift_and_scale(features), 0)
+            size = np.exp(adapted[:, -1:].clip(-self.max_log_scale, self.max_log_scale))
+            centre, sd = adapted[:, :-1] + size * centre, size * sd
+        centre = centre + self.ar_coefficients[which] * run.location[rows]
+        returns = (chosen >= len(self.ar_coefficients))[:, None]
+        back = run.previous_locations[rows, np.maximum(chosen - len(self.ar_coefficients), 0)]
+        sd = np.where(returns, self.return_sd, sd)
+        normal = ndtri(uniform[:, 1:].astype(float).clip(1e-6, 1 - 1e-6)).astype(np.float32)
+        return np.asarray(np.where(returns, back, centre) + np.float32(self.temperature) * normal * sd)
+
+    def logits(
+        self, run: SamplerState, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]
+    ) -> Float[ndarray, "S M"]:
+        """Of the Gaussians, and after them of the places that were left."""
+        previous_locations, dwell_bins = run.previous_locations[rows], run.dwell_bins[rows]
+        away, off = (
+            previous_locations - run.location[rows, None],
+            previous_locations - run.longest_dwell_location[rows, None],
+        )
+        candidate = self.candidate(np.concatenate([away, off, np.log1p(dwell_bins)[..., None]], axis=-1))
+        candidate += self.recency + self.known(features)[:, None]
+        scored = self.score(gelu(candidate))[..., 0]
+        return np.concatenate([self.mixture_logits(features), np.where(dwell_bins > 0, scored, MASKED_LOGIT)], axis=1)

@@ -1,0 +1,105 @@
+"""A trained network played part by part: embedding of a few frames in, head and gaze of the frames that follow out.
+
+Gives what `SpeechToMotion.generate` gives for the whole embedding (to rounding: tests/test_streaming.py), a step of
+gaze at a time. It takes a model that hears no farther ahead than its settings say (conf/model/talkingeyes_live.yaml):
+causal speech layers, the head `causal_vae`, and gaze that depends on nothing ahead (`StreamableGazeGenerator`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.models.gaze.generator import GazeCondition, StreamableGazeGenerator
+from talkingeyes.models.head.causal_vae import CausalVAEHead
+from talkingeyes.models.layers.convolution import CausalConvolutionStack
+from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
+
+
+@dataclass(frozen=True)
+class StreamingModules:
+    """The parts of a network that can be played part by part."""
+
+    speech: CausalConvolutionStack
+    head: CausalVAEHead
+    gaze: StreamableGazeGenerator
+
+    @classmethod
+    def of(cls, network: SpeechToMotion) -> StreamingModules:
+        """Raises InputError for a model that hears the whole speech, or what no stream can tell it."""
+        if network.conditions or network.waveform_encoder is not None:
+            raise InputError(
+                "model: a stream is told nothing but its speech, got a model with conditions or a wave encoder"
+            )
+        speech, head, gaze = network.speech.stack, network.head, network.gaze
+        causal = isinstance(speech, CausalConvolutionStack) and isinstance(head, CausalVAEHead)
+        if not causal or not isinstance(gaze, StreamableGazeGenerator) or gaze.has_lookahead:
+            raise InputError(
+                "model: should be one for streams (speech.ahead, head causal_vae, gaze not told ahead), got none"
+            )
+        assert isinstance(speech, CausalConvolutionStack)
+        assert isinstance(head, CausalVAEHead)
+        return cls(speech, head, gaze)
+
+    @property
+    def lookahead_frames(self) -> int:
+        """Frames after its own of which the embedding must be known before a frame is given."""
+        return self.speech.lookahead + self.gaze.step_frames - 1
+
+
+class MotionStream:
+    """The state of one stream of one seed."""
+
+    def __init__(self, network: SpeechToMotion, seed: int, temperature: float | None = None) -> None:
+        self._network, parts = network, StreamingModules.of(network)
+        self._stack, self._step = parts.speech, parts.gaze.step_frames
+        chosen = float(network.temperature) if temperature is None else temperature
+        self._speech, self._head = parts.speech.stream(), parts.head.stream(seed)
+        self._gaze = parts.gaze.stream(seed, chosen)
+        self._frames_to_skip = parts.speech.lookahead  # what the layers say before the first frame
+        self._pending_features = torch.zeros(1, 0, network.settings.speech.width)  # features of less than a step
+
+    @torch.inference_mode()
+    def push(self, embedding: Float[Tensor, "T C"]) -> GeneratedMotion:
+        """The motion that can be given now: whole steps, perhaps none. Parts of one length give the same bits."""
+        return self._push_embedding(self._network.speech.standardise(embedding[None]))
+
+    @torch.inference_mode()
+    def finish(self) -> GeneratedMotion:
+        """The rest of the motion, the last step perhaps not whole."""
+        found = self._push_embedding(torch.zeros(1, self._stack.lookahead, self._stack.input_projection.in_features))
+        return (
+            concat_motions([found, self._generate_step(self._pending_features)])
+            if self._pending_features.shape[1]
+            else found
+        )
+
+    def _push_embedding(self, standardise: Float[Tensor, "1 T H"]) -> GeneratedMotion:
+        if not standardise.shape[1]:
+            return concat_motions([])
+        features = torch.from_numpy(self._speech.step(standardise[0].numpy()))[None]
+        early = min(self._frames_to_skip, features.shape[1])
+        self._frames_to_skip -= early
+        self._pending_features = torch.cat([self._pending_features, features[:, early:]], dim=1)
+        parts = []
+        while self._pending_features.shape[1] >= self._step:
+            parts.append(self._generate_step(self._pending_features[:, : self._step]))
+            self._pending_features = self._pending_features[:, self._step :]
+        return concat_motions(parts)
+
+    def _generate_step(self, speech: Float[Tensor, "1 P S"]) -> GeneratedMotion:
+        """The frames of a step, or of its beginning where the stream ends."""
+        head = self._head.step(speech)
+        return GeneratedMotion(head, self._gaze.step(GazeCondition(speech, head, self._network.head.normal(head))))
+
+
+def concat_motions(parts: Sequence[GeneratedMotion]) -> GeneratedMotion:
+    """Parts of a motion, one after another; perhaps none."""
+    head = torch.cat([torch.zeros(1, 0, 3), *(part.head for part in parts)], dim=1)
+    gaze = torch.cat([torch.zeros(1, 0, 2, 3), *(part.gaze for part in parts)], dim=1)
+    return GeneratedMotion(head, gaze)

@@ -1,0 +1,279 @@
+"""The record of what ran: MLflow in the workspace's mlflow.db, no server. `make ui` shows it.
+
+Experiment `stages` holds one run a call of a stage; experiment `experiments` one flat row a method and seed, with the
+parameters that the row depends on and with the whole composition as a file. Nothing here changes a result, so no stage
+depends on this file in dvc.yaml. MLFLOW_TRACKING_URI, if it is set, names a server that is told instead.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import subprocess
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, field
+from itertools import islice, zip_longest
+from pathlib import Path
+from typing import Any
+
+from talkingeyes.orchestration.mlflow_view import TAG, saved_view
+
+# What one call of log_batch takes at most.
+METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
+# Sections that say where and how something runs, not what: no parameters of a row.
+EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objective", "study"}
+# Sections that only models depend on; truth, fitted and mismatched motion do not.
+MODEL_SECTIONS = {"pretrain", "train", "model", "validate", "sample"}
+REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """One method in the flat comparison. Metrics are keyed split/part/metric."""
+
+    name: str
+    metrics: Mapping[str, float]
+    artifacts: Sequence[Path] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a stage reports: metrics and files of the stage, rows of the comparison of methods, a training's history.
+
+    Rows of a history hold the `step` and the figures at it; they become curves.
+    """
+
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    artifacts: Sequence[Path] = ()
+    rows: Sequence[MethodResult] = ()
+    history: Sequence[Mapping[str, float]] = ()
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What MLflow is told of one run."""
+
+    name: str
+    params: Mapping[str, Any]
+    metrics: Mapping[str, float]
+    tags: Mapping[str, str]
+    artifacts: Sequence[Path]
+    history: Sequence[Mapping[str, float]] = ()
+
+
+def log_run(
+    root: Path,
+    stage: str,
+    name: str,
+    params: Mapping[str, Any],
+    sections_read: set[str],
+    seconds: float,
+    report: Report,
+    overrides: Sequence[str] = (),
+) -> None:
+    """Log one call of a stage with the sections that it used, and its rows.
+
+    `overrides` is what the composition was asked for (key=value). A row that is there already is not repeated.
+    """
+    client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": revision()}
+    flat = flatten(params)
+    of_stage = {
+        key: value for key, value in flat.items() if any(f"{key}.".startswith(f"{each}.") for each in sections_read)
+    }
+    metrics = {**report.metrics, "seconds": seconds}
+    run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
+    with _alone(root):
+        _log(client, _experiment(client, root, "stages", {}), run)
+        if not report.rows:
+            return
+        experiment = _experiment(client, root, "experiments", {TAG: saved_view()})
+        for row in report.rows:
+            of_row = _run_of(row, params, tags, overrides)
+            if not client.search_runs([experiment], f"tags.key = '{of_row.tags['key']}'", max_results=1):
+                client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
+
+
+def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings as dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in node.items():
+        nested = isinstance(value, Mapping)
+        flat |= flatten(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    return flat
+
+
+def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """What the row of a method depends on.
+
+    The sections of models flat: of models and tokenizers its own alone, under keys without their names, so that the
+    same parameter of two models stands in one column. What all models share, and what seldom varies, two levels deep,
+    the rest as JSON; a key of it that was overridden stands by itself too.
+    """
+    shared = {key: value for key, value in params.items() if key not in EXCLUDED_SECTIONS | MODEL_SECTIONS}
+    if params.get("corpus") != "data/synthesize":
+        shared.pop("synthesize", None)
+    flat = {key: json.dumps(value) if isinstance(value, Mapping) else value for key, value in _two_levels(shared)}
+    everything = flatten(shared)
+    flat |= {key: everything[key] for key in _given(overrides) if key in everything}
+    models = params.get("model", {})
+    if method not in models:
+        return flat
+    own = {key: params[key] for key in ("train", "validate", "sample") if key in params}
+    tokenizers = {tokenizer: params["pretrain"][tokenizer] for tokenizer in _tokenizers(models[method])}
+    tokenizer = next(iter(tokenizers.values())) if len(tokenizers) == 1 else tokenizers
+    return flat | flatten({**own, "model": models[method], "pretrain": tokenizer})
+
+
+def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides: Sequence[str]) -> str:
+    """A readable name: the method, its seed, and what was overridden, or else the experiment."""
+    if method not in params.get("model", {}):
+        return method
+    train, sample = (params.get(section, {}).get("seed", 0) for section in ("train", "sample"))
+    seed = f"seed {train}" if train == sample else f"seed {train}, sampled {sample}"
+    own = [f"model.{method}.", *(f"pretrain.{tokenizer}." for tokenizer in _tokenizers(params["model"][method]))]
+    said = {"train.seed", "sample.seed", "sweep", "experiment", "hydra", *EXCLUDED_SECTIONS}
+    short = []
+    for key, value in _given(overrides).items():
+        others = key.startswith(("model.", "pretrain.")) and not key.startswith(tuple(own))
+        if key not in said and key.split(".")[0].split("/")[0] not in said and not others:
+            short.append(f"{_without(key, own)}={value}")
+    fallback = [experiment] if experiment != "default" else []
+    return ", ".join([f"{method} {seed}", *(short or fallback)])
+
+
+def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
+    """What a run belongs to: the experiment of `dvc exp run`, a study, a delta of conf/experiment/, or `default`."""
+    given = _given(overrides)
+    study = params.get("study", "default") if {"sweep", "study"} & set(given) else None
+    return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
+
+
+def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
+    """A row as a run. Its key stands for all that is in it, so that the same row is known again."""
+    own = method_parameters(row.name, params, overrides)
+    content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
+    more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
+    if "train.seed" in own:
+        more["seed"] = str(own["train.seed"])
+    if overrides:
+        more["overrides"] = " ".join(overrides)
+    name = run_name(row.name, params, tags["experiment"], overrides)
+    return _Run(name, own, row.metrics, {**tags, **more}, row.artifacts)
+
+
+def _given(overrides: Sequence[str]) -> dict[str, str]:
+    """Overrides (key=value, +key=value) by key."""
+    return dict(each.lstrip("+").split("=", 1) for each in overrides if "=" in each)
+
+
+def _two_levels(sections: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for section, node in sections.items():
+        if isinstance(node, Mapping):
+            yield from ((f"{section}.{key}", value) for key, value in node.items())
+        else:
+            yield section, node
+
+
+def _tokenizers(model: Mapping[str, Any]) -> list[str]:
+    """The tokenizers that a model needs: a name, a list of them, or none."""
+    tokenizer = model.get("tokenizer") or []
+    return [tokenizer] if isinstance(tokenizer, str) else list(tokenizer)
+
+
+def _without(key: str, prefixes: Sequence[str]) -> str:
+    for prefix in prefixes:
+        key = key.removeprefix(prefix)
+    return key
+
+
+def _client(root: Path) -> Any:
+    """A client of mlflow.db. The tables are made by one process before anything writes, and the file appears whole."""
+    logging.getLogger("mlflow").setLevel(logging.WARNING)
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside MLflow and SQLAlchemy
+        from mlflow.store.db import utils
+        from mlflow.tracking import MlflowClient
+
+        if _server():
+            return MlflowClient(_server())
+        path = root.resolve() / "mlflow.db"
+        with _alone(root):
+            if not path.exists():
+                partial = path.with_name("mlflow.db.partial")
+                partial.unlink(missing_ok=True)
+                engine = utils.create_sqlalchemy_engine_with_retry(f"sqlite:///{partial}")
+                utils._initialize_tables(engine)
+                engine.dispose()
+                partial.rename(path)
+        return MlflowClient(f"sqlite:///{path}")
+
+
+def _server() -> str | None:
+    return os.environ.get("MLFLOW_TRACKING_URI")
+
+
+def _alone(root: Path) -> AbstractContextManager[Any]:
+    """One process at a time writes to mlflow.db: SQLite gives up when it has waited for long. A server needs none."""
+    from filelock import FileLock
+
+    return nullcontext() if _server() else FileLock(f"{root.resolve() / 'mlflow.db'}.lock")
+
+
+def _log(client: Any, experiment: str, run: _Run) -> str:
+    """Write a run; its id."""
+    from mlflow.entities import Metric, Param
+
+    now = int(time.time() * 1000)
+    run_id: str = client.create_run(experiment, run_name=run.name, tags=dict(run.tags)).info.run_id
+    points = [Metric(key, float(value), now, 0) for key, value in run.metrics.items()]
+    points += [
+        Metric(f"curve/{key}", float(value), now, int(row["step"]))
+        for row in run.history
+        for key, value in row.items()
+        if key != "step"
+    ]
+    metrics = _batches(points, METRICS_PER_BATCH)
+    params = _batches([Param(key, str(value)[:PARAM_LENGTH]) for key, value in run.params.items()], PARAMS_PER_BATCH)
+    for some_metrics, some_params in zip_longest(metrics, params, fillvalue=()):
+        client.log_batch(run_id, metrics=some_metrics, params=some_params)
+    for path in run.artifacts:
+        client.log_artifact(run_id, str(path))
+    client.set_terminated(run_id)
+    return run_id
+
+
+def _experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:
+    """The id of an experiment with these tags; its files go to mlartifacts/ beside the database."""
+    from mlflow.exceptions import MlflowException
+
+    place = None if _server() else (root.resolve() / "mlartifacts").as_uri()
+    found = client.get_experiment_by_name(name)
+    if found is None:
+        with suppress(MlflowException):  # another process was first
+            client.create_experiment(name, artifact_location=place)
+        found = client.get_experiment_by_name(name)
+    for key, value in tags.items():
+        if found.tags.get(key) != value:
+            client.set_experiment_tag(found.experiment_id, key, value)
+    return str(found.experiment_id)
+
+
+def _batches(items: list[Any], size: int) -> Iterator[list[Any]]:
+    remaining = iter(items)
+    while batch := list(islice(remaining, size)):
+        yield batch
+
+
+def revision() -> str:
+    """The git revision that the code stands at, `none` outside a repository."""
+    if not (REPOSITORY_ROOT / ".git").exists():
+        return "none"
+    described = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    found = subprocess.run(described, cwd=REPOSITORY_ROOT, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "none"

@@ -1,0 +1,112 @@
+"""The comparison page of MLflow's UI: a saved view, so that nobody has to choose columns before runs can be compared.
+
+By itself the page lists runs without one figure. MLflow keeps what a person saves under `Views` as a tag of the
+experiment; here the project writes such a tag of its own. It touches nothing that a person has saved.
+
+Run: python -m talkingeyes.orchestration.mlflow_view build/tiny 127.0.0.1:5000
+Reads mlflow.db in that folder; prints where a server at that address shows the comparison. `make ui` does both.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import sys
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from talkingeyes.core.errors import InputError
+
+# The columns of the table, and the axes of the chart of results on test; a run that lacks one has no line there.
+TEST_METRICS = (
+    "test/gaze/diversity_ratio",
+    "test/gaze/corr",
+    "test/gaze/l2",
+    "test/gaze/speed_ratio",
+    "test/gaze_in_space/corr",
+    "test/gaze_in_space/still_fraction",
+    "test/head/diversity_ratio",
+    "test/head/corr",
+    "test/head/speed_ratio",
+)
+# What a sweep chooses by; its runs may have nothing on test.
+VAL_METRICS = ("val/corr", "val/dynamics_distance")
+TAGS = ("experiment", "seed")
+
+NAME = "Comparison"
+TAG = "mlflow.sharedViewState.comparison"
+# What follows the address of the server; {experiment} is the id of the experiment.
+PAGE = (
+    "/#/experiments/{experiment}/runs?workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey=comparison"
+)
+
+
+def page(experiment: str, mode: str = "CHART") -> str:
+    """The address of the view behind the server's: mode TABLE or CHART."""
+    return PAGE.format(experiment=experiment, mode=mode)
+
+
+def saved_view() -> str:
+    """The value of the tag: MLflow's envelope of a saved view."""
+    section = {"uuid": "comparison", "name": NAME, "display": True, "isReordered": False, "deleted": False}
+    state = {
+        "selectedColumns": [*(f"tags.`{tag}`" for tag in TAGS), *map(_column, (*TEST_METRICS, *VAL_METRICS))],
+        "compareRunCharts": [_lines("test", TEST_METRICS), _lines("val", VAL_METRICS), _differences()],
+        "compareRunSections": [{**section, "isGenerated": False, "columns": 1, "cardHeight": 360}],
+        "hideEmptyCharts": True,
+    }
+    return json.dumps({"name": NAME, "createdAt": 0, "updatedAt": 0, "state": json.dumps(state)})
+
+
+def _column(metric: str) -> str:
+    return f"metrics.`{metric}`"
+
+
+def _lines(name: str, metrics: tuple[str, ...]) -> dict[str, Any]:
+    """A chart of parallel axes, a line a run."""
+    chosen = {"selectedParams": [], "selectedMetrics": list(metrics), "showAllRuns": False}
+    return {**_chart(name, "PARALLEL"), **chosen}
+
+
+def _differences() -> dict[str, Any]:
+    """A table of the parameters in which the runs differ, and of all metrics."""
+    shown = {"showChangeFromBaseline": False, "showDifferencesOnly": True, "baselineColumnUuid": ""}
+    groups = ["Parameters", "Model metrics"]
+    return {**_chart("differences", "DIFFERENCE"), "chartName": "Differences", "compareGroups": groups, **shown}
+
+
+def _chart(name: str, kind: str) -> dict[str, Any]:
+    place = {"metricSectionId": "comparison", "runsCountToCompare": 10}
+    return {"uuid": name, "type": kind, "deleted": False, "isGenerated": False, **place}
+
+
+def experiment_id(root: Path) -> str:
+    """The id of the experiment that holds the rows. Raises InputError if there are none yet."""
+    path = root / "mlflow.db"
+    query = "select experiment_id from experiments where name = 'experiments'"
+    found = None
+    if path.exists():
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as store:
+            found = store.execute(query).fetchone()
+    if found is None:
+        raise InputError(f"{path}: should hold rows to compare, which `make repro` or `make tiny` log; got none")
+    return str(found[0])
+
+
+def main(arguments: list[str]) -> int:
+    """Print the addresses; the exit status."""
+    root, server = arguments
+    try:
+        experiment = experiment_id(Path(root))
+    except InputError as error:
+        print("error:", error, file=sys.stderr)
+        return 2
+    print(
+        f"One chart: http://{server}{page(experiment, 'CHART')}\nOne table: http://{server}{page(experiment, 'TABLE')}"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

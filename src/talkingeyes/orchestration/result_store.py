@@ -1,0 +1,297 @@
+"""The result store: stage outputs in folders that are named by everything they depend on, so that nothing runs twice.
+
+    <store>/<stage>[-<item>]-<key>/output/     the stage's folder, as it would be in data/
+    <store>/<stage>[-<item>]-<key>/made.json   its inputs, its files, what the stage reported
+
+The key is a hash of the config sections that the stage reads, the keys of its inputs and the code that it imports, all
+as declared in dvc.yaml (stage_graph.py). A stage runs in a folder that contains only links to its declared inputs, so
+it cannot read anything else unnoticed. An entry appears whole, by a rename, under a lock: of two processes that need
+the same entry, one makes it and the other waits. Results of `dvc repro` are reused when dvc.lock says that they are the
+same.
+
+It is no cache system: nothing expires and nothing is indexed. Any folder in it may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration.run import CHECKSUMS_FILE, MethodResult, Report, Workspace
+from talkingeyes.orchestration.stage_graph import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, get_section
+
+KEY_LENGTH = 16
+# What a stage may know beside its sections: where the corpus is, and the machine, which changes no result.
+IMPLICIT_SECTIONS = ("corpus", "machine")
+
+# What of the machine changes rounding in what is learnt; `dvc repro` leaves it to the person.
+ROUNDING_KEYS = ("device", "precision")
+
+StageRunner = Callable[[StageCall, Workspace], Report]
+
+
+@dataclass(frozen=True)
+class StoredResult:
+    """One result in the store. `origin` tells where it came from this time: made, store or dvc.
+
+    `cpu_s` is what the making process took (not those that it started); None of what `dvc repro` made. A stage that
+    was killed and went on counts its last part alone.
+    """
+
+    folder: Path
+    key: str
+    report: Report
+    origin: str
+    cpu_s: float | None
+
+    @property
+    def output(self) -> Path:
+        """What the stage wrote."""
+        return self.folder / "output"
+
+
+def get_or_run(
+    store: Path,
+    call: StageCall,
+    params: Mapping[str, Any],
+    upstream: Mapping[Path, StoredResult],
+    make: StageRunner,
+    checkout: Path = REPOSITORY_ROOT,
+) -> StoredResult:
+    """The result of a call: from the store, from data/ of the checkout if it fits, or made.
+
+    `upstream` holds the entry of every call before it, by the folder under data/ that it stands for.
+    """
+    from filelock import FileLock
+
+    read = {folder: entry for folder, entry in upstream.items() if _reads(call, folder)}
+    made_from = _made_from(call, params, read, checkout)
+    key = hashlib.sha256(_canonical(made_from).encode()).hexdigest()[:KEY_LENGTH]
+    folder = store / "-".join(filter(None, (call.stage, call.item, key)))
+    store.mkdir(parents=True, exist_ok=True)
+    with FileLock(store / f".{folder.name}.lock"):
+        if folder.exists():
+            damage = _damage(folder)
+            if damage is None:
+                return StoredResult(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
+            print(f"store: {folder.name} is damaged ({damage}); it is made again", file=sys.stderr)
+            shutil.rmtree(folder)
+        making = store / f".{folder.name}.partial"
+        own = _dvc_output(call, params, read, checkout)
+        if own is not None:
+            _copy(own, making / call.folder)
+            report, cpu_s = Report(), None
+        else:
+            start = time.process_time()
+            report = _make(call, params, read, making, make)
+            cpu_s = time.process_time() - start
+        _keep(making, call, folder, {**made_from, "cpu_s": cpu_s}, report)
+        shutil.rmtree(making)
+        return StoredResult(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
+
+
+def link(entry: StoredResult, place: Path) -> None:
+    """Show an entry under a workspace's data/, in the place of what stood there."""
+    if place.is_symlink() or not place.is_dir():
+        place.unlink(missing_ok=True)
+    else:
+        shutil.rmtree(place)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.symlink_to(entry.output.resolve())
+
+
+def code_version(paths: Sequence[str], checkout: Path = REPOSITORY_ROOT) -> dict[str, str]:
+    """A hash of each room or file."""
+    return {path: _code_md5(checkout / path) for path in paths}
+
+
+def dvc_md5(path: Path) -> str:
+    """The hash that DVC gives a file or a folder, so that dvc.lock can be compared with what is there."""
+    if path.is_file():
+        return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
+    files = [each for each in sorted(path.rglob("*")) if each.is_file() and "__pycache__" not in each.parts]
+    tree = [{"md5": dvc_md5(each), "relpath": each.relative_to(path).as_posix()} for each in files]
+    tree.sort(key=lambda each: each["relpath"])  # as text: sub.x before sub/x
+    return hashlib.md5(json.dumps(tree, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
+
+
+_code_md5 = cache(dvc_md5)  # code does not change under a running process
+
+
+def _reads(call: StageCall, folder: Path) -> bool:
+    return any(Path(each).is_relative_to(folder) or folder.is_relative_to(each) for each in call.inputs)
+
+
+def _made_from(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], checkout: Path
+) -> dict[str, Any]:
+    found = {
+        "stage": call.address,
+        "sections": {key: get_section(params, key) for key in call.sections},
+        "reads": {folder.as_posix(): entry.key for folder, entry in sorted(read.items())},
+        "code": code_version(call.code_deps, checkout),
+    }
+    if any("training" in each for each in call.code_deps):
+        found["rounding"] = {key: params["machine"].get(key) for key in ROUNDING_KEYS}
+    corpus = str(params["corpus"])
+    if corpus != DEFAULT_CORPUS and any(Path(each).is_relative_to(corpus) for each in call.inputs):
+        index = Path(corpus, "clips.parquet")  # holds a hash a clip
+        if not index.is_file():
+            raise InputError(f"corpus: {corpus} should be a folder with clips.parquet")
+        found["corpus"] = dvc_md5(index)
+    return found
+
+
+def _make(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], making: Path, make: StageRunner
+) -> Report:
+    """Run the stage where it sees nothing but what it declared. What a killed run left there may be gone on with."""
+    seen: dict[str, Any] = {key: params[key] for key in IMPLICIT_SECTIONS}
+    for key in call.sections:
+        node = seen
+        for part in key.split(".")[:-1]:
+            node = node.setdefault(part, {})
+        node[key.split(".")[-1]] = get_section(params, key)
+    for folder, entry in read.items():
+        link(entry, making / folder)
+    try:
+        return make(call, Workspace(making.resolve(), seen))
+    except Exception:
+        shutil.rmtree(making, ignore_errors=True)
+        raise
+
+
+def _keep(making: Path, call: StageCall, folder: Path, made_from: Mapping[str, Any], report: Report) -> None:
+    """Move an output into the store: the entry is put together beside it, and renamed."""
+    output, whole = making / call.folder, making / "entry"
+    shutil.rmtree(whole, ignore_errors=True)
+    whole.mkdir()
+    content = {**made_from, "files": _stamps(output), "report": _plain(report, output)}
+    (whole / "provenance.json").write_text(json.dumps(content, indent=1))
+    output.rename(whole / "output")
+    whole.rename(folder)
+
+
+def _plain(report: Report, output: Path) -> dict[str, Any]:
+    """A report whose files are named relative to the output."""
+
+    def names(paths: Sequence[Path]) -> list[str]:
+        return [path.resolve().relative_to(output.resolve()).as_posix() for path in paths]
+
+    rows = [{**asdict(row), "artifacts": names(row.artifacts)} for row in report.rows]
+    return {"metrics": dict(report.metrics), "artifacts": names(report.artifacts), "rows": rows}
+
+
+def _report_of(folder: Path) -> Report:
+    plain = json.loads((folder / "provenance.json").read_text())["report"]
+
+    def paths(names: Sequence[str]) -> list[Path]:
+        return [folder / "output" / name for name in names]
+
+    rows = [MethodResult(**{**row, "artifacts": paths(row["artifacts"])}) for row in plain["rows"]]
+    return Report(plain["metrics"], paths(plain["artifacts"]), rows)
+
+
+def _cpu_s_of(folder: Path) -> float | None:
+    found = json.loads((folder / "provenance.json").read_text()).get("cpu_s")
+    return None if found is None else float(found)
+
+
+def _stamps(output: Path) -> dict[str, list[int]]:
+    """Size and time of change of every file: as long as they stay, so does the content."""
+    files = sorted(path for path in output.rglob("*") if path.is_file())
+    return {path.relative_to(output).as_posix(): _stamp(path) for path in files}
+
+
+def _stamp(path: Path) -> list[int]:
+    found = path.stat()
+    return [found.st_size, found.st_mtime_ns]
+
+
+def _damage(folder: Path) -> str | None:
+    """What is wrong with an entry, or None. A file with another time is read and compared with SHA256SUMS."""
+    output = folder / "output"
+    try:
+        stamps = json.loads((folder / "provenance.json").read_text())["files"]
+        lines = [line.split("  ", 1) for line in (output / CHECKSUMS_FILE).read_text().splitlines()]
+        sums = {name: sum_ for sum_, name in lines}
+    except (OSError, ValueError, KeyError) as error:
+        return f"{type(error).__name__} in provenance.json or {CHECKSUMS_FILE}"
+    for name, stamp in stamps.items():
+        path = output / name
+        if not path.is_file():
+            return f"{name} is missing"
+        if (
+            _stamp(path) != stamp
+            and name != CHECKSUMS_FILE
+            and hashlib.sha256(path.read_bytes()).hexdigest() != sums.get(name)
+        ):
+            return f"{name} does not match {CHECKSUMS_FILE}"
+    return None
+
+
+def _dvc_output(
+    call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], checkout: Path
+) -> Path | None:
+    """The folder in data/ that `dvc repro` made from the very same, or None.
+
+    dvc.lock holds the values and hashes of all that it was made from, and of what came out.
+    """
+    output = checkout / call.folder
+    lock = checkout / "dvc.lock"
+    stages = _locked(lock, lock.stat().st_mtime_ns) if lock.is_file() else {}
+    if call.address not in stages or not (output / CHECKSUMS_FILE).is_file():
+        return None
+    locked = stages[call.address]
+    values = locked.get("params", {}).get("params.yaml", {})
+    if values != {key: get_section(params, key) for key in call.sections}:
+        return None
+    places = {each["path"]: each.get("md5") for each in locked.get("deps", [])}
+    here = {path: dvc_md5(_inside(read, path)) for path in call.inputs} | code_version(call.code_deps, checkout)
+    outs = {each["path"]: each.get("md5") for each in locked.get("outs", [])}
+    # Last, because it reads the whole output.
+    return output if here == places and outs == {call.folder.as_posix(): dvc_md5(output)} else None
+
+
+@lru_cache(maxsize=1)
+def _locked(lock: Path, changed_ns: int) -> dict[str, Any]:
+    """The stages of dvc.lock, parsed again when it has changed; as DVC does, for PyYAML takes its 1e-06 for a word."""
+    return dict(YAML(typ="safe").load(lock.read_text())["stages"])
+
+
+def _inside(read: Mapping[Path, StoredResult], path: str) -> Path:
+    """Where a declared path lies in the store."""
+    for folder, entry in read.items():
+        if Path(path).is_relative_to(folder):
+            return entry.output / Path(path).relative_to(folder)
+    return Path(path)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """A copy that takes no room where hard links are possible: outputs are never written in place."""
+
+    def place(one: str, other: str) -> None:
+        try:
+            os.link(one, other)
+        except OSError:
+            shutil.copy2(one, other)
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(source, target, copy_function=place)
+
+
+def _canonical(node: Any) -> str:
+    return json.dumps(node, sort_keys=True)

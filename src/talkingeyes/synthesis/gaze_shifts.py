@@ -1,0 +1,194 @@
+"""Where gaze goes: saccades between the partner's face and places away from it, and the head that goes along.
+
+Gaze is made in space as a chain of saccades. Inside a state it scans: over the partner's face in small steps, around
+the place of looking away by Eyes Alive's law. Where an aversion goes depends on its cause (Andrist et al. 2013), how
+far is Eyes Alive's law again. Large shifts fall short and are corrected (FACTS, section 1), and take the head along
+beyond the speaker's threshold (section 2). The partner sits at a distance, what lies away is further off, and the eyes
+converge on it. Angles are (yaw, pitch) in radians, times seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.motion import HeadMovement, Saccade, VergenceMovement
+from talkingeyes.physiology import eye_head, saccades
+from talkingeyes.synthesis.gaze_aversion import AversionCause, GazeInterval
+from talkingeyes.synthesis.speakers import SpeakerStyle
+
+PARTNER_SPREAD_RAD = np.radians([1.5, 0.8])
+PARTNER_DISTANCE_M, AVERSION_DISTANCE_M = (0.8, 1.3), (1.5, 4.0)
+FACE_RADIUS_RAD = np.radians([3.2, 3.4])
+MAX_SCAN_DEG = {False: 6.0, True: 12.0}
+SCAN_MEDIAN_S, SCAN_SPREAD = 0.60, 0.6
+MIN_INTERSACCADIC_S = 0.15
+MIN_AVERSION_DEG = 4.0
+MAX_SHIFT_RAD = np.radians(27.5)
+MAX_AVERSION_RAD = np.radians(20.0)
+# Room is left for kappa and vergence, which come on top, inside the range of eye_head.
+EYE_RANGE_RAD = np.radians([[-23.5, -22.0], [23.5, 14.0]])
+SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
+UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)
+HEAD_RETURN_PROBABILITY = 0.5
+# The head is cooler in aversions than in looking at things, and a third of them, the small ones first, are eyes alone.
+AVERSION_HEAD_GAIN = 0.9
+EYES_ONLY_PROBABILITY, EYES_ONLY_FALL_PER_DEG, MIN_EYES_ONLY_PROBABILITY = 0.65, 0.03, 0.10
+MIN_HEAD_TURN_RAD = np.radians(0.5)
+# Shares of up, to the side and down (Andrist et al. 2013), each spread over its octants as Eyes Alive has them.
+DIRECTIONS: dict[AversionCause, tuple[float, float, float]] = {
+    "planning": (0.39, 0.32, 0.29),
+    "floor": (0.21, 0.49, 0.30),
+    "intimacy": (0.14, 0.57, 0.29),
+}
+OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN = (1, 2, 3), (0, 4), (5, 6, 7)
+
+
+@dataclass
+class GazeBuilder:
+    """Gaze and the head's part in it, built up shift by shift. `head_space_rad` is where the gesturing head points."""
+
+    style: SpeakerStyle
+    head_s: Float[ndarray, " T"]
+    head_space_rad: Float[ndarray, "T 2"]
+    rng: np.random.Generator
+    partner_rad: Float[ndarray, " 2"]
+    partner_distance_m: float
+    gaze_rad: Float[ndarray, " 2"]
+    head_contribution_rad: Float[ndarray, " 2"] = field(default_factory=lambda: np.zeros(2))
+    saccades: list[Saccade] = field(default_factory=list)
+    head_movements: list[HeadMovement] = field(default_factory=list)
+    vergence_movements: list[VergenceMovement] = field(default_factory=list)
+
+    @property
+    def earliest_onset_s(self) -> float:
+        """Before this time no further saccade can start."""
+        return (
+            self.saccades[-1].onset_s + self.saccades[-1].duration_s + MIN_INTERSACCADIC_S if self.saccades else -np.inf
+        )
+
+    def enter_interval(self, look: GazeInterval) -> None:
+        """Shift gaze, the head and the distance that the eyes are set to into a new state."""
+        onset_s = self.shift(look.start_s, self.aversion_point(look.cause) if look.averted else self.point_on_face())
+        distance_m = self.rng.uniform(*AVERSION_DISTANCE_M) if look.averted else self.partner_distance_m
+        self.vergence_movements.append(VergenceMovement(onset_s, float(distance_m)))
+        self.add_head_contribution(onset_s, look)
+
+    def shift(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> float:
+        """A saccade to a target, as far as eyes and head reach; a long one falls short and is corrected. Its onset."""
+        onset_s = max(onset_s, self.earliest_onset_s)
+        target = np.clip(np.clip(target_rad, *SPACE_RANGE_RAD), *(self.head_at(onset_s + 0.2) + EYE_RANGE_RAD))
+        step = target - self.gaze_rad
+        step *= min(1.0, MAX_SHIFT_RAD / max(float(np.hypot(*step)), 1e-9))
+        aim = self.gaze_rad + step
+        if np.hypot(*step) > UNDERSHOOT_FROM_RAD:
+            self._saccade(onset_s, self.gaze_rad + step * min(1.0, self.rng.normal(*UNDERSHOOT)))
+            self._saccade(self.earliest_onset_s + self.rng.uniform(0.0, 0.05), aim)
+        else:
+            self._saccade(onset_s, aim)
+        return onset_s
+
+    def head_at(self, time_s: float) -> Float[ndarray, " 2"]:
+        """Where the head points once it has come along as far as it does."""
+        return np.asarray(
+            [np.interp(time_s, self.head_s, angle) for angle in self.head_space_rad.T] + self.head_contribution_rad
+        )
+
+    def _saccade(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> None:
+        self.saccades.append(saccades.saccade(onset_s, self.gaze_rad, target_rad, self.rng))
+        self.gaze_rad = np.array(self.saccades[-1].end_rad)
+
+    def add_head_contribution(self, onset_s: float, look: GazeInterval) -> None:
+        """The head's share of a shift that starts at `onset_s`: towards what is averted to, or back."""
+        onset = onset_s + eye_head.sample_onset_lag_s(self.rng)
+        if not look.averted:
+            self._turn(onset, -self.rng.uniform(0.7, 1.0) * self.head_contribution_rad)
+            return
+        eccentricity = self.gaze_rad - self.head_at(onset_s)
+        fall = EYES_ONLY_FALL_PER_DEG * float(np.degrees(np.hypot(*eccentricity)))
+        if self.rng.random() < max(MIN_EYES_ONLY_PROBABILITY, EYES_ONLY_PROBABILITY - fall):
+            return
+        gain = min(1.0, AVERSION_HEAD_GAIN * self.style.head_gain)
+        self._turn(onset, eye_head.head_contribution(eccentricity, self.style.head_threshold, gain))
+        back_s = onset + self.rng.uniform(0.6, 1.5)
+        if self.rng.random() < HEAD_RETURN_PROBABILITY and back_s < look.end_s:
+            self._turn(back_s, -self.rng.uniform(0.5, 1.0) * self.head_contribution_rad, self.rng.uniform(1.0, 3.0))
+
+    def _turn(self, onset_s: float, turn_rad: Float[ndarray, " 2"], duration_s: float | None = None) -> None:
+        amplitude = float(np.hypot(*turn_rad))
+        if amplitude < MIN_HEAD_TURN_RAD:
+            return
+        self.head_contribution_rad = self.head_contribution_rad + turn_rad
+        duration = float(eye_head.head_duration_s(amplitude)) if duration_s is None else duration_s
+        self.head_movements.append(
+            HeadMovement(float(onset_s), float(duration), (-float(turn_rad[1]), float(turn_rad[0]), 0.0))
+        )
+
+    def scan(self, look: GazeInterval) -> None:
+        """Saccades inside a state until it ends."""
+        rng = self.rng
+        median_s = SCAN_MEDIAN_S / (self.style.saccade_rate * self.style.liveliness)
+        while True:
+            onset = self.earliest_onset_s + max(
+                0.0, median_s * np.exp(SCAN_SPREAD * rng.standard_normal()) - MIN_INTERSACCADIC_S
+            )
+            if onset > look.end_s - MIN_INTERSACCADIC_S:
+                return
+            amplitudes = saccades.sample_amplitudes_rad(8, rng, max_deg=MAX_SCAN_DEG[look.averted])
+            targets = self.gaze_rad + amplitudes[:, None] * saccades.sample_directions(8, rng)
+            self.shift(onset, self._near(targets, look))
+
+    def _near(self, targets: Float[ndarray, "K 2"], look: GazeInterval) -> Float[ndarray, " 2"]:
+        """The first candidate that stays where the state wants it: on the face, or off it."""
+        away = targets - self.partner_rad
+        on_face = np.hypot(*(away / FACE_RADIUS_RAD).T) < 1.0
+        off_face = np.hypot(*(away / (1.4 * FACE_RADIUS_RAD)).T) > 1.0
+        fits = np.flatnonzero(off_face & (np.hypot(*away.T) < MAX_AVERSION_RAD) if look.averted else on_face)
+        if len(fits):
+            return np.asarray(targets[fits[0]])
+        return self.aversion_point(look.cause) if look.averted else self.point_on_face()
+
+    def point_on_face(self) -> Float[ndarray, " 2"]:
+        """Somewhere on the partner's face."""
+        return np.asarray(self.partner_rad + FACE_RADIUS_RAD * self.rng.normal(0.0, 0.4, 2))
+
+    def aversion_point(self, cause: AversionCause) -> Float[ndarray, " 2"]:
+        """Somewhere off it: in the directions of the cause, in Eyes Alive's amplitudes, with the speaker's side."""
+        min_deg = max(MIN_AVERSION_DEG, 1.5 * float(np.degrees(FACE_RADIUS_RAD.max())))
+        amplitude = saccades.sample_amplitudes_rad(1, self.rng, min_deg=min_deg)
+        direction = saccades.sample_directions(1, self.rng, octant_probabilities(cause))[0]
+        if abs(direction[0]) > abs(direction[1]) and self.rng.random() < abs(self.style.aversion_side):
+            direction[0] = np.copysign(direction[0], self.style.aversion_side)
+        size = self.style.aversion_scale * np.sqrt(min(1.0, self.style.liveliness))
+        return np.asarray(self.partner_rad + size * amplitude * direction)
+
+
+def octant_probabilities(cause: AversionCause) -> Float[ndarray, " 8"]:
+    """How likely an aversion of this cause goes to 0, 45, ..., 315 degrees (0 to the subject's left, 90 up)."""
+    shares = np.zeros(8)
+    groups = (OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN)
+    for octants, share in zip(groups, DIRECTIONS[cause], strict=True):
+        percent = saccades.DIRECTION_PERCENT[list(octants)]
+        shares[list(octants)] = share * percent / percent.sum()
+    return shares
+
+
+def generate_gaze(
+    states: Sequence[GazeInterval],
+    style: SpeakerStyle,
+    head_s: Float[ndarray, " T"],
+    head_space_rad: Float[ndarray, "T 2"],
+    rng: np.random.Generator,
+) -> GazeBuilder:
+    """Gaze through all states. `head_space_rad` (yaw, pitch) at `head_s` is where the head points without gaze."""
+    partner = rng.normal(0.0, PARTNER_SPREAD_RAD)
+    partner_distance_m = float(rng.uniform(*PARTNER_DISTANCE_M))
+    gaze_builder = GazeBuilder(style, head_s, head_space_rad, rng, partner, partner_distance_m, gaze_rad=partner)
+    for look in states:
+        gaze_builder.enter_interval(look)
+        gaze_builder.scan(look)
+    return gaze_builder

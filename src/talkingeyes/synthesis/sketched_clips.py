@@ -1,0 +1,59 @@
+"""A pool of true takes without text or voice: talk sketched as spans of speech, for the validation of measures.
+
+Motion comes from the world's own laws (take.py), so its statistics are those of a synthetic corpus; a pool of an hour
+takes seconds, since nothing is spoken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from talkingeyes.audio.annotation import Annotation, Phoneme, Span
+from talkingeyes.core.motion import Motion
+from talkingeyes.physiology.blinks import PHYSIOLOGICAL
+from talkingeyes.synthesis.speakers import sample_style
+from talkingeyes.synthesis.take import sample_take
+
+PHONEME_S = 0.09
+SPEECH_MEDIAN_S, SPEECH_SPREAD = 1.5, 0.5
+GAP_MEDIAN_S, GAP_SPREAD, MIN_GAP_S = 0.5, 0.6, 0.3
+
+
+@dataclass(frozen=True)
+class SketchedClip:
+    """One sketched sound, its speaker, and takes of it."""
+
+    speaker: str
+    annotation: Annotation
+    takes: tuple[Motion, ...]
+
+
+def sketch_clips(speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int) -> list[SketchedClip]:
+    """`sounds` of each speaker, `takes` of each sound; speaker and sound have generators of their own."""
+    found = []
+    for speaker in range(speakers):
+        style = sample_style(np.random.default_rng([seed, speaker]))
+        for sound in range(sounds):
+            rng = np.random.default_rng([seed, speaker, sound])
+            annotation = sketch_annotation(seconds, rng)
+            motions = [sample_take(annotation, style, seconds, rng, PHYSIOLOGICAL) for _ in range(takes)]
+            frames = round(seconds * fps)
+            found.append(SketchedClip(str(speaker), annotation, tuple(each.motion(fps, frames) for each in motions)))
+    return found
+
+
+def sketch_annotation(seconds: float, rng: np.random.Generator) -> Annotation:
+    """Spans of speech and gaps; phonemes by turns open and shut, every third syllable stressed."""
+    start_s = rng.uniform(0.2, 1.0)
+    speaking: list[Span] = []
+    phonemes: list[Phoneme] = []
+    while start_s < seconds - 1.0:
+        end_s = min(seconds - 0.1, start_s + SPEECH_MEDIAN_S * np.exp(SPEECH_SPREAD * rng.standard_normal()))
+        speaking.append(Span(start_s, end_s))
+        for index, onset_s in enumerate(np.arange(start_s, end_s - PHONEME_S, PHONEME_S)):
+            symbol = "a" if index % 2 else "t"
+            phonemes.append(Phoneme(float(onset_s), float(onset_s + PHONEME_S), symbol, index % 6 == 1))
+        start_s = end_s + max(MIN_GAP_S, GAP_MEDIAN_S * np.exp(GAP_SPREAD * rng.standard_normal()))
+    return Annotation(phonemes=tuple(phonemes), speaking=tuple(speaking))

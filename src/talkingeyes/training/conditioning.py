@@ -1,0 +1,153 @@
+"""What windows and whole clips come with besides their speech (models/condition/), for the models that need it.
+
+Who moves and the partner's channel are the clip's own; whoever was in no training is one of those who were, drawn for
+each sound. A reference is another clip of the same speaker, of the train split: in training a window of it, as long as
+the window itself, else the whole.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.waveform import SAMPLE_RATE
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.recordings import Recording
+from talkingeyes.corpus.store import Corpus, shard_path
+from talkingeyes.models.condition.conditioner import ConditioningInputs, InputName
+from talkingeyes.models.gaze.gaze_signal import mirror_motion
+
+WindowInputs = Mapping[str, ndarray]
+
+
+@dataclass(frozen=True)
+class ConditioningPaths:
+    """Where the sound and the partner's embedding lie."""
+
+    corpus: Corpus
+    embed: Path
+
+
+class ConditioningProvider:
+    """Gives what a model needs, of clips; references are chosen among `reference_recordings`."""
+
+    def __init__(
+        self,
+        required_inputs: Collection[InputName],
+        speakers: Sequence[str],
+        reference_recordings: Sequence[Recording],
+        conditioning_paths: ConditioningPaths | None,
+    ) -> None:
+        """Raises InputError for a partner whose channel was not embedded."""
+        self.required_inputs, self.speakers, self.reference_recordings, self.conditioning_paths = (
+            required_inputs,
+            list(speakers),
+            reference_recordings,
+            conditioning_paths,
+        )
+        self.clips_by_speaker: defaultdict[str, list[int]] = defaultdict(list)
+        for index, clip in enumerate(
+            [each.clip for each in reference_recordings] if "reference" in required_inputs else ()
+        ):
+            self.clips_by_speaker[clip.speaker].append(index)
+        if "partner" in required_inputs and (
+            conditioning_paths is None or not (conditioning_paths.embed / "partner").is_dir()
+        ):
+            raise InputError("embed.include_partner: should be true for a model that hears the partner, got false")
+
+    def window(self, clip: Clip, frames: slice, mirror: bool) -> WindowInputs:
+        """Of some frames of a clip; the same window is always told the same."""
+        length = frames.stop - frames.start
+        found = self._own(clip, frames)
+        if "speaker" in found and mirror:
+            found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # his mirror image
+        if "reference" in self.required_inputs:
+            drawn = np.random.default_rng([*clip.id.encode(), frames.start])
+            found["reference"] = self._reference(clip, length, mirror, drawn)
+        return found
+
+    def clip_inputs(self, clip: Clip, frames: int) -> ConditioningInputs:
+        """Of a whole clip, as one window."""
+        found = self._own(clip, slice(0, frames))
+        others = self._others(clip) if "reference" in self.required_inputs else []
+        if others:
+            other = self.reference_recordings[others[0]]
+            found["reference"] = motion_array(other.head, other.gaze)
+        return collate_inputs([found])
+
+    def _own(self, clip: Clip, frames: slice) -> dict[str, ndarray]:
+        found: dict[str, ndarray] = {}
+        if "speaker" in self.required_inputs:
+            found["speaker"] = np.array(speaker_index(self.speakers, clip.speaker, clip.sound))
+        if "partner" in self.required_inputs:
+            found["partner"] = self._partner(clip, frames)
+        if "sound" in self.required_inputs:
+            found["sound"] = self._sound(clip, frames)
+        return found
+
+    def _others(self, clip: Clip) -> list[int]:
+        """Clips of the same speaker, another sound."""
+        return [
+            each
+            for each in self.clips_by_speaker[clip.speaker]
+            if self.reference_recordings[each].clip.sound != clip.sound
+        ]
+
+    def _reference(self, clip: Clip, frames: int, mirror: bool, drawn: np.random.Generator) -> Float[ndarray, "R 9"]:
+        others = [each for each in self._others(clip) if len(self.reference_recordings[each]) >= frames]
+        if not others:
+            return np.full((frames, 9), np.nan, np.float32)
+        other = self.reference_recordings[int(drawn.choice(others))]
+        start = int(drawn.integers(len(other) - frames + 1))
+        head, gaze = other.head[start : start + frames], other.gaze[start : start + frames]
+        return motion_array(*mirror_motion(head, gaze)) if mirror else motion_array(head, gaze)
+
+    def _partner(self, clip: Clip, frames: slice) -> Float[ndarray, "T C"]:
+        assert self.conditioning_paths is not None
+        path = shard_path(self.conditioning_paths.embed / "partner", clip.sound, ".npy")
+        if path.exists():
+            return np.array(np.load(path, mmap_mode="r")[frames])
+        own = np.load(shard_path(self.conditioning_paths.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
+        return np.full((frames.stop - frames.start, own.shape[1]), np.nan, np.float32)
+
+    def _sound(self, clip: Clip, frames: slice) -> Float[ndarray, " N"]:
+        if self.conditioning_paths is None:
+            raise InputError("speech.wave: a model that hears the waveform needs a corpus with sound, got none")
+        step = SAMPLE_RATE / clip.fps
+        start, count = round(frames.start * step), round((frames.stop - frames.start) * step)
+        return pad_or_trim(self.conditioning_paths.corpus.speech(clip)[start:], count)
+
+
+def speaker_index(speakers: Sequence[str], name: str, seed_text: str) -> int:
+    """A speaker's number; whom no training saw is one of those whom it saw, by a text always the same."""
+    return list(speakers).index(name) if name in speakers else random_speaker(speakers, list(seed_text.encode()))
+
+
+def random_speaker(speakers: Sequence[str], seeds: Sequence[int]) -> int:
+    """The number of one of the training speakers, drawn by seeds."""
+    return int(np.random.default_rng(seeds).integers(len(speakers)))
+
+
+def pad_or_trim(sound: Float[ndarray, " N"], count: int) -> Float[ndarray, " M"]:
+    """The first samples; silence stands for those that are not there."""
+    return np.pad(sound[:count], (0, max(count - len(sound), 0))).astype(np.float32)
+
+
+def motion_array(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 9"]:
+    """A motion as the reference of a style: head, then both eyes in the head."""
+    return np.concatenate([head, gaze.reshape(len(gaze), 6)], axis=1).astype(np.float32)
+
+
+def collate_inputs(window_inputs: Sequence[WindowInputs]) -> ConditioningInputs:
+    """A batch of what windows come with."""
+    return ConditioningInputs(
+        **{name: torch.from_numpy(np.stack([row[name] for row in window_inputs])) for name in window_inputs[0]}
+    )

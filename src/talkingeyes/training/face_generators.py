@@ -1,0 +1,153 @@
+"""Any trained model of the face as a generator: one contract for networks and baselines.
+
+Reads a folder of the train stage; everything that generation needs is in it (autoencoder, speakers, the head's shapes).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.samples import FaceSamples
+from talkingeyes.models import baselines
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
+from talkingeyes.models.face.style import StyleKey, StyleVocabulary
+from talkingeyes.models.speech_to_face import SpeechToFace
+from talkingeyes.training.checkpoint import Checkpoint, load, save
+from talkingeyes.training.face_task import FaceData, FaceTaskSettings
+from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
+
+STYLE_FADE_S = 0.5  # of a change of style along a clip
+
+
+@runtime_checkable
+class TrainedFaceGenerator(Protocol):
+    """Speech embedding and a course of style in, S faces out; a seed gives the same face alone or with others."""
+
+    @property
+    def basis(self) -> FaceBasis: ...
+
+    @property
+    def vocabulary(self) -> StyleVocabulary: ...
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
+    ) -> FaceSamples: ...
+
+
+@dataclass(frozen=True)
+class NetworkFaceGenerator:
+    """A trained network."""
+
+    network: SpeechToFace
+    basis: FaceBasis
+    vocabulary: StyleVocabulary
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
+    ) -> FaceSamples:
+        """Sample the network. Raises InputError for a speaker whom it does not know."""
+        style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S))
+        faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), style_course, seeds)
+        return _samples(faces.numpy(), fps, self.basis)
+
+
+@dataclass(frozen=True)
+class BaselineFaceGenerator:
+    """A baseline over the bank of training faces; style counts for nothing."""
+
+    settings: BaselineSettings
+    bank: MotionBank
+    mean: Float[ndarray, " C"]
+    std: Float[ndarray, " C"]
+    basis: FaceBasis
+    vocabulary: StyleVocabulary
+
+    def generate(
+        self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
+    ) -> FaceSamples:
+        """Draw from the bank. Raises InputError for a speaker whom it does not know."""
+        for key in style:
+            self.vocabulary.style_vector(key.style)
+        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
+        return _samples(baselines.sample_bank(self.settings, self.bank, standardised, seeds), fps, self.basis)
+
+
+def face_config(settings: FaceTaskSettings, data: FaceData, tokenizer: FaceTokenizer | None) -> dict[str, Any]:
+    """What a network is rebuilt from."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": list(data.normaliser.channels),
+        "basis": data.basis.to_dict(),
+        "speakers": list(data.vocabulary.speakers),
+        "tokenizer": tokenizer.to_dict() if tokenizer else None,
+    }
+
+
+def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, data: FaceData) -> None:
+    """Write a baseline as a checkpoint."""
+    statistics = {"mean": data.normaliser.mean, "std": data.normaliser.std}
+    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, **statistics}
+    config = {
+        "model": settings.model_dump(mode="json"),
+        "basis": data.basis.to_dict(),
+        "speakers": list(data.vocabulary.speakers),
+    }
+    save(folder, {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()}, config)
+
+
+def is_face_model(folder: Path) -> bool:
+    """Whether the model in a folder of the train stage is one of the face. Raises InputError if it is none at all."""
+    try:
+        return "face" in json.loads((folder / "config.json").read_text())["model"]["parts"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder}: not a trained model ({error!r}); `make repro` trains one") from None
+
+
+def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedFaceGenerator:
+    """The model of the face in a folder of the train stage.
+
+    Raises InputError (one line) if it is missing, damaged, no model of the face, or of another head than `head`.
+    """
+    checkpoint = load(folder)
+    try:
+        generator = (_network if checkpoint.config["model"]["kind"] == "speech_to_face" else _baseline)(checkpoint)
+    except (KeyError, TypeError, RuntimeError, ValueError) as error:
+        raise InputError(f"{folder}: not a model of the face ({error!r}); `make repro` trains probtalk3d") from None
+    if head is not None:
+        generator.basis.require_match(head, str(folder), "train one on faces of that head")
+    return generator
+
+
+def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
+    config = checkpoint.config
+    basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
+    tokenizer = build_face_tokenizer(config["tokenizer"]).network if config["tokenizer"] else None
+    settings = FaceTaskSettings.model_validate(config["model"])
+    network = SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, tokenizer)
+    network.load_state_dict(checkpoint.tensors)
+    return NetworkFaceGenerator(network.eval(), basis, vocabulary)
+
+
+def _baseline(checkpoint: Checkpoint) -> TrainedFaceGenerator:
+    config = checkpoint.config
+    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
+    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
+    settings = BaselineSettings.model_validate(config["model"])
+    basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
+    return BaselineFaceGenerator(settings, bank, arrays["mean"], arrays["std"], basis, vocabulary)
+
+
+def _samples(faces: Float[ndarray, "S T F"], fps: float, basis: FaceBasis) -> FaceSamples:
+    faces = faces.astype(np.float64)
+    return FaceSamples(fps, faces[..., -JAW_DIM:], faces[..., :-JAW_DIM], basis.expression_names, basis.head_model)

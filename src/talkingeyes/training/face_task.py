@@ -1,0 +1,89 @@
+"""Stage 2: speech and style to the face, for ProbTalk3D and all that it is compared with; watched on val."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from talkingeyes.corpus.faces import FaceRecording
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.models.face.basis import FaceBasis
+from talkingeyes.models.face.style import StyleVocabulary
+from talkingeyes.models.speech_to_face import SpeechToFace, SpeechToFaceSettings
+from talkingeyes.training.face_tokenizer import FaceTokenizer
+from talkingeyes.training.face_validation import energy_score, speed_ratio
+from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.windows import WindowSettings
+
+VALIDATION_SAMPLES = 4
+
+
+class FaceTaskSettings(SpeechToFaceSettings):
+    """A model and how it is trained."""
+
+    windows: WindowSettings
+    loop: LoopSettings
+    # Val clips whose faces are generated at each validation.
+    validation_clips: int
+
+
+@dataclass(frozen=True)
+class FaceData:
+    """What a face is learned from: fitted faces of one head, their speech and its statistics."""
+
+    train: Sequence[FaceRecording]
+    val: Sequence[FaceRecording]
+    basis: FaceBasis
+    vocabulary: StyleVocabulary
+    normaliser: Normaliser
+
+
+class FaceTask:
+    """Losses on windows; validation by free generation."""
+
+    def __init__(self, settings: FaceTaskSettings, seed: int, data: FaceData, tokenizer: FaceTokenizer | None) -> None:
+        torch.manual_seed(seed)
+        self.settings, self.data = settings, data
+        self.windows = FaceWindowDataset(data.train, data.basis, data.vocabulary, settings.windows, seed)
+        self.rng = self.windows.rng
+        # The first take of each val sound, as many as are watched.
+        self.validation_recordings = [each for each in data.val if each.clip.take == 0][: settings.validation_clips]
+        network = tokenizer.network if tokenizer else None
+        channels, numbers = data.normaliser.channels, data.basis.numbers
+        self.module = SpeechToFace(settings, channels, data.vocabulary, numbers, network)
+        self.module.speech.standardise_by(torch.from_numpy(data.normaliser.mean), torch.from_numpy(data.normaliser.std))
+        self._face_statistics = FaceStatistics.of(data.train)
+        self.module.face.normalise_by(self._face_statistics.mean, self._face_statistics.scale)
+        self.module.set_range(self._face_statistics.min_face, self._face_statistics.max_face)
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 5 on a batch."""
+        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
+
+    def validate(self) -> dict[str, float]:
+        """The energy score of faces of the watched clips; the score is its negative."""
+        return self._metrics(float(self.module.temperature))
+
+    def choose_temperature(self) -> dict[str, float]:
+        """Take the temperature of the least energy score on val."""
+        found = {each: -self._metrics(each)["validation_score"] for each in self.settings.temperatures}
+        self.module.temperature.fill_(min(found, key=lambda each: found[each]))
+        return {f"energy_score/{each:g}": score for each, score in found.items()}
+
+    def _metrics(self, temperature: float) -> dict[str, float]:
+        mean, scale = self._face_statistics.mean.numpy(), self._face_statistics.scale.numpy()
+        scores, ratios = [], []
+        for index, each in enumerate(self.validation_recordings):
+            seeds = [index * VALIDATION_SAMPLES + sample for sample in range(VALIDATION_SAMPLES)]
+            style = self.data.vocabulary.style_vector(self.data.vocabulary.style_of(each.clip))
+            speech = torch.from_numpy(np.array(each.speech))
+            drawn = self.module.generate(speech, torch.from_numpy(style[None]), seeds, temperature).cpu().numpy()
+            true = (self.data.basis.to_vector(each.expression, each.jaw) - mean) / scale
+            scores.append(energy_score((drawn - mean) / scale, true))
+            ratios.append(speed_ratio((drawn - mean) / scale, true))
+        return {"validation_score": -float(np.mean(scores)), "free_running/face_speed_ratio": float(np.mean(ratios))}

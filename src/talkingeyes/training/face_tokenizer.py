@@ -1,0 +1,161 @@
+"""Stage 1 of ProbTalk3D: a motion autoencoder of the face is trained on itself (section 3.3.1, eq. 4; 3.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.faces import FaceRecording
+from talkingeyes.models.face.autoencoder import FACE_AUTOENCODERS, FaceAutoencoder, FaceAutoencoderComponentSettings
+from talkingeyes.models.face.basis import JAW_DIM, FaceBasis
+from talkingeyes.models.face.style import StyleVocabulary
+from talkingeyes.models.face.vqvae import FaceVQVAE
+from talkingeyes.models.layers.quantiser import perplexity
+from talkingeyes.training.checkpoint import load
+from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
+from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.windows import WindowSettings
+
+STATISTICS_WINDOWS = 64  # of training faces, from which the units of latents are taken
+
+
+class FaceTokenizerSettings(Settings):
+    """A motion autoencoder and how it is trained. Weights name the terms of eq. 4."""
+
+    kind: Literal["face"]
+    seed: int
+    network: FaceAutoencoderComponentSettings
+    weights: dict[str, Annotated[float, Field(ge=0)]]
+    windows: WindowSettings
+    loop: LoopSettings
+
+
+@dataclass(frozen=True)
+class FaceReconstructionError:
+    """What reconstruction is off by: expression in weights, jaw in degrees (both root mean squares); use of codes."""
+
+    expression: float
+    jaw_deg: float
+    normalised_l1: float
+    counts: Float[Tensor, " K"]
+
+    def figures(self) -> dict[str, float]:
+        """For the record; of codes where there are any."""
+        found = {"expression_rmse": self.expression, "jaw_rmse_deg": self.jaw_deg}
+        if len(self.counts):
+            used = int((self.counts > 0).sum())
+            share = used / len(self.counts)
+            found |= {"codes_used": float(used), "codes_used_fraction": share, "perplexity": perplexity(self.counts)}
+        return found
+
+
+class FaceTokenizerTask:
+    """Self-reconstruction of fitted faces."""
+
+    def __init__(
+        self,
+        settings: FaceTokenizerSettings,
+        train: Sequence[FaceRecording],
+        val: Sequence[FaceRecording],
+        basis: FaceBasis,
+    ) -> None:
+        torch.manual_seed(settings.seed)
+        self.settings, self.basis, self.train_faces, self.val_faces = settings, basis, train, val
+        self.module: Any = FACE_AUTOENCODERS.build(settings.network, basis.numbers)
+        vocabulary = StyleVocabulary.of(each.clip for each in train)
+        self.windows = FaceWindowDataset(train, basis, vocabulary, settings.windows, settings.seed)
+        self.rng = self.windows.rng
+        face_statistics = FaceStatistics.of(train)
+        self.module.normalise_by(face_statistics.mean, face_statistics.scale)
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 4 on a batch."""
+        face = self.windows.sample_batch(self.settings.loop.batch).face.to(self._device)
+        loss_terms = self.module.loss_terms(face)
+        return {"total": sum(weight * loss_terms[name] for name, weight in self.settings.weights.items()), **loss_terms}
+
+    def validate(self) -> dict[str, float]:
+        """Error on val clips, without draws; the score is its negative."""
+        error = self.error(self.val_faces)
+        return {"validation_score": -error.normalised_l1, **error.figures()}
+
+    @torch.no_grad()
+    def fit_latent_statistics(self) -> None:
+        """The autoencoder's units of its own latents, from training faces, when the loop has ended."""
+        self.module.fit_latent_statistics(self.windows.sample_batch(STATISTICS_WINDOWS).face.to(self._device))
+
+    @torch.no_grad()
+    def error(self, recordings: Sequence[FaceRecording]) -> FaceReconstructionError:
+        """Over whole clips of a split."""
+        sums, frames = np.zeros(3), 0
+        codes = self.settings.network.quantiser.codes if isinstance(self.module, FaceVQVAE) else 0  # type: ignore[attr-defined]
+        counts = torch.zeros(codes)
+        for each in recordings:
+            face = torch.from_numpy(self.basis.to_vector(each.expression, each.jaw))[None].to(self._device)
+            latents = self.module.latents(face)
+            unused_noise = self.module.noise([0], face.shape[1], 1)
+            reconstructed = self.module.decode(self.module.sample_decoder_inputs(latents, unused_noise, 0.0))
+            off, normal = (reconstructed - face).square(), self.module.normal(reconstructed) - self.module.normal(face)
+            sums += [
+                float(off[..., :-JAW_DIM].mean(-1).sum()),
+                float(off[..., -JAW_DIM:].sum()),
+                float(normal.abs().mean(-1).sum()),
+            ]
+            frames += face.shape[1]
+            if codes:
+                counts += torch.bincount(self.module.codes(latents, unused_noise, 0.0).flatten(), minlength=codes).cpu()
+        expression, jaw, normal_error = sums / max(frames, 1)
+        return FaceReconstructionError(math.sqrt(expression), math.degrees(math.sqrt(jaw)), float(normal_error), counts)
+
+    @property
+    def _device(self) -> torch.device:
+        device: torch.device = self.module.encoder_decoder.normal.mean.device
+        return device
+
+
+@dataclass(frozen=True)
+class FaceTokenizer:
+    """A trained autoencoder, frozen, and the head whose faces it knows."""
+
+    settings: FaceAutoencoderComponentSettings
+    network: FaceAutoencoder
+    basis: FaceBasis
+
+    def to_dict(self) -> dict[str, Any]:
+        """What it is rebuilt from, beside its weights."""
+        return face_tokenizer_config(self.settings, self.basis)
+
+
+def face_tokenizer_config(settings: FaceAutoencoderComponentSettings, basis: FaceBasis) -> dict[str, Any]:
+    """What an autoencoder is rebuilt from."""
+    return {"network": settings.model_dump(mode="json"), "basis": basis.to_dict()}
+
+
+def build_face_tokenizer(content: Any) -> FaceTokenizer:
+    """An autoencoder as its configuration says, frozen; weights follow. Raises KeyError, TypeError or ValueError."""
+    settings, basis = FACE_AUTOENCODERS.parse(content["network"]), FaceBasis.of(content["basis"])
+    autoencoder = FACE_AUTOENCODERS.build(settings, basis.numbers)  # type: ignore[arg-type]
+    autoencoder.freeze()
+    return FaceTokenizer(settings, autoencoder, basis)  # type: ignore[arg-type]
+
+
+def load_face_tokenizer(folder: Path) -> FaceTokenizer:
+    """From a folder of the pretrain stage. Raises InputError if it is missing or damaged."""
+    checkpoint = load(folder)
+    try:
+        tokenizer = build_face_tokenizer(checkpoint.config)
+        tokenizer.network.load_state_dict(checkpoint.tensors)  # type: ignore[attr-defined]
+    except (KeyError, TypeError, RuntimeError, ValueError) as error:
+        raise InputError(f"{folder}: not a motion autoencoder of the face ({error}); `make repro` trains one") from None
+    return tokenizer

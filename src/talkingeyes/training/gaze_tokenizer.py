@@ -1,0 +1,116 @@
+"""Pretraining of a gaze codebook (TalkingEyes section IV-C, eq. 7)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.recordings import Recording
+from talkingeyes.models.gaze.categorical import stay_mask
+from talkingeyes.models.gaze.gaze_signal import to_signal, to_signal_tensor
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.layers import distributed
+from talkingeyes.models.layers.quantiser import perplexity
+from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
+
+
+class GazeTokenizerSettings(Settings):
+    """A codebook and how it is trained."""
+
+    kind: Literal["gaze"]
+    seed: int
+    network: GazeVQVAESettings
+    windows: WindowSettings
+    loop: LoopSettings
+
+
+@dataclass(frozen=True)
+class CodeUsage:
+    """How often each code is used over all windows of a split, and what the reconstruction is off by."""
+
+    counts: Float[Tensor, " K"]
+    error_deg: float
+    stay_fraction: float
+
+    def figures(self) -> dict[str, float]:
+        """Distinct codes used, their share, perplexity, share of stays, error."""
+        used = int((self.counts > 0).sum())
+        return {
+            "codes_used": float(used),
+            "codes_used_fraction": used / len(self.counts),
+            "perplexity": perplexity(self.counts),
+            "stay_fraction": self.stay_fraction,
+            "reconstruction_error_deg": self.error_deg,
+        }
+
+
+class GazeTokenizerTask:
+    """Self-reconstruction of true gaze through the codebook."""
+
+    def __init__(self, settings: GazeTokenizerSettings, train: Sequence[Recording], val: Sequence[Recording]) -> None:
+        torch.manual_seed(settings.seed)
+        self.settings, self.train_recordings, self.val_recordings = settings, train, val
+        self.module = GazeVQVAE(settings.network)
+        self.windows = MotionWindowDataset(train, settings.windows, settings.seed)
+        self.rng = self.windows.rng
+        frames = np.concatenate([to_signal(settings.network.signal, each.head, each.gaze) for each in train])
+        measured = statistics(frames)
+        self.module.normalise_by(torch.from_numpy(measured.mean), measured.scale)
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 7 on a batch; the codebook term is the quantiser's moving average."""
+        batch = self.windows.sample_batch(self.settings.loop.batch)
+        signal = self._whole(to_signal_tensor(self.settings.network.signal, batch.head, batch.gaze))
+        stay = stay_mask(self.module, signal)
+        reconstruction = self.module(signal, stay)
+        moving = ~stay.repeat_interleave(self.settings.network.frames_per_code, dim=1)[..., None]
+        error = (reconstruction.signal - signal) / self.module.scale * moving
+        mean_error = error.square().sum() / (
+            distributed.all_reduce_mean(moving.sum().float()).clamp(min=1) * signal.shape[-1]
+        )
+        commitment = reconstruction.quantised.commitment
+        beta = self.settings.network.quantiser.commitment
+        return {"total": mean_error + beta * commitment, "reconstruction": mean_error, "commitment": commitment}
+
+    def validate(self) -> dict[str, float]:
+        """Error on val clips; the score is its negative."""
+        code_usage = self.code_usage(self.val_recordings)
+        return {
+            "validation_score": -code_usage.error_deg,
+            "reconstruction_error_deg": code_usage.error_deg,
+            "perplexity": perplexity(code_usage.counts),
+        }
+
+    @torch.no_grad()
+    def code_usage(self, recordings: Sequence[Recording]) -> CodeUsage:
+        """Codes over every clip of a split, whole clips at once."""
+        counts = torch.zeros(self.settings.network.quantiser.codes)
+        squares, numbers, stay_fraction, patches = 0.0, 0, 0, 0
+        for recording in recordings:
+            signal = self._whole(
+                torch.from_numpy(to_signal(self.settings.network.signal, recording.head, recording.gaze))[None]
+            )
+            stay = stay_mask(self.module, signal)
+            quantised = self.module.quantiser(self.module.encode(signal))
+            counts += torch.bincount(quantised.indices[~stay], minlength=len(counts)).cpu()
+            squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
+            numbers += signal.numel() // signal.shape[-1]
+            stay_fraction, patches = stay_fraction + int(stay.sum()), patches + stay.numel()
+        # Both eyes' errors together, so half of the sum of squares is one eye's.
+        return CodeUsage(
+            counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stay_fraction / max(patches, 1)
+        )
+
+    def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B U F"]:
+        """Whole patches only, where the network is."""
+        patch = self.settings.network.frames_per_code
+        return signal[:, : signal.shape[1] // patch * patch].to(self.module.mean.device)

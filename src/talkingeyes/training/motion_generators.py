@@ -1,0 +1,237 @@
+"""Any trained model as a generator of head and gaze: one contract for networks and baselines.
+
+Reads a folder of the train stage; everything that generation needs is in it (codebook, statistics of the embedding).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings, validate_section
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.models import baselines
+from talkingeyes.models.baselines import BaselineSettings, MotionBank
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, InputName
+from talkingeyes.models.gaze.vqvae import GazeVQVAE, GazeVQVAESettings
+from talkingeyes.models.speech_to_motion import SpeechToMotion
+from talkingeyes.training.canonical_gaze import HEAD_PREFIX, CanonicalGaze, load_canonical
+from talkingeyes.training.checkpoint import Checkpoint, load, save
+from talkingeyes.training.motion_task import MotionTaskSettings
+from talkingeyes.training.pose_generators import PoseModelGenerator, pose_network
+
+
+@runtime_checkable
+class TrainedGenerator(Protocol):
+    """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others.
+
+    `conditioning` is what the model can be told besides (`required_inputs`), of the whole speech.
+    """
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples: ...
+
+
+@dataclass(frozen=True)
+class NetworkGenerator:
+    """A trained joint model."""
+
+    network: SpeechToMotion
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples:
+        """Sample the network."""
+        out = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), seeds, None, conditioning)
+        return Samples(fps, out.head.numpy().astype(np.float64), out.gaze.numpy().astype(np.float64))
+
+
+@dataclass(frozen=True)
+class BaselineGenerator:
+    """A baseline over the bank of training motions."""
+
+    settings: BaselineSettings
+    bank: MotionBank
+    mean: Float[ndarray, " C"]
+    std: Float[ndarray, " C"]
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples:
+        """Draw from the bank."""
+        standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
+        out = baselines.generate(self.settings, self.bank, standardised, seeds)
+        return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
+
+
+class HeadThenGazeSettings(Settings):
+    """The head of one trained model and the gaze decoder of another."""
+
+    kind: Literal["head_then_gaze"]
+    parts: tuple[Literal["head", "gaze"], ...]
+    tokenizer: None
+    # The model that moves the head (any), and the one whose gaze decoder follows (`kind: speech_to_motion`).
+    source_models: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class HeadThenGaze:
+    """One model's head, and another's gaze for it."""
+
+    head: TrainedGenerator
+    gaze: SpeechToMotion
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples:
+        """The head first, then gaze under the same speech and head, both told the same."""
+        speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, conditioning).head
+        gaze = self.gaze.generate_gaze(
+            torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, conditioning
+        )
+        return Samples(fps, head, gaze.numpy().astype(np.float64))
+
+
+@dataclass(frozen=True)
+class HeadThenCanonical:
+    """One model's head, and gaze for it by canonical correlation."""
+
+    head: TrainedGenerator
+    gaze: CanonicalGaze
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples:
+        """The head first; what differs between seeds is the head."""
+        head = self.head.generate(embedding, seeds, fps, conditioning).head
+        return Samples(fps, head, self.gaze.generate_gaze(embedding, head))
+
+
+def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Checkpoint, gaze: Checkpoint) -> None:
+    """Write both models as one checkpoint. Raises InputError if the second has no gaze decoder."""
+    kind = gaze.config["model"]["kind"]
+    if kind != "speech_to_motion":
+        raise InputError(
+            f"source_models: the second should be a model of kind speech_to_motion, got one of kind {kind}"
+        )
+    both = {"head": head, "gaze": gaze}
+    tensors = {f"{part}.{name}": tensor for part, each in both.items() for name, tensor in each.tensors.items()}
+    config = {"model": settings.model_dump(mode="json"), **{part: each.config for part, each in both.items()}}
+    save(folder, tensors, config)
+
+
+def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
+    """What a trained model should be given besides the embedding."""
+    if isinstance(generator, NetworkGenerator):
+        return generator.network.required_inputs
+    if isinstance(generator, HeadThenGaze):
+        return generator.gaze.required_inputs | required_inputs(generator.head)
+    if isinstance(generator, HeadThenCanonical):
+        return required_inputs(generator.head)
+    return frozenset()
+
+
+def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
+    """The speakers whom a trained model knows by number."""
+    if isinstance(generator, HeadThenGaze):
+        return generator.gaze.speakers
+    return generator.network.speakers if isinstance(generator, NetworkGenerator) else ()
+
+
+def network_config(
+    settings: MotionTaskSettings,
+    channels: Sequence[str],
+    codebook: GazeVQVAE | None,
+    network: SpeechToMotion | None = None,
+) -> dict[str, Any]:
+    """What a network is rebuilt from; one that is told things, or hears the waveform, says what of."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": list(channels),
+        "codebook": codebook.settings.model_dump(mode="json") if codebook else None,
+        "speakers": list(network.speakers) if network else [],
+        "architecture": network.waveform_encoder.architecture() if network and network.waveform_encoder else None,
+    }
+
+
+def save_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, mean: ndarray, std: ndarray) -> None:
+    """Write a baseline as a checkpoint."""
+    arrays = {"starts": bank.starts, "motion": bank.motion, "features": bank.features, "mean": mean, "std": std}
+    save(
+        folder,
+        {k: torch.from_numpy(np.asarray(v)) for k, v in arrays.items()},
+        {"model": settings.model_dump(mode="json")},
+    )
+
+
+def load_generator(folder: Path) -> TrainedGenerator:
+    """The model in a folder of the train stage. Raises InputError if it is missing or damaged."""
+    checkpoint = load(folder)
+    try:
+        return _generator(checkpoint)
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise InputError(f"{folder}: not a model of this version ({error}); `make repro` trains one") from None
+
+
+def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
+    kind = checkpoint.config["model"]["kind"]
+    if kind == "speech_to_motion":
+        return NetworkGenerator(_network(checkpoint))
+    if kind == "speech_to_pose":
+        return PoseModelGenerator(pose_network(checkpoint))
+    if kind == "head_then_gaze":
+        return HeadThenGaze(_generator(_part(checkpoint, "head")), _network(_part(checkpoint, "gaze")))
+    if kind == "canonical_correlation":
+        return HeadThenCanonical(_generator(_part(checkpoint, HEAD_PREFIX)), load_canonical(checkpoint))
+    return _baseline(checkpoint)
+
+
+def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
+    """One of the two models in a checkpoint of both."""
+    tensors = {name: tensor for name, tensor in checkpoint.tensors.items() if name.startswith(f"{part}.")}
+    return Checkpoint(checkpoint.config[part], {name.removeprefix(f"{part}."): each for name, each in tensors.items()})
+
+
+def _network(checkpoint: Checkpoint) -> SpeechToMotion:
+    config = checkpoint.config
+    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(config["codebook"])).freeze() if config["codebook"] else None
+    settings = validate_section("model", MotionTaskSettings, config["model"])
+    network = SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
+    network.load_state_dict(checkpoint.tensors)
+    return network.eval()
+
+
+def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
+    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
+    bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
+    settings = BaselineSettings.model_validate(checkpoint.config["model"])
+    return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])

@@ -1,0 +1,154 @@
+"""Joint training of speech to head and gaze (TalkingEyes section IV-D, eq. 8 to 15), watched in free running."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.recordings import Normaliser, Recording
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs, TrainingStatistics
+from talkingeyes.models.gaze.vqvae import GazeVQVAE
+from talkingeyes.models.layers.equaliser import Equaliser
+from talkingeyes.models.layers.schedules import set_trained_steps
+from talkingeyes.models.speech_to_motion import SpeechToMotion, SpeechToMotionSettings
+from talkingeyes.training.checkpoint import Checkpoint
+from talkingeyes.training.conditioning import ConditioningPaths, ConditioningProvider, motion_array
+from talkingeyes.training.free_running import FreeRunningStatistics, free_running_statistics
+from talkingeyes.training.initialisation import init_from
+from talkingeyes.training.loop import LoopSettings
+from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
+
+EQUALISER_CLIPS = 256  # clips
+
+
+class TrainSettings(Settings):
+    """What all models of the train stage share."""
+
+    seed: int
+
+
+class MotionTaskSettings(SpeechToMotionSettings):
+    """A model and how it is trained."""
+
+    # A trained model whose generators this one starts with; null: from random weights.
+    init_from: str | None
+    windows: WindowSettings
+    loop: LoopSettings
+    # Val clips that are generated, freely and with the model's own head, at each validation.
+    validation_clips: int
+
+
+class MotionTask:
+    """Teacher-forced losses on windows; validation by free running."""
+
+    def __init__(
+        self,
+        settings: MotionTaskSettings,
+        seed: int,
+        train: Sequence[Recording],
+        val: Sequence[Recording],
+        normaliser: Normaliser,
+        codebook: GazeVQVAE | None,
+        conditioning_paths: ConditioningPaths | None = None,
+        start: Checkpoint | None = None,
+    ) -> None:
+        """`conditioning_paths`: where that lies which a model is told; `start`: the model that `init_from` names."""
+        torch.manual_seed(seed)
+        self.settings = settings
+        # The first take of each val sound, as many as are watched.
+        self.validation_recordings = [each for each in val if each.clip.take == 0][: settings.validation_clips]
+        speakers = sorted({each.clip.speaker for each in train}) if settings.conditions else []
+        self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
+        required_inputs = self.module.required_inputs
+        self.conditioning_provider = (
+            ConditioningProvider(required_inputs, speakers, train, conditioning_paths) if required_inputs else None
+        )
+        self.windows = MotionWindowDataset(train, settings.windows, seed, self.conditioning_provider)
+        self.rng = self.windows.rng
+        motions = [
+            torch.from_numpy(motion_array(each.head, each.gaze)) for each in train if "reference" in required_inputs
+        ]
+        self.module.fit_statistics(
+            TrainingStatistics(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std), motions)
+        )
+        self._normalise(train)
+        if start is not None:
+            init_from(self.module, start)
+        self.truth = free_running_statistics(
+            [each.head for each in self.validation_recordings],
+            [each.gaze for each in self.validation_recordings],
+            self._fps,
+        )
+
+    @property
+    def _fps(self) -> float:
+        return self.validation_recordings[0].clip.fps
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 15 on a batch."""
+        set_trained_steps(self.module, step - 1)
+        return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
+
+    def validate(self) -> dict[str, float]:
+        """Free running on the watched clips; the score is minus the distance from the truth's aliveness."""
+        alive = self._free_running_statistics(float(self.module.temperature))
+        figures = {f"free_running/{name}": value for name, value in asdict(alive).items()}
+        return {"validation_score": -alive.distance(self.truth), **figures}
+
+    def truth_metrics(self) -> dict[str, float]:
+        """The same figures of the watched clips themselves."""
+        return {f"ground_truth/{name}": value for name, value in asdict(self.truth).items()}
+
+    def fit_equaliser(self) -> None:
+        """Give heads drawn for the train split the spectrum of its own, if this head has a filter for it."""
+        equaliser = getattr(self.module.head, "equaliser", None)
+        if not isinstance(equaliser, Equaliser):
+            return
+        recordings = self.windows.recordings
+        some = recordings[:: math.ceil(len(recordings) / EQUALISER_CLIPS)]
+        equaliser.reset()
+        drawn = [
+            self.module.generate_head(torch.from_numpy(np.array(each.speech)), [index], self._conditioning(each))[
+                0
+            ].numpy()
+            for index, each in enumerate(some)
+        ]
+        equaliser.match([each.head for each in some], drawn)
+
+    def choose_temperature(self) -> dict[str, float]:
+        """Take the temperature whose free-running motion on val is nearest to the truth's aliveness."""
+        distances = {
+            each: self._free_running_statistics(each).distance(self.truth) for each in self.settings.temperatures
+        }
+        self.module.temperature.fill_(min(distances, key=lambda each: distances[each]))
+        return {f"free_running_distance/{each:g}": distance for each, distance in distances.items()}
+
+    def _free_running_statistics(self, temperature: float) -> FreeRunningStatistics:
+        motions = []
+        for index, each in enumerate(self.validation_recordings):
+            speech = torch.from_numpy(np.array(each.speech))
+            motions.append(self.module.generate(speech, [index], temperature, self._conditioning(each)))
+        return free_running_statistics(
+            [each.head[0].cpu().numpy() for each in motions],
+            [each.gaze[0].cpu().numpy() for each in motions],
+            self._fps,
+        )
+
+    def _conditioning(self, recording: Recording) -> ConditioningInputs:
+        return (
+            self.conditioning_provider.clip_inputs(recording.clip, len(recording))
+            if self.conditioning_provider
+            else NO_CONDITIONING
+        )
+
+    def _normalise(self, train: Sequence[Recording]) -> None:
+        head = statistics(np.concatenate([each.head for each in train]))
+        self.module.head.normal.set(torch.from_numpy(head.mean), head.scale)
+        gaze = statistics(np.concatenate([each.gaze.reshape(-1, 6) for each in train]))
+        self.module.gaze.normalise_by(torch.from_numpy(gaze.mean), gaze.scale)

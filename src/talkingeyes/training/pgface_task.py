@@ -1,0 +1,203 @@
+"""Training of PGFace on the fitted faces of the train split, hanging as the head is held (head/sag.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor
+
+from talkingeyes.core.motion import Motion
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.index import Clip
+from talkingeyes.corpus.poses import PoseSettings, head_rotations, read_poses, resample_linear
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.corpus.store import shard_path
+from talkingeyes.head.sag import FaceSurface
+from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
+from talkingeyes.training.checkpoint import Checkpoint
+from talkingeyes.training.loop import LoopSettings
+
+BASIS_FRAMES = 800  # that the basis of shapes is made of
+MIN_POSE_SD = 1e-6  # a number of the pose that varies by less stays as it is
+
+
+class PGFaceTaskSettings(Settings):
+    """The model and how it is trained."""
+
+    kind: Literal["pgface"]
+    parts: tuple[Literal["shape"], ...]
+    tokenizer: None
+    poses: PoseSettings
+    network: PGFaceNetworkSettings
+    loop: LoopSettings
+    # Windows that a validation looks at.
+    validation_windows: Annotated[int, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class ShapeRecording:
+    """One clip at the frame rate of poses: speech embedding, poses as the head is held, and the face's motion."""
+
+    speech: Float[ndarray, "T C"]
+    pose: Float[ndarray, "T 6"]
+    motion: Motion
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def read_shape_recording(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> ShapeRecording:
+    """A fitted clip; its face is resampled by straight lines."""
+    found = read_poses(fit, embed, clip, settings)
+    fitted = Motion.load(shard_path(fit / "motion", clip.id, ".npz"))
+    frames = len(found)
+    pose = found.pose + found.centre
+    expression, jaw = (
+        resample_linear(each, fitted.fps, settings.fps)[:frames] for each in (fitted.expression, fitted.jaw)
+    )
+    motion = Motion.of(
+        settings.fps,
+        head_rotations(pose),
+        np.zeros((frames, 2, 3)),
+        jaw=jaw,
+        expression=expression,
+        expression_names=fitted.expression_names,
+        head_model=fitted.head_model,
+    )
+    return ShapeRecording(found.speech, pose.astype(np.float32), motion)
+
+
+class PGFaceTask:
+    """Windows of 16 frames and those one frame later."""
+
+    def __init__(
+        self,
+        settings: PGFaceTaskSettings,
+        seed: int,
+        train: Sequence[ShapeRecording],
+        val: Sequence[ShapeRecording],
+        normaliser: Normaliser,
+        surface: FaceSurface,
+    ) -> None:
+        torch.manual_seed(seed)
+        self.settings, self.surface, self.train = settings, surface, train
+        self.rng = np.random.default_rng(seed)
+        self.module = PGFace(settings.network, normaliser.channels, len(surface.vertices))
+        self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
+        deviation = np.concatenate([each.pose for each in train]).std(0)
+        self.module.pose_scale.copy_(torch.from_numpy(np.where(deviation > MIN_POSE_SD, deviation, 1.0)))
+        self._learn_basis()
+        self.window_starts = [
+            (index, start) for index, each in enumerate(train) for start in range(len(each) - settings.network.window)
+        ]
+        self.of_train = [self._coefficients(each) for each in train]
+        self.validation_windows = self._validation_windows(val)
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """Eq. 8 on a batch."""
+        chosen = self.rng.integers(len(self.window_starts), size=self.settings.loop.batch)
+        cuts = [self.window_starts[int(each)] for each in chosen]
+        window, output_frame, device = (
+            self.settings.network.window,
+            self.settings.network.output_frame - 1,
+            self.module.mean.device,
+        )
+        generated, generated_next = (
+            self.module(*(each.to(device) for each in cut_windows(self.train, cuts, window, shift))) for shift in (0, 1)
+        )
+        true, true_next = (
+            torch.stack([self.of_train[index][start + output_frame + shift] for index, start in cuts]).to(device)
+            for shift in (0, 1)
+        )
+        return self.module.loss_terms(generated, true, generated_next, true_next)
+
+    def validate(self) -> dict[str, float]:
+        """Mean distance of vertices from the fitted ones on val; the score is its negative."""
+        speech, pose, vertices = (each.to(self.module.mean.device) for each in self.validation_windows)
+        distance_mm = (self.module.shapes(self.module(speech, pose)) - vertices).norm(dim=-1) * 1000
+        lower = torch.from_numpy(self.surface.lower)
+        still = (self.module.mean - vertices).norm(dim=-1) * 1000
+        return {
+            "validation_score": -float(distance_mm.mean()),
+            "vertex_error_mm": float(distance_mm.mean()),
+            "lower_face_error_mm": float(distance_mm[:, lower].mean()),
+            "mean_shape_error_mm": float(still.mean()),
+        }
+
+    def _learn_basis(self) -> None:
+        """Principal components of training shapes, each times its deviation."""
+        every = max(1, sum(map(len, self.train)) // BASIS_FRAMES)
+        shapes = self.surface.shapes(np.concatenate([self._factors(each)[::every] for each in self.train]))
+        mean = shapes.mean(0)
+        flat = (shapes - mean).reshape(len(shapes), -1)
+        count = self.settings.network.coefficients
+        _, size, directions = np.linalg.svd(flat, full_matrices=False)
+        basis = np.zeros((count, flat.shape[1]))
+        kept = min(count, len(size))
+        basis[:kept] = directions[:kept] * (size[:kept] / np.sqrt(len(flat)))[:, None]
+        self.module.set_basis(
+            torch.from_numpy(mean).float(),
+            torch.from_numpy(basis.reshape(count, *mean.shape)).float(),
+            torch.from_numpy(self.surface.lower),
+        )
+
+    def _factors(self, recording: ShapeRecording) -> Float[ndarray, "T K"]:
+        return self.surface.factors(recording.motion, recording.motion.head)
+
+    def _coefficients(self, recording: ShapeRecording) -> Float[Tensor, "T K"]:
+        """True shapes in the basis; what the basis lacks is left out. Both are linear in the factors."""
+        flat = self.module.basis.flatten(1).double()
+        to_coefficients = flat.T / flat.square().sum(1).clamp(min=1e-15)
+        rest = torch.from_numpy(self.surface.model.template[self.surface.vertices]).double() - self.module.mean
+        directions = torch.from_numpy(self.surface.directions).flatten(1) @ to_coefficients
+        factors = torch.from_numpy(self._factors(recording))
+        return (rest.flatten() @ to_coefficients + factors @ directions).float()
+
+    def _validation_windows(self, val: Sequence[ShapeRecording]) -> tuple[Tensor, ...]:
+        """Windows of val, evenly spread, with the vertices of the frames that are told."""
+        window, output_frame = self.settings.network.window, self.settings.network.output_frame - 1
+        each_clip = max(1, self.settings.validation_windows // len(val))
+        cuts = [
+            (index, int(start))
+            for index, each in enumerate(val)
+            for start in np.linspace(0, len(each) - window - 1, each_clip)
+        ]
+        factors = [self._factors(each) for each in val]
+        vertices = self.surface.shapes(np.stack([factors[index][start + output_frame] for index, start in cuts]))
+        return (*cut_windows(val, cuts, window, 0), torch.from_numpy(vertices).float())
+
+
+def cut_windows(
+    recordings: Sequence[ShapeRecording], cuts: Sequence[tuple[int, int]], window: int, shift: int
+) -> tuple[Float[Tensor, "B W C"], Float[Tensor, "B W 6"]]:
+    """Speech and poses of windows, `shift` frames after where they are cut."""
+    parts = [(recordings[index], slice(start + shift, start + shift + window)) for index, start in cuts]
+    return (
+        torch.from_numpy(np.stack([each.speech[part] for each, part in parts])),
+        torch.from_numpy(np.stack([each.pose[part] for each, part in parts])),
+    )
+
+
+def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface: FaceSurface) -> dict[str, Any]:
+    """What the network is rebuilt from."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": list(normaliser.channels),
+        "vertices": len(surface.vertices),
+    }
+
+
+def pgface_network(checkpoint: Checkpoint) -> PGFace:
+    """The network of a checkpoint."""
+    settings = PGFaceTaskSettings.model_validate(checkpoint.config["model"])
+    network = PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"])
+    network.load_state_dict(checkpoint.tensors)
+    return network.eval()

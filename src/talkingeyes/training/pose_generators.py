@@ -1,0 +1,69 @@
+"""A trained model of the head alone, in a folder of the train stage; as a generator it rests the eyes in the head."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.corpus.poses import head_rotations, resample_cubic, resample_linear
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
+from talkingeyes.models.speech_to_pose import SpeechToPose
+from talkingeyes.training.checkpoint import Checkpoint
+from talkingeyes.training.pose_task import PoseTaskSettings
+
+
+@dataclass(frozen=True)
+class PoseModelGenerator:
+    """Speech embedding in, S motions of the head out, about the mean pose of the train split."""
+
+    network: SpeechToPose
+
+    def generate(
+        self,
+        embedding: Float[ndarray, "T C"],
+        seeds: list[int],
+        fps: float,
+        conditioning: ConditioningInputs = NO_CONDITIONING,
+    ) -> Samples:
+        """Each seed draws a training speaker's style; the eyes look straight ahead of the head."""
+        head = self.generate_heads(embedding, seeds, fps, None)
+        return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))
+
+    def generate_heads(
+        self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, style: Float[ndarray, " K"] | None
+    ) -> Float[ndarray, "S T 3"]:
+        """Rotation vectors at the frame rate of the embedding, in a style (shares of the training speakers')."""
+        own = self.network.settings.poses.fps
+        speech = resample_linear(embedding, fps, own).astype(np.float32)
+        pose = self.network.sample(speech, seeds, style) + self.network.mean_pose.numpy()
+        rows = [_pad_or_trim(resample_cubic(each.astype(np.float64), own, fps), len(embedding)) for each in pose]
+        return head_rotations(np.stack(rows))
+
+
+def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:
+    """What a model of the head alone is rebuilt from."""
+    return {
+        "model": settings.model_dump(mode="json"),
+        "channels": list(normaliser.channels),
+        "speakers": list(network.speakers),
+    }
+
+
+def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
+    """The network of a checkpoint."""
+    config = checkpoint.config
+    settings = PoseTaskSettings.model_validate(config["model"])
+    network = SpeechToPose(settings, config["channels"], config["speakers"])
+    network.load_state_dict(checkpoint.tensors)
+    return network.eval()
+
+
+def _pad_or_trim(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
+    """The first frames; the last row stands for those that resampling has lost."""
+    return np.pad(rows[:frames], ((0, max(frames - len(rows), 0)), (0, 0)), mode="edge")

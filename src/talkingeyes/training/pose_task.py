@@ -1,0 +1,168 @@
+"""Training of a model of the head alone: windows of poses, and, for PoseGAN, a rival (Zhang et al., section 4).
+
+The weights kept are those whose poses on val move most like true ones (`MovementRatios`): the paper keeps the "best
+performing" and does not say by what; by distance it would be the stillest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Annotated
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+from pydantic import Field
+from torch import Tensor
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import Settings
+from talkingeyes.corpus.poses import PoseRecording
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.models.head.discriminator import lagged_differences
+from talkingeyes.models.head.pose_generator import TrainingWindows, mean_and_std
+from talkingeyes.models.layers.schedules import set_trained_steps
+from talkingeyes.models.speech_to_pose import START_POSES, PoseBatch, SpeechToPose, SpeechToPoseSettings
+from talkingeyes.training.loop import LoopSettings
+
+MIN_POSE_SD = 1e-6  # a number of the pose that varies by less stays as it is
+
+
+class PoseWindowSettings(Settings):
+    """Training windows."""
+
+    # Frames of a window and between the starts of two (the paper: 256 and 5).
+    frames: Annotated[int, Field(gt=1)]
+    hop: Annotated[int, Field(gt=0)]
+
+
+class PoseTaskSettings(SpeechToPoseSettings):
+    """A model of the head alone and how it is trained."""
+
+    windows: PoseWindowSettings
+    # null: nothing is learnt.
+    loop: LoopSettings | None
+    # Val clips that are generated at each validation, of all speakers in turn.
+    validation_clips: Annotated[int, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class MovementRatios:
+    """Mean over the six numbers of: the range of poses, of motion, and of its change, as shares of the true ones."""
+
+    range: float
+    speed: float
+    acceleration: float
+
+    def distance(self) -> float:
+        """0 when as the truth: the sum of logarithms of the shares, above and below alike."""
+        return sum(abs(math.log(max(each, 1e-3))) for each in asdict(self).values())
+
+
+def movement_ratios(
+    generated: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
+) -> MovementRatios:
+    """Of several clips together."""
+    shares = []
+    for order in range(3):
+        ours, theirs = (np.concatenate([np.diff(each, order, axis=0) for each in poses]) for poses in (generated, true))
+        shares.append(float((ours.std(0) / theirs.std(0).clip(1e-9)).mean()))
+    return MovementRatios(*shares)
+
+
+class PoseTask:
+    """Windows of all speakers; validation by free running, chained as in use."""
+
+    def __init__(
+        self,
+        settings: PoseTaskSettings,
+        seed: int,
+        train: Sequence[PoseRecording],
+        val: Sequence[PoseRecording],
+        normaliser: Normaliser,
+    ) -> None:
+        torch.manual_seed(seed)
+        self.settings, self.train = settings, train
+        self.rng = np.random.default_rng(seed)
+        length, hop = settings.windows.frames, settings.windows.hop
+        self.window_starts = [
+            (index, start) for index, each in enumerate(train) for start in range(0, len(each) - length + 1, hop)
+        ]
+        if not self.window_starts:
+            raise InputError(f"no training clip has {length} frames at {settings.poses.fps:g} a second")
+        speakers = sorted({each.clip.speaker for each in train})
+        self.validation_recordings = [each for each in val if each.clip.speaker in speakers][
+            : settings.validation_clips
+        ]
+        self.module = SpeechToPose(settings, normaliser.channels, speakers)
+        self.module.speech.standardise_by(torch.from_numpy(normaliser.mean), torch.from_numpy(normaliser.std))
+        self._prepare()
+
+    @property
+    def discriminator(self) -> torch.nn.Module | None:
+        """The discriminator, if there is one."""
+        return self.module.discriminator
+
+    def losses(self, step: int) -> dict[str, Tensor]:
+        """A batch; it is kept for the rival's turn."""
+        set_trained_steps(self.module, step - 1)
+        self.batch = self._draw()
+        predicted = self.module.predict(self.batch)
+        self.generated = predicted.pose
+        return predicted.loss_terms
+
+    def discriminator_losses(self, step: int) -> dict[str, Tensor]:
+        """The rival's turn on the same batch."""
+        return self.module.discriminator_terms(self.batch, self.generated)
+
+    def validate(self) -> dict[str, float]:
+        """Free running; the score is minus the distance from how true heads move."""
+        generated = [
+            self.module.sample(each.speech, [index], self.module.style_of(each.clip.speaker))[0]
+            for index, each in enumerate(self.validation_recordings)
+        ]
+        alive = movement_ratios(generated, [each.pose for each in self.validation_recordings])
+        return {
+            "validation_score": -alive.distance(),
+            **{f"free_running/{name}": value for name, value in asdict(alive).items()},
+        }
+
+    def _draw(self) -> PoseBatch:
+        assert self.settings.loop is not None
+        chosen = self.rng.integers(len(self.window_starts), size=self.settings.loop.batch)
+        cuts = [self.window_starts[int(each)] for each in chosen]
+        length = self.settings.windows.frames
+        speech = np.stack([self.train[index].speech[start : start + length] for index, start in cuts])
+        pose = np.stack([self.train[index].pose[start : start + length] for index, start in cuts])
+        style = np.stack([self.module.style_of(self.train[index].clip.speaker) for index, _ in cuts])
+        return PoseBatch(*(torch.from_numpy(each).to(self.module.scale.device) for each in (speech, pose, style)))
+
+    def _prepare(self) -> None:
+        """Statistics, poses to start at, and what the baselines draw from."""
+        poses = np.concatenate([each.pose for each in self.train])
+        scale = np.where(poses.std(0) > MIN_POSE_SD, poses.std(0), 1.0).astype(np.float32)
+        self.module.scale.copy_(torch.from_numpy(scale))
+        self.module.mean_pose.copy_(torch.from_numpy(np.stack([each.centre for each in self.train]).mean(0)))
+        if self.module.discriminator is not None:
+            changes = [lagged_differences(torch.from_numpy(each.pose / scale)[None]) for each in self.train]
+            deviations = [torch.cat([each[0] for each in of_lag]).std(0) for of_lag in zip(*changes, strict=True)]
+            self.module.discriminator.scale.copy_(torch.stack(deviations))
+        for index, speaker in enumerate(self.module.speakers):
+            own = np.concatenate([each.pose for each in self.train if each.clip.speaker == speaker]) / scale
+            spread = np.linspace(0, len(own) - 1, START_POSES).astype(int)
+            self.module.start_poses[index] = torch.from_numpy(own[spread])
+        self.module.head.set_training_windows(self._training_windows(scale))
+
+    def _training_windows(self, scale: Float[ndarray, " 6"]) -> TrainingWindows:
+        """Training windows, half of one apart, and what their sound is like."""
+        length = self.settings.windows.frames
+        sound, pose = [], []
+        for each in self.train:
+            for start in range(0, len(each) - length + 1, length // 2):
+                part = torch.from_numpy(each.speech[start : start + length])[None]
+                sound.append(mean_and_std(self.module.speech.standardise(part))[0])
+                pose.append(torch.from_numpy(each.pose[start : start + length] / scale))
+        return TrainingWindows(torch.stack(pose), torch.stack(sound))

@@ -1,0 +1,88 @@
+"""A program as the docs call it, made small: python docs_program.py BIN PROGRAM WORDS... runs BIN/PROGRAM.
+
+SMALL says what changes: what takes minutes or hours gets the settings of `experiment=tiny`. SERVERS run until they
+answer, and are then interrupted. Everything else runs as it is written. tests/test_docs_run.py puts it on the path.
+"""
+
+import os
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+STEPS = "{0}.loop.steps=4 {0}.loop.batch=4 {0}.loop.validate_every=2"
+# A part of a command line, and what takes its place; all that fit, in this order.
+SUBSTITUTIONS = [
+    (r"^(python -m pipelines\.params\b.*)", r"\1 experiment=tiny"),
+    (r"^(python -m pipelines\.experiment -m\b.*)", r"\1 experiment=smoke_test"),
+    (r"^(python -m pipelines\.experiment .*\bsweep=.*)", r"\1 hydra.sweeper.n_trials=2"),
+    (r"^(python -m pipelines\.experiment(?!.*\bexperiment=).*)", r"\1 experiment=tiny workspace=build/experiment"),
+    (
+        r"^(python -m pipelines\.experiment .*\bsweep=codebook_size\b.*)",
+        rf"\1 {STEPS.format('pretrain.gaze_patches')} {STEPS.format('model.talkingeyes_categorical')}",
+    ),
+    (r"\bexperiment=posegan\b", "experiment=posegan_tiny workspace=build/posegan"),
+    (r"^(python -m pipelines\.posegan_table) --seeds [0-9,]+", r"\1 --seeds 0 experiment=posegan_tiny"),
+    (
+        r"\bexperiment=probtalk3d_table\b",
+        f"experiment=[probtalk3d_table,tiny] {STEPS.format('pretrain.face_vae')} {STEPS.format('model.face_vae')}",
+    ),
+    (r"^python -m pytest -n 2$", "python -m pytest -n 0 -q tests/test_layers.py"),
+    (r"^(talkingeyes animate (?=.*two_cities\.wav).*)", r"\1 --no-previews"),
+    (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
+    (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
+    (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
+    (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes make the same file
+]
+SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b"
+TIMEOUT_S = 120
+
+
+def shortened(line: str) -> str:
+    """The command line that is run in the place of this one."""
+    for pattern, instead in SUBSTITUTIONS:
+        line = re.sub(pattern, instead, line)
+    return line
+
+
+def run_server(words: list[str]) -> int:
+    """Run a server on a free port until its page answers, then interrupt it. The status: 0 if it answered."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = subprocess.Popen([*words, "--port", str(port)], start_new_session=True)
+    answered, until = False, time.monotonic() + TIMEOUT_S
+    while not answered and server.poll() is None and time.monotonic() < until:
+        time.sleep(0.2)
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5) as page:
+                answered = page.status == 200
+        except OSError:
+            continue
+    for sign in (signal.SIGINT, signal.SIGKILL):
+        if server.poll() is None:
+            os.killpg(server.pid, sign)
+            try:
+                server.wait(20)
+            except subprocess.TimeoutExpired:
+                continue
+    return 0 if answered else 1
+
+
+def main() -> None:
+    """Run what the arguments say."""
+    programs, name, *given = sys.argv[1:]
+    line = shlex.join([name, *given])
+    words = shlex.split(shortened(line))
+    words[0] = os.path.join(programs, name)
+    if re.match(SERVERS, line):
+        sys.exit(run_server(words))
+    os.execv(words[0], words)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,272 @@
+"""What a model is told besides its speech: who moves, a reference of a style, the partner; and where it starts from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from test_training import NAMES, NORMALISER, translation
+from toy import CHANNELS, recordings
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.corpus.recordings import Recording
+from talkingeyes.corpus.store import Corpus, make_shard_path
+from talkingeyes.models.condition.conditioner import (
+    CONDITIONERS,
+    NO_CONDITIONING,
+    ConditioningInputs,
+    ConditioningSpec,
+    TrainingStatistics,
+)
+from talkingeyes.training import checkpoint
+from talkingeyes.training.conditioning import (
+    ConditioningPaths,
+    ConditioningProvider,
+    collate_inputs,
+    motion_array,
+    speaker_index,
+)
+from talkingeyes.training.loop import train
+from talkingeyes.training.motion_generators import load_generator, network_config, required_inputs, training_speakers
+from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
+
+KINDS: dict[str, dict[str, Any]] = {
+    "speaker": {"condition_dropout": 0.0, "embedding_scale": {"head": 1.5, "gaze": 2.0}},
+    "reference": {"style_dim": 4, "condition_dropout": 0.0},
+    "partner": {"channels": None, "layers": 1, "dropout": 0.0, "channel_dropout": 0.0},
+}
+LONG = {"steps": 100, "learning_rate": 1e-2, "validate_every": 100}
+KNOWN = ConditioningSpec(NAMES, ("a", "b"))
+
+
+def conditioner(kind: str) -> Any:
+    """One of each kind, with the statistics of toy motions."""
+    torch.manual_seed(0)
+    made = CONDITIONERS.build(CONDITIONERS.parse({"kind": kind, **KINDS[kind]}), 12, KNOWN)
+    motions = [torch.from_numpy(motion_array(each.head, each.gaze)) for each in recordings(6, seed=1)]
+    made.fit_statistics(TrainingStatistics(torch.zeros(CHANNELS), torch.ones(CHANNELS), motions))
+    return made.eval()
+
+
+def told(rows: int, frames: int = 40) -> ConditioningInputs:
+    """Something of everything; the last window is told nothing."""
+    torch.manual_seed(2)
+    reference, partner = 0.1 * torch.randn(rows, 30, 9), torch.randn(rows, frames, CHANNELS)
+    reference[-1], partner[-1] = torch.nan, torch.nan
+    return ConditioningInputs(torch.tensor([*range(rows - 1), -1]), reference, partner)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+class TestContract:
+    def test_it_gives_vectors_that_depend_on_what_is_told(self, kind: str) -> None:
+        made = conditioner(kind)
+        both = made(told(3), 3)
+        for found in (both.head, both.gaze):
+            assert found.shape[0] == 3
+            assert found.shape[1] in (1, 40)
+            assert found.shape[2] == 12
+            assert torch.isfinite(found).all()
+            assert (found[0] - found[1]).abs().max() > 1e-3
+        assert set(made.required_inputs) == {kind}
+
+    def test_a_window_that_is_told_nothing_is_as_one_of_a_batch_that_is(self, kind: str) -> None:
+        made = conditioner(kind)
+        nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
+        torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
+        torch.testing.assert_close(beside.gaze[2:].mean(1), nothing.gaze[:1].mean(1))
+        if kind == "partner":
+            assert nothing.head.abs().max() == nothing.gaze.abs().max() == 0
+
+    def test_gradients_reach_it_and_stay_finite_beside_rows_of_nothing(self, kind: str) -> None:
+        made = conditioner(kind).train()
+        made(told(3), 3).gaze.square().sum().backward()
+        found = [each.grad for each in made.parameters() if each.grad is not None]
+        assert any(each.abs().sum() > 0 for each in found)
+        assert all(torch.isfinite(each).all() for each in found)
+
+
+def test_a_hidden_speaker_is_nobody() -> None:
+    made = conditioner("speaker").train()
+    made.condition_dropout = 1.0
+    assert torch.equal(made(told(3), 3).head, made(NO_CONDITIONING, 3).head)
+
+
+def people(count: int, seed: int) -> list[Recording]:
+    """Two speakers, of whom `b` holds the head turned aside."""
+    found = []
+    for index, each in enumerate(recordings(count, seed)):
+        aside_rad, who = (0.0, "a") if index % 2 else (0.2, "b")
+        turned = (each.head + np.array([0, aside_rad, 0])).astype(np.float32)
+        found.append(replace(each, clip=replace(each.clip, speaker=who), head=turned))
+    return found
+
+
+def task_of(condition: dict[str, Any], beside: ConditioningPaths | None = None, **changes: Any) -> MotionTask:
+    node = translation("vae", **changes).model_dump(mode="json") | {"conditions": [condition]}
+    node["weights"]["head_kl"] = 3.0  # with a weak one the codes say all and the condition nothing
+    settings = MotionTaskSettings.model_validate(node)
+    return MotionTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
+
+
+def aside_rad(task: MotionTask, one: ConditioningInputs) -> float:
+    """Where the heads of some samples rest."""
+    speech = torch.from_numpy(recordings(1, seed=9)[0].speech)
+    return float(task.module.generate(speech, list(range(6)), 1.0, one).head[..., 1].mean())
+
+
+def reference_of(each: Recording) -> ConditioningInputs:
+    return ConditioningInputs(reference=torch.from_numpy(motion_array(each.head, each.gaze))[None])
+
+
+def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Path) -> None:
+    task = task_of({"kind": "reference", **KINDS["reference"]}, **LONG)
+    settings = task.settings
+    train(task, settings.loop, "style")
+    turned, straight = (reference_of(each) for each in people(2, seed=33))
+    assert aside_rad(task, turned) > aside_rad(task, straight) + 0.1
+    checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, NAMES, None, task.module))
+    again = load_generator(tmp_path)
+    assert required_inputs(again) == {"reference"}
+    speech = recordings(1, seed=9)[0].speech
+    direct = task.module.generate(torch.from_numpy(speech), [5], None, turned)
+    np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
+
+
+def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
+    task = task_of(
+        {"kind": "speaker", "condition_dropout": 0.1, "embedding_scale": {"head": 1.0, "gaze": 1.0}},
+        **LONG | {"steps": 200, "validate_every": 200},
+    )
+    train(task, task.settings.loop, "speaker")
+    straight, turned = (ConditioningInputs(speaker=torch.tensor([index])) for index in (0, 1))
+    assert aside_rad(task, turned) > aside_rad(task, straight) + 0.02
+    checkpoint.save(tmp_path, task.module.state_dict(), network_config(task.settings, NAMES, None, task.module))
+    assert training_speakers(load_generator(tmp_path)) == ("a", "b")
+
+
+def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time() -> None:
+    known = people(8, seed=4)
+    conditioning_provider = ConditioningProvider({"reference", "speaker"}, ["a", "b"], known, None)
+    own = known[0]
+    first, again = (conditioning_provider.window(own.clip, slice(10, 60), False) for _ in range(2))
+    np.testing.assert_array_equal(first["reference"], again["reference"])
+    assert int(first["speaker"]) == 1
+    places = [
+        index
+        for index, each in enumerate(known)
+        for start in range(len(each) - 49)
+        if np.array_equal(motion_array(each.head, each.gaze)[start : start + 50], first["reference"])
+    ]
+    assert len(places) == 1
+    assert places[0] != 0
+    assert known[places[0]].clip.speaker == own.clip.speaker
+    stranger = conditioning_provider.clip_inputs(replace(own.clip, speaker="nobody"), 50)
+    assert stranger.reference is None
+
+
+def test_whoever_was_in_no_training_is_one_of_those_who_were_drawn_for_each_sound() -> None:
+    known = [f"s{number}" for number in range(9)]
+    drawn = [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
+    assert set(drawn) == set(range(9))
+    assert drawn == [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
+    assert [speaker_index(known, name, "sound 1") for name in known] == list(range(9))
+    clip = replace(people(1, seed=4)[0].clip, speaker="stranger", sound="sound 7")
+    told = ConditioningProvider({"speaker"}, known, (), None).clip_inputs(clip, 50)
+    assert told.speaker is not None
+    assert told.speaker.tolist() == [drawn[7]]
+
+
+def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides() -> None:
+    clip, conditioning_provider = people(1, seed=4)[0].clip, ConditioningProvider({"speaker"}, ["a", "b"], (), None)
+    symmetric, turned = (
+        int(conditioning_provider.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True)
+    )
+    assert (symmetric, turned) == (1, 3)
+    made = conditioner("speaker").train()
+    found = made(ConditioningInputs(torch.tensor([1, 3, -1])), 3).head[:, 0]
+    torch.testing.assert_close(found[0] + found[1], 2 * made.symmetric.weight[1])
+    torch.testing.assert_close(found[0] - found[1], 2 * made.antisymmetric.weight[1])
+    torch.testing.assert_close(found[2], made.symmetric.weight[2])
+
+
+def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
+    made, who = conditioner("speaker"), ConditioningInputs(torch.tensor([0, 1, 3, -1]))
+    used, learnt = made.eval()(who, 4), made.train()(who, 4).head[:, 0]
+    for size, part in ((1.5, used.head[:, 0]), (2.0, used.gaze[:, 0])):
+        torch.testing.assert_close(part[0] - part[1], size * (learnt[0] - learnt[1]))
+        torch.testing.assert_close(part[1] - part[2], size * (learnt[1] - learnt[2]))
+        torch.testing.assert_close(part[3], learnt[3])
+        antisymmetric = made.antisymmetric.weight[:2].mean(0)
+        torch.testing.assert_close(part[:2].mean(0) - learnt[:2].mean(0), (size - 1) * antisymmetric)
+
+
+def conversation(root: Path) -> ConditioningPaths:
+    """The partner's embedding beside every second clip of `people`."""
+    rng = np.random.default_rng(5)
+    for seed, count in ((1, 12), (2, 3)):
+        for index, each in enumerate(people(count, seed)):
+            for name in ("speech", "partner")[: 1 + index % 2]:
+                path = make_shard_path(root / name, each.clip.sound, ".npy")
+                np.save(path, rng.standard_normal(each.speech.shape).astype(np.float32))
+    return ConditioningPaths(Corpus(root), root)
+
+
+def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path) -> None:
+    beside = conversation(tmp_path)
+    task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20)
+    history = train(task, task.settings.loop, "listener")
+    assert history[-1]["loss/total"] < history[0]["loss/total"] or len(history) == 1
+    silence = torch.zeros(60, CHANNELS)
+    talks = ConditioningInputs(partner=torch.randn(1, 60, CHANNELS))
+    alone, heard = (task.module.generate(silence, [1], 1.0, each) for each in (NO_CONDITIONING, talks))
+    nobody = task.module.generate(
+        silence, [1], 1.0, ConditioningInputs(partner=torch.full((1, 60, CHANNELS), torch.nan))
+    )
+    assert (alone.head - heard.head).abs().max() > 1e-4
+    assert (alone.gaze - heard.gaze).abs().max() > 1e-4
+    assert torch.equal(alone.gaze, nobody.gaze)
+
+
+def test_a_partner_who_was_not_embedded_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"^embed.include_partner: should be true"):
+        task_of({"kind": "partner", **KINDS["partner"]})
+
+
+def test_windows_and_the_partner_stay_in_step(tmp_path: Path) -> None:
+    beside, clip = conversation(tmp_path), people(12, seed=1)[1].clip
+    conditioning_provider = ConditioningProvider({"partner"}, [], (), beside)
+    clip_inputs = conditioning_provider.clip_inputs(clip, 210).partner
+    assert clip_inputs is not None
+    part = collate_inputs([conditioning_provider.window(clip, slice(20, 70), True)]).partner
+    assert part is not None
+    torch.testing.assert_close(part, clip_inputs[:, 20:70])
+
+
+def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -> MotionTask:
+    node = translation("vae", steps=6, validate_every=6).model_dump(mode="json")
+    node["speech"] |= changes
+    settings = MotionTaskSettings.model_validate(node)
+    return MotionTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
+
+
+def test_a_model_with_sound_starts_as_the_prior_without_and_then_hears() -> None:
+    deaf = start({"channels": []})
+    speech, other = (torch.randn(50, CHANNELS) for _ in range(2))
+    train(deaf, deaf.settings.loop, "prior")
+    assert torch.equal(deaf.module.generate(speech, [1]).gaze, deaf.module.generate(other, [1]).gaze)
+    prior = checkpoint.Checkpoint({}, deaf.module.state_dict())
+    tied = start({"channels": None}, prior)
+    tied.module.eval()
+    with torch.no_grad():
+        at_first, before = (each.module.generate(speech, [1], 1.0) for each in (tied, deaf))
+    torch.testing.assert_close(at_first.gaze, before.gaze, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(at_first.head, before.head, atol=1e-5, rtol=1e-4)
+    train(tied, tied.settings.loop, "tied")
+    heard = [tied.module.generate(each, [1], 1.0).gaze for each in (speech, other)]
+    assert (heard[0] - heard[1]).abs().max() > 1e-6
+    with pytest.raises(InputError, match=r"^init_from: should be a model of the same parts"):
+        start({"channels": None, "width": 16}, prior)

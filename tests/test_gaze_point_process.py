@@ -1,0 +1,130 @@
+"""Gaze as fixations, bin after bin: what a stream shows is what is drawn and shown for the whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy import ndarray
+
+from talkingeyes.core.rotation import angles_to_gaze, gaze_to_angles
+from talkingeyes.models.gaze.generator import GazeCondition, StreamableGazeGenerator
+from talkingeyes.models.gaze.point_process import (
+    PointProcessGaze,
+    PointProcessGazeSettings,
+    SaccadeSequence,
+    render_saccades,
+)
+from talkingeyes.physiology import eye_head
+
+PROCESS = {
+    "width": 16,
+    "bin_frames": 2,
+    "absolute_components": 4,
+    "relative_components": 2,
+    "mixture_centres": "learned",
+    "adaptive_components": False,
+    "previous_steps": 0,
+    "previous_locations": 2,
+    "layers": 2,
+    "dropout": 0.0,
+    "history_dropout": 0.0,
+    "history_noise": 0.0,
+}
+
+
+def render_row(onsets_s: ndarray, locations: ndarray, times_s: ndarray) -> ndarray:
+    """Gaze that is at each place from its onset on."""
+    return render_saccades(np.ones((1, len(onsets_s)), bool), onsets_s[None], locations[None], times_s)[0]
+
+
+def crowded() -> tuple[ndarray, ndarray]:
+    """Onsets every 50 ms and large steps: most saccades have to wait for the one before."""
+    rng = np.random.default_rng(0)
+    onsets_s = np.concatenate([[0.0], 0.2 + 0.05 * np.arange(30)])
+    return onsets_s, rng.uniform(-0.4, 0.4, (31, 3)) * [1.0, 0.5, 0.1]
+
+
+def test_what_is_over_may_be_forgotten() -> None:
+    onsets_s, locations = crowded()
+    times_s = np.arange(0, 4, 0.04)
+    chain, parts, most, at = SaccadeSequence(locations[0]), [], 0, 1
+    for frames in times_s.reshape(-1, 2):
+        while at < len(onsets_s) and onsets_s[at] < frames[0] + 0.08:
+            chain.add_saccades(onsets_s[at : at + 1], locations[at : at + 1])
+            at += 1
+        parts.append(chain.at(frames))
+        chain.discard_before(frames[-1])
+        most = max(most, len(chain))
+    np.testing.assert_allclose(np.concatenate(parts), render_row(onsets_s, locations, times_s), atol=1e-12)
+    assert len(chain) == 1
+    assert most < 25
+
+
+def test_rows_that_are_shown_together_know_nothing_of_each_other() -> None:
+    onsets_s, locations = crowded()
+    event = np.random.default_rng(5).random((4, len(onsets_s))) < 0.7
+    event[:, 0] = True
+    onsets, rows = np.tile(onsets_s, (4, 1)), np.stack([locations, -locations, 2 * locations, locations[::-1]])
+    times_s = np.arange(0, 4, 0.04)
+    together = render_saccades(event, onsets, rows, times_s)
+    for index in range(4):
+        only = slice(index, index + 1)
+        np.testing.assert_allclose(
+            together[index], render_saccades(event[only], onsets[only], rows[only], times_s)[0], atol=1e-9
+        )
+
+
+def gaze(**changes: object) -> PointProcessGaze:
+    torch.manual_seed(0)
+    settings = PointProcessGazeSettings.model_validate(
+        {"kind": "point_process", "fps": 25, "observation_noise_deg": 0.9, "process": PROCESS | changes}
+    )
+    made = PointProcessGaze(settings, 8, None).eval()
+    made.normalise_by(torch.zeros(6), 0.2)
+    with torch.no_grad():
+        made.process.hazard.bias.fill_(0.5)  # often, so that saccades go on over bins and wait
+    return made
+
+
+def condition(frames: int) -> GazeCondition:
+    torch.manual_seed(1)
+    head = 0.1 * torch.randn(1, frames, 3)
+    return GazeCondition(torch.randn(1, frames, 8), head, head / 0.1)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 101])
+def test_a_stream_is_what_is_drawn_for_the_whole(frames: int) -> None:
+    made, told = gaze(lookahead=0), condition(frames)
+    expected = made.sample(told, [7], 1.0)
+    stream, parts = made.stream(7, 1.0), []
+    with torch.no_grad():
+        for first in range(0, frames, made.step_frames):
+            now = slice(first, first + made.step_frames)
+            parts.append(
+                stream.step(GazeCondition(told.speech[:, now], told.head[:, now], told.normalised_head[:, now]))
+            )
+    torch.testing.assert_close(torch.cat(parts, dim=1), expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("lookahead", [0, 3])
+def test_a_causal_process_hears_so_far_ahead(lookahead: int) -> None:
+    made, told = gaze(lookahead=lookahead), condition(60)
+    assert isinstance(made, StreamableGazeGenerator)
+    assert made.has_lookahead == (lookahead > 0)
+    before = made.process.condition_encoder(made.binned_condition(told))
+    told.speech[:, 40:] += 3
+    moved = (made.process.condition_encoder(made.binned_condition(told)) - before)[0].abs().amax(-1) > 1e-6
+    assert int(moved.nonzero()[0]) == 20 - lookahead
+    assert gaze().has_lookahead  # the default hears both sides
+
+
+def test_eyes_turn_no_further_than_they_can() -> None:
+    made, told = gaze(), condition(200)
+    far = GazeCondition(told.speech, told.head + torch.tensor([0.3, 0.6, 0.0]), told.normalised_head)
+    angles = gaze_to_angles(made.sample(far, [7], 1.0).numpy())
+    held = eye_head.clamp_angles(angles)
+    np.testing.assert_allclose(angles, held, atol=1e-5)
+    assert (np.abs(angles[..., 0]) > eye_head.YAW_LIMIT_RAD - 1e-5).any(), "the head is turned too far away"
+    near = angles_to_gaze(np.radians([[29.0, 0.0], [0.0, -29.0], [10.0, 19.0]]))
+    np.testing.assert_allclose(eye_head.clamp_to_eye_range(near), near, atol=1e-12)

@@ -1,0 +1,172 @@
+"""All that learns puts its tensors where it learns: on a card that is pretended, since no machine of ours has one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from fake_gpu import fake_gpu
+from test_contract import CHANNELS, MODELS, codebook, content
+from test_critic import contrast, toy
+from test_face_models import BASIS, GENERATORS, data, faces, model_settings, prior_settings, tokenizer_for, tokenizers
+from test_posegan import HEADS, pgface_task
+from test_posegan import task as pose_task
+from test_training import NORMALISER, translation
+from test_waveform_encoder import folder, sounds, waveform_encoder
+from toy import recordings
+from toy_training import toy_training
+
+from pipelines import critic, pretrain
+from pipelines import train as train_stage
+from talkingeyes.corpus.recordings import Normaliser
+from talkingeyes.orchestration.config import CONFIG_DIR
+from talkingeyes.training import checkpoint
+from talkingeyes.training.execution import ExecutionContext
+from talkingeyes.training.face_task import FaceTask
+from talkingeyes.training.face_tokenizer import FaceTokenizerTask
+from talkingeyes.training.gaze_tokenizer import GazeTokenizerSettings, GazeTokenizerTask
+from talkingeyes.training.loop import LoopSettings, TrainingTask, train
+from talkingeyes.training.motion_generators import load_generator, network_config
+from talkingeyes.training.motion_task import MotionTask, MotionTaskSettings
+
+__all__ = ["folder", "tokenizers"]  # fixtures
+SHORT = {"steps": 2, "validate_every": 2, "batch": 4}
+MACHINE = {"device": "cuda", "precision": "bfloat16"}
+GAZE_PRIORS = [path.stem for path in sorted((CONFIG_DIR / "pretrain").glob("gaze*.yaml"))]
+
+
+def learn(task: TrainingTask, loop: LoopSettings | None) -> list[dict[str, float]]:
+    """Two steps with validations, as `machine=gpu` learns."""
+    short = LoopSettings.model_validate((loop.model_dump() if loop else {}) | SHORT)
+    return train(task, short, "on a card", context=ExecutionContext.of(MACHINE))
+
+
+def shortened(raw: dict[str, Any]) -> dict[str, Any]:
+    return raw | {"loop": raw["loop"] | SHORT}
+
+
+class TestPretence:
+    """What it must refuse, and what it must not."""
+
+    def test_tensors_of_both_places_are_refused(self) -> None:
+        with fake_gpu():
+            here, there = torch.zeros(3), torch.zeros(3, device="cuda")
+            for mixed in (lambda: here + there, lambda: torch.cat([there, here]), lambda: here[there.long()]):
+                with pytest.raises(RuntimeError, match="same device"):
+                    mixed()
+            with pytest.raises(RuntimeError, match="same device"):
+                torch.from_numpy(np.zeros(3)) * there
+            with pytest.raises(TypeError, match="numpy"):
+                there.numpy()
+            with pytest.raises(RuntimeError, match="generator"):
+                torch.rand(3, device="cuda", generator=torch.Generator())
+
+    def test_what_torch_allows_is_allowed(self) -> None:
+        with fake_gpu():
+            here, there = torch.zeros(3), torch.zeros(3, device="cuda")
+            assert (here.to("cuda") + there * 2).device.type == "cuda"
+            assert (there + torch.tensor(1.0)).device.type == "cuda"
+            assert there[here.long()].device.type == "cuda"
+            assert there.cpu().numpy().shape == (3,)
+            assert there.copy_(here).device.type == "cuda"
+            assert torch.zeros_like(there).device.type == "cuda"
+
+    def test_a_module_goes_there_and_learns_there(self) -> None:
+        net = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.LayerNorm(4))
+        with fake_gpu():
+            net.to(torch.device("cuda", 0))
+            with pytest.raises(RuntimeError, match="same device"):
+                net(torch.zeros(2, 3))
+            net(torch.zeros(2, 3, device="cuda")).sum().backward()
+            torch.optim.AdamW(net.parameters()).step()
+            net.load_state_dict({name: value.cpu() for name, value in net.state_dict().items()})
+            assert {each.device.type for each in net.parameters()} == {"cuda"}
+            assert {each.device.type for each in net.cpu().parameters()} == {"cpu"}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
+    raw = content(CONFIG_DIR / "model" / f"{name}.yaml")
+    less = {"init_from": None, "validation_clips": 1, "temperatures": raw["temperatures"][:1]}
+    settings = MotionTaskSettings.model_validate(shortened(raw) | less)
+    names = tuple([*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))][:CHANNELS])
+    normaliser = Normaliser(names, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS, np.float32))
+    book = codebook(settings.tokenizer)
+    clips = recordings(8, seed=1), recordings(2, seed=2)
+    task = MotionTask(settings, 0, *clips, normaliser, book)
+    with fake_gpu():
+        history = learn(task, settings.loop)
+        task.fit_equaliser()
+        task.choose_temperature()
+        checkpoint.save(tmp_path, task.module.state_dict(), network_config(settings, names, book, task.module), history)
+    assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9)[0].speech, [5], 25.0).gaze).all()
+
+
+def test_an_encoder_that_is_trained_along(folder: Path, tmp_path: Path) -> None:
+    clips = recordings(4, seed=1, frames=100), recordings(1, seed=2, frames=100)
+    node = translation("vae", **SHORT).model_dump(mode="json")
+    node["speech"] |= {"channels": [], "waveform_encoder": waveform_encoder(folder).model_dump()}
+    settings = MotionTaskSettings.model_validate(node)
+    task = MotionTask(settings, 0, *clips, NORMALISER, None, sounds(tmp_path, [*clips[0], *clips[1]]))
+    with fake_gpu():
+        learn(task, settings.loop)
+
+
+@pytest.mark.parametrize("name", GAZE_PRIORS)
+def test_codebooks_of_gaze(name: str) -> None:
+    settings = GazeTokenizerSettings.model_validate(shortened(content(CONFIG_DIR / "pretrain" / f"{name}.yaml")))
+    task = GazeTokenizerTask(settings, recordings(12, seed=1), recordings(3, seed=2))
+    with fake_gpu():
+        learn(task, settings.loop)
+
+
+@pytest.mark.parametrize("kind", ["vq", "vae"])
+def test_autoencoders_of_the_face(kind: str) -> None:
+    settings = prior_settings(kind)
+    task = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
+    with fake_gpu():
+        learn(task, settings.loop)
+        task.fit_latent_statistics()
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_models_of_the_face(name: str, tokenizers: Any) -> None:
+    settings = model_settings(name)
+    task = FaceTask(settings, 0, data(), tokenizer_for(name, tokenizers))
+    with fake_gpu():
+        learn(task, settings.loop)
+        task.choose_temperature()
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_personal_heads(name: str) -> None:
+    task = pose_task(name)
+    with fake_gpu():
+        if task.settings.loop:
+            learn(task, task.settings.loop)
+
+
+def test_pgface() -> None:
+    task = pgface_task()
+    with fake_gpu():
+        learn(task, task.settings.loop)
+
+
+def test_the_critic() -> None:
+    task = contrast(toy(coupled=True))
+    with fake_gpu():
+        learn(task, task.settings.loop)
+
+
+def test_stages(tmp_path: Path) -> None:
+    workspace = toy_training(tmp_path, **SHORT)
+    workspace.params["machine"].update(MACHINE)  # type: ignore[index]
+    with fake_gpu():
+        pretrain.run(workspace, "codes")
+        train_stage.run(workspace, "joint")
+        critic.run(workspace)
+    assert (tmp_path / "data/train/joint/model.safetensors").exists()
+    assert (tmp_path / "data/critic/report.json").exists()

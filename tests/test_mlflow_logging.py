@@ -1,0 +1,125 @@
+"""The record of runs: names, parameters without noise, the saved view."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from toy_config import PARAMS, mlflow_client
+
+from talkingeyes.evaluation.benchmark.corr import CRITICS
+from talkingeyes.orchestration.mlflow_logging import (
+    MethodResult,
+    Report,
+    experiment_name,
+    flatten,
+    log_run,
+    method_parameters,
+    run_name,
+)
+from talkingeyes.orchestration.mlflow_view import TAG, TEST_METRICS, VAL_METRICS
+
+
+@pytest.fixture
+def recorded_root(tmp_path, monkeypatch):
+    monkeypatch.delenv("DVC_EXP_NAME", raising=False)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return tmp_path
+
+
+def test_flatten_joins_keys():
+    assert flatten({"a": {"b": 1, "c": {"d": [2]}}, "e": None}) == {"a.b": 1, "a.c.d": [2], "e": None}
+
+
+def test_a_row_has_the_parameters_that_it_depends_on():
+    shared = {"corpus": "data/synthesize", "synthesize.seed": 0, "fit.tolerance": 0.1}
+    assert method_parameters("truth", PARAMS) == {**shared, "fit.smoothing": '{"step_cost": 30.0}'}
+    overridden = method_parameters("truth", PARAMS, ["fit.smoothing.step_cost=30.0", "model.vae.width=64", "fit=adam"])
+    assert overridden["fit.smoothing.step_cost"] == 30.0
+    assert "model.vae.width" not in overridden
+    own = method_parameters("vae", PARAMS)
+    assert {key: value for key, value in own.items() if key.startswith(("model", "pretrain"))} == {
+        "model.kind": "speech_to_motion",
+        "model.tokenizer": None,
+        "model.width": 64,
+    }
+    assert own["train.seed"] == 1
+    assert own["sample.seed"] == 1
+    assert not any(
+        key.startswith(("machine", "workspace", "result_store", "target", "objective", "study")) for key in own
+    )
+    with_prior = method_parameters("talkingeyes", PARAMS)
+    assert with_prior["pretrain.codes"] == 256
+    assert with_prior["model.weights.head_kl"] == 1.0
+
+
+def test_the_synthetic_world_is_no_parameter_of_a_corpus_from_elsewhere():
+    assert "synthesize.seed" not in method_parameters("truth", {**PARAMS, "corpus": "elsewhere"})
+
+
+@pytest.mark.parametrize(
+    ("method", "overrides", "name"),
+    [
+        ("truth", ["train.seed=1"], "truth"),
+        ("vae", [], "vae seed 1"),
+        ("vae", ["train.seed=1", "sample.seed=1", "workspace=x", "hydra/launcher=basic"], "vae seed 1"),
+        ("vae", ["model.vae.width=64", "model.talkingeyes.weights.head_kl=1"], "vae seed 1, width=64"),
+        (
+            "talkingeyes",
+            ["+model.talkingeyes.weights.head_kl=1", "pretrain.gaze_patches.codes=256", "fit=adam"],
+            "talkingeyes seed 1, weights.head_kl=1, codes=256, fit=adam",
+        ),
+    ],
+)
+def test_runs_have_readable_names(method, overrides, name):
+    assert run_name(method, PARAMS, "default", overrides) == name
+
+
+def test_a_name_says_another_seed_of_sampling_and_an_experiment_without_overrides():
+    params = {**PARAMS, "sample": {"seed": 2}}
+    assert run_name("vae", params, "calm", []) == "vae seed 1, sampled 2, calm"
+
+
+def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
+    monkeypatch.delenv("DVC_EXP_NAME", raising=False)
+    assert experiment_name(PARAMS, []) == "default"
+    assert experiment_name(PARAMS, ["experiment=tiny"]) == "tiny"
+    assert experiment_name(PARAMS, ["experiment=tiny", "sweep=free_running"]) == "alive"
+    monkeypatch.setenv("DVC_EXP_NAME", "calm")
+    assert experiment_name(PARAMS, ["experiment=tiny"]) == "calm"
+
+
+def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_root):
+    plot = tmp_path / "plot.png"
+    plot.write_bytes(b"png")
+    report = Report(
+        {"error": 0.5}, [plot], [MethodResult("vae", {"test/gaze/l2": 0.25}, [plot]), MethodResult("truth", {})]
+    )
+    for _ in range(2):
+        log_run(recorded_root, "report", "report", PARAMS, {"fit"}, 1.5, report, ["train.seed=1"])
+    client = mlflow_client(recorded_root)
+    stages, rows = (client.get_experiment_by_name(name) for name in ("stages", "experiments"))
+    runs = client.search_runs([stages.experiment_id])
+    assert [run.info.run_name for run in runs] == ["report", "report"]
+    assert runs[0].data.params == {
+        "fit.tolerance": "0.1",
+        "fit.smoothing.step_cost": "30.0",
+    }  # a stage's run holds the sections that it read
+    assert runs[0].data.metrics == {"error": 0.5, "seconds": 1.5}
+    vae, truth = sorted(client.search_runs([rows.experiment_id]), key=lambda run: run.info.run_name, reverse=True)
+    assert (vae.info.run_name, truth.info.run_name) == ("vae seed 1", "truth")
+    assert vae.info.status == "FINISHED"
+    assert vae.data.tags.items() >= {"experiment": "default", "seed": "1", "method": "vae"}.items()
+    assert "seed" not in truth.data.tags
+    assert vae.data.tags["revision"]
+    assert {file.path for file in client.list_artifacts(vae.info.run_id)} == {"plot.png", "params.json"}
+    view = json.loads(json.loads(rows.tags[TAG])["state"])
+    assert "metrics.`test/gaze/corr`" in view["selectedColumns"]
+
+
+def test_the_view_shows_figures_that_rows_have():
+    for metric in TEST_METRICS:
+        _, part, figure = metric.split("/")
+        assert part in CRITICS
+        assert figure in {"diversity_ratio", "corr", "l2", "speed_ratio", "still_fraction"}
+    assert all(metric.startswith("val/") for metric in VAL_METRICS)

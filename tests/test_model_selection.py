@@ -1,0 +1,214 @@
+"""What models are chosen by on val: `validate` with the gaze benchmark, and the table of combinations."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+import toy_workspace
+
+from pipelines import combinations, critic, table_runs, validate
+from talkingeyes.audio.annotation import Annotation
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.evaluation.benchmark.corr import CRITICS, corr_scores
+from talkingeyes.evaluation.benchmark.paired import (
+    PairedAccumulator,
+    motion_behaviours,
+    pair_with_truth,
+    sample_behaviours,
+    sound_statistics,
+)
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.model_selection.validation_metrics import SelectionMetric
+from talkingeyes.models.gaze.generator import GAZE_GENERATORS
+from talkingeyes.models.head.generator import HEAD_GENERATORS
+from talkingeyes.orchestration.config import compose
+from talkingeyes.orchestration.result_store import get_or_run
+from talkingeyes.orchestration.run import Report, Workspace
+from talkingeyes.orchestration.stage_graph import StageCall
+from talkingeyes.training.motion_task import MotionTaskSettings
+
+BOOTSTRAP = BootstrapSettings(n_resamples=50, confidence_level=0.95, seed=0)
+FPS, FRAMES, SOUNDS = 25.0, 250, 6
+
+
+class Deaf:
+    """A critic that thinks the same of every motion."""
+
+    def score_sounds(self, sounds, head, gaze):
+        return np.full((len(sounds), len(head)), 0.5)
+
+
+def moving(rng, jump_rad):
+    """A head that sways, and eyes that jump two or three times a second."""
+    head = 0.1 * np.sin(np.arange(FRAMES)[:, None] / FPS * [1.0, 2.0, 0.5] + rng.uniform(0, 6, 3))
+    places = rng.normal(0, jump_rad, (FRAMES, 3)) * [1, 1, 0]
+    held = np.maximum.accumulate(np.where(rng.random(FRAMES) < 2.5 / FPS, np.arange(FRAMES), 0))
+    return Motion.of(FPS, head, np.repeat(places[held][:, None], 2, axis=1))
+
+
+def benchmark(jump_rad):
+    """The table of motions whose eyes jump that far, of sounds whose true eyes jump by some ten degrees."""
+    rng, critics = np.random.default_rng(0), dict.fromkeys(CRITICS.values(), Deaf())
+    paired, speech = PairedAccumulator(), np.zeros((FRAMES, 2))
+    for _ in range(SOUNDS):
+        true = [moving(rng, 0.15) for _ in range(2)]
+        drawn = [moving(rng, jump_rad) for _ in range(2)]
+        samples = Samples(FPS, np.stack([each.head for each in drawn]), np.stack([each.gaze for each in drawn]))
+        heard = corr_scores(critics, speech, [speech], samples.head, samples.gaze)
+        beside = pair_with_truth(sample_behaviours(samples, Annotation()), motion_behaviours(true, Annotation()))
+        paired.add(sound_statistics(beside, heard, critics, None, speech, [speech]))
+    return paired.table(BOOTSTRAP)
+
+
+def test_motion_without_saccades_is_not_spared_what_it_lacks():
+    alike, frozen = benchmark(0.15), benchmark(0.0)
+    assert alike.missing == 0
+    assert alike.worse < 0.3 * alike.comparable
+    assert frozen.worse > alike.worse
+    assert frozen.missing > 0
+    assert any(row.metric.name.startswith("saccades/") for row in frozen.rows if row.worse is None)
+    compared_alone = sum(row.worse is not None for row in frozen.rows)
+    assert frozen.comparable == compared_alone + frozen.missing
+    assert frozen.worse == sum(row.worse is True for row in frozen.rows) + frozen.missing
+    assert json.loads(frozen.json())["sounds"] == SOUNDS
+    assert json.loads(PairedAccumulator().table(BOOTSTRAP).json()) == {
+        "schema": "talkingeyes.benchmark/2",
+        "sounds": 0,
+        "metrics": {},
+    }
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """Toys with sounds in val, critics, and a baseline."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toy_workspace, "SPEAKERS", {**toy_workspace.SPEAKERS, "g": "val", "h": "val"})
+        patch.setattr(toy_workspace, "FRAMES", 300)  # long enough for most measures
+        made = toy_workspace.toy_workspace(tmp_path_factory.mktemp("workspace"))
+    critic.run(made)
+    toy_workspace.train_random(made)
+    section = {"seed": 0, "samples": 2, "bootstrap": BOOTSTRAP.model_dump()}
+    return Workspace(made.root, {**made.params, "validate": section})
+
+
+def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(workspace):
+    path, found = workspace.data("validate", "random"), []
+    for jobs in (1, 2):
+        validate.run(replace(workspace, params={**workspace.params, "machine": {"jobs": jobs}}), "random")
+        found.append([(path / name).read_bytes() for name in ("metrics.json", "benchmark.json")])
+    assert found[0] == found[1]
+    figures, table = map(json.loads, found[0])
+    assert set(get_args(SelectionMetric)) <= set(figures)
+    assert 0 < figures["metrics_worse"] <= figures["metrics_comparable"]
+    assert table["sounds"] == 8
+    told = [one["worse"] for one in table["metrics"].values()]
+    assert sum(map(bool, told)) <= figures["metrics_worse"]
+    assert table["metrics"]["eye/speed"]["value"] is not None
+
+
+def test_a_combination_is_measured_with_what_it_costs(workspace):
+    validate.run(workspace, "random")
+    combinations._measure(StageCall("combination_row", "random", (), (), ()), workspace)
+    figures = json.loads(workspace.data("combination_row", "random", "metrics.json").read_text())
+    assert figures["parameters"] > 1000
+    assert figures["one_cpu_s"] > 0
+    assert figures["val"] == json.loads(workspace.data("validate", "random", "metrics.json").read_text())
+
+
+def test_every_kind_is_combined_with_every_other_and_learns_as_long():
+    params = compose(["experiment=head_gaze_combinations", "model.vae_head_base.loop.steps=7"])
+    assert set(combinations.HEADS) == set(HEAD_GENERATORS.kinds)
+    assert set(combinations.GAZES) == set(GAZE_GENERATORS.kinds)
+    weights: dict[str, set[frozenset[str]]] = {}
+    for head in combinations.HEADS:
+        for gaze in combinations.GAZES:
+            made = MotionTaskSettings.model_validate(params["model"][f"{head}_{gaze}"])
+            assert (made.head.kind, made.gaze.kind) == (head, gaze)
+            assert (made.loop.steps, made.loop.validate_every, made.loop.batch) == (7, 7, 8)
+            assert made.speech.model_dump() == params["model"]["talkingeyes"]["speech"] | {
+                key: value
+                for key, value in made.speech.model_dump().items()
+                if key not in params["model"]["talkingeyes"]["speech"]
+            }
+            assert (made.tokenizer in params["pretrain"]) == (gaze in ("categorical", "regression"))
+            for part, kind in (("head_", head), ("gaze_", gaze)):
+                own = frozenset(name for name in made.weights if name.startswith(part))
+                assert own
+                weights.setdefault(part + kind, set()).add(own)
+    assert all(len(found) == 1 for found in weights.values()), "a part has the same terms in every combination"
+    assert params["model"][combinations.CANONICAL]["source_models"] == ["vae_point_process"]
+
+
+def seed_of(comparable=60.0, training=10.0, corr=0.2):
+    """The figures of one seed."""
+    corrs = {name: corr for name in ("corr", "corr_gaze_in_space", "corr_head")}
+    fitted = {name.replace("corr", "corr_fitted"): 0.4 for name in corrs}
+    val = {**corrs, **fitted, "dynamics_distance": 0.5, "metrics_worse": 20.0, "metrics_comparable": comparable}
+    return {"parameters": 12345, "one_cpu_s": 0.1, "ten_cpu_s": 0.5, "val": val, "training_cpu_s": training}
+
+
+def test_the_page_says_what_was_taken_and_what_is_not_known():
+    params = compose(["experiment=head_gaze_combinations"])
+    table = {
+        "vae_point_process": [seed_of(), seed_of(corr=0.4, training=20.0)],
+        "vqvae_vae": [seed_of(training=None)] * 2,
+    }
+    text = combinations.page(table, params, " seeds=0,1", [0, 1])
+    assert "for 200 steps of 8 windows" in text
+    assert "; of 60." in text
+    lines = {line.split(" | ")[0] + line.split(" | ")[1]: line for line in text.splitlines() if line.startswith("| ")}
+    assert "| 12,345 | 15 <sub>10–20</sub> |" in lines["| VAEpoint process"]
+    assert "0.300 <sub>0.200–0.400</sub>" in lines["| VAEpoint process"]
+    assert "| 12,345 | – |" in lines["| VQ-VAEVAE"]
+    assert "0.400 | 0.400 | 0.400" in lines["| *fitted motion*"]
+    assert len({line.count("|") for line in lines.values()}) == 1
+    wide = combinations.page({"vae_vae": [seed_of(50.0), seed_of(55.0)]}, params, "", [0, 1])
+    assert "; of 50 to 55." in wide
+
+
+def test_what_is_asked():
+    wanted = combinations.options(["experiment=tiny", "model.vae_head_base.loop.steps=4"])
+    assert wanted.seeds == [0]
+    assert wanted.overrides == ["experiment=[head_gaze_combinations,tiny]", "model.vae_head_base.loop.steps=4"]
+    assert combinations.options(["seeds=1,2"]).seeds == [1, 2]
+
+
+def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, tmp_path):
+    params, asked = compose(["experiment=head_gaze_combinations", f"result_store={tmp_path}"]), []
+
+    def obtained(params, call, upstream):
+        asked.append(call.address)
+
+        def make(call, workspace):
+            with workspace.output(call.stage, *call.names) as folder:
+                (folder / table_runs.METRICS_FILE).write_text("{}")
+            return Report()
+
+        plain = replace(call, inputs=(), code_deps=(), sections=())
+        return get_or_run(tmp_path, plain, {"corpus": "data/synthesize", "machine": {}}, {}, make)
+
+    monkeypatch.setattr(table_runs, "_obtain", obtained)
+
+    def metric(call, workspace):
+        with workspace.output(call.stage, *call.names) as folder:
+            (folder / table_runs.METRICS_FILE).write_text("{}")
+        return Report()
+
+    kind = table_runs.RowSpec(
+        "combination_row", (), (), (), metric, ("vae_canonical_correlation",), (), stages_after=("validate",)
+    )
+    first, again = (table_runs._row(kind, {}, (params, "vae_canonical_correlation")) for _ in range(2))
+    assert asked[:3] == [
+        "train@vae_point_process",
+        "train@vae_canonical_correlation",
+        "validate@vae_canonical_correlation",
+    ]
+    assert first.samples is None
+    assert first.training_cpu_s is not None
+    assert first.training_cpu_s > 0
+    assert first == again, "what it took is kept with the result"

@@ -1,0 +1,97 @@
+"""Free runs in numpy: from event to event is bin by bin, and both follow the formulas that the process learns with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from test_point_process import made
+
+from talkingeyes.models.layers.point_process import EventSequence, PointProcess
+from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampler
+from talkingeyes.models.layers.revisit_mixture import PreviousLocations
+
+
+def lively(bias: float, **changes: object) -> PointProcess:
+    """A process whose every weight counts: none is zero, and places that were left are gone back to."""
+    process = made(absolute_components=3, relative_components=4, previous_locations=3, **changes)
+    with torch.no_grad():
+        for weight in process.parameters():
+            weight.add_(0.1 * torch.randn_like(weight))
+        process.hazard.bias.fill_(bias)
+        process.revisits.score.bias.fill_(1.0)
+    return process
+
+
+def bin_by_bin(sampler: Sampler, encoded_condition: np.ndarray, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    run = sampler.begin(encoded_condition[:, 0], uniform[:, 0])
+    events, locations = [np.ones(len(encoded_condition), bool)], [run.location.copy()]
+    for at in range(1, encoded_condition.shape[1]):
+        events.append(sampler.advance(run, encoded_condition[:, at], uniform[:, at]))
+        locations.append(run.location.copy())
+    return np.stack(events, 1), np.stack(locations, 1)
+
+
+@pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # hardly ever, now and then, in nearly every bin
+def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
+    process, condition, uniform = lively(bias), torch.randn(5, 90, 3), torch.rand(5, 90, 5)
+    sampled = process.sample(condition, uniform, 1.0)
+    with torch.no_grad():
+        encoded_condition = process.condition_encoder(condition).numpy()
+    events, locations = bin_by_bin(Sampler(process, 1.0), encoded_condition, uniform.numpy())
+    assert np.array_equal(sampled.event, events)
+    np.testing.assert_allclose(sampled.location, locations, atol=1e-5, rtol=1e-5)
+    alone = process.sample(condition[:1], uniform[:1], 1.0)  # a row is the same alone
+    assert np.array_equal(alone.event[0], sampled.event[0])
+    np.testing.assert_allclose(alone.location[0], sampled.location[0], atol=1e-5, rtol=1e-5)
+
+
+def sequence(sampled: SampledEvents) -> EventSequence:
+    """What was drawn for one row, as training would be told of it."""
+    bins = np.flatnonzero(sampled.event[0])
+    return EventSequence(
+        torch.from_numpy(bins)[None],
+        torch.from_numpy(sampled.location[:, bins]),
+        torch.ones(1, len(bins), dtype=torch.bool),
+    )
+
+
+@pytest.mark.parametrize(
+    ("temperature", "changes"),
+    [(1.0, {}), (0.5, {}), (1.0, {"previous_steps": 0}), (1.0, {"adaptive_components": False})],
+)
+def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes: dict[str, object]) -> None:
+    """Hazards of all bins, and the Gaussian and the number of it at every event, under the events that were drawn."""
+    process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
+    sampled = process.sample(condition, uniform, temperature)
+    events = sequence(sampled)
+    with torch.no_grad():
+        encoded_condition = process.condition_encoder(condition)
+        past = process._past(events, encoded_condition)
+        features = process._features(past, encoded_condition)
+        happens = uniform[0, 1:, 0] < process.hazard(features)[0, 1:, 0].sigmoid()
+        previous_locations = PreviousLocations.before(
+            events.bins, events.locations, process.settings.previous_locations
+        )
+        at = events.bins[0]
+        mixture = process._mixture(
+            features[:, at],
+            past.location[:, at],
+            PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1]),
+        )
+    assert np.array_equal(happens.numpy(), sampled.event[0, 1:])
+    assert happens.sum() > 15
+    share = (mixture.logits[0].double() / temperature).softmax(-1).cumsum(-1)
+    chosen = (share < uniform[0, at, 2:3].double()).sum(-1)
+    row = torch.arange(len(at))
+    normal = torch.special.ndtri(uniform[0, at, 3:].double().clamp(1e-6, 1 - 1e-6)).float()
+    location = mixture.centre[0][row, chosen] + temperature * normal * mixture.log_sd[0][row, chosen].exp()
+    torch.testing.assert_close(events.locations[0], location, atol=1e-4, rtol=1e-4)
+    near = process.settings.absolute_components + process.settings.relative_components
+    assert (chosen >= near).any() and (chosen < near).any(), "both kinds of Gaussians were drawn"
+
+
+def test_without_a_temperature_the_most_probable_is_drawn() -> None:
+    process, condition = lively(-1.5), torch.randn(1, 60, 3)
+    one, other = (process.sample(condition, torch.rand(1, 60, 5), 0.0) for _ in range(2))
+    np.testing.assert_array_equal(one.location[0, 0], other.location[0, 0])

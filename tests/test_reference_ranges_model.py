@@ -1,0 +1,41 @@
+"""The acceptance table of a model: its motion at two rates beside the truth."""
+
+import numpy as np
+import pytest
+
+from pipelines import reference_ranges_model
+from talkingeyes.evaluation.reference_ranges.clip_data import measurement, no_measurement
+from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
+
+
+def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, capsys):
+    monkeypatch.chdir(tiny)
+    monkeypatch.setattr("sys.argv", ["reference_ranges_model", "vae"])
+    reference_ranges_model.main()
+    said = capsys.readouterr().out.removesuffix("\n")
+    assert said == (tiny / "build/reference_ranges/vae.md").read_text()
+    rows = {row.split(" | ")[0].removeprefix("| "): row.split(" | ")[2:] for row in said.splitlines() if " | " in row}
+    slow, _, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
+    assert slow.split()[0] != truth.split()[0], "an untrained model is not the truth"
+    # The same motion at two rates: the head is as wide.
+    wide = rows["within a clip of speech: yaw SD, deg"]
+    assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
+    assert any(row.startswith("style") for row in rows)
+    assert not any(row.startswith("jaw") for row in rows)
+
+
+def test_half_minutes_of_a_style_are_of_several_sounds():
+    samples = reference_ranges_model.SAMPLES
+    sound = np.repeat(np.arange(3), samples)
+    taken = reference_ranges_model.order_by_take({"style.looking": sound, "blinks": sound})
+    np.testing.assert_array_equal(taken["style.looking"], np.tile(np.arange(3), samples))
+    np.testing.assert_array_equal(taken["blinks"], sound)
+
+
+def test_a_figure_out_of_its_band_is_marked():
+    fact = next(each for each in REFERENCE_RANGES if each.name == "rate")
+    assert reference_ranges_model.cell(fact, measurement(1.5, 40, "saccades")) == "1.5"
+    assert reference_ranges_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **out**"
+    assert reference_ranges_model.cell(fact, no_measurement("too few")) == "- (too few)"
+    found = {"rate": measurement(3.5, 40, "saccades"), "below_5": measurement(0.5, 40, "saccades")}
+    assert reference_ranges_model.counts(found) == "1 are in, 1 out"

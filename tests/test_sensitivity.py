@@ -1,0 +1,216 @@
+"""Every measure of the benchmark against truth made wrong in known ways: it catches what it is there for.
+
+The pool is drawn from the world's laws with a fixed seed: no sound, no corpus. The page of a larger one, with all
+effects, is docs/sensitivity.md (benchmarks/sensitivity.py).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from talkingeyes.core.rotation import gaze_in_space
+from talkingeyes.evaluation.benchmark import partner_gaze
+from talkingeyes.evaluation.benchmark.registry import METRICS
+from talkingeyes.evaluation.bootstrap import BootstrapSettings
+from talkingeyes.evaluation.distribution.encoder import EncoderSettings
+from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, SWAPPED, UNCORRUPTED, apply_corruption
+from talkingeyes.evaluation.sensitivity.matrix import (
+    detected_corruptions,
+    l2,
+    sensitivity_matrix,
+    split_takes,
+    train_pool_encoder,
+)
+from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings
+from talkingeyes.synthesis.sketched_clips import sketch_clips
+from talkingeyes.training.loop import LoopSettings
+
+SETTINGS = BootstrapSettings(n_resamples=100, confidence_level=0.95, seed=0)
+ENCODER = EncoderSettings(
+    window_s=2.56,
+    hop_s=1.28,
+    network=MotionAutoencoderSettings(step_frames=4, width=64, latent=6, kl_weight=1.0),
+    loop=LoopSettings(
+        steps=100,
+        batch=32,
+        learning_rate=0.005,
+        schedule="one-cycle",
+        weight_decay=0.01,
+        clip_norm=1.0,
+        validate_every=50,
+    ),
+)
+BY_NAME = {each.name: each for each in CORRUPTIONS}
+# What measures must catch.
+MUST = {
+    "frozen": (
+        "gaze_in_space/still_fraction", "gaze_in_space/speed", "eye/sd_yaw", "head/speed", "head/spectrum_slope",
+    ),
+    "mean pose": ("gaze_in_space/still_fraction", "eye/still_fraction", "head_eye/slope_yaw"),
+    "jittered": (
+        "saccades/rate", "gaze_in_space/still_fraction", "gaze_in_space/speed", "head/above_5_hz", "eye/torsion",
+        "eye/conjugacy",
+    ),
+    "smoothed": (
+        "saccades/amplitude", "saccades/amplitude_distance", "saccades/interval_distance",
+        "main_sequence/peak_speed_ratio", "fixations/duration_median", "gaze_in_space/speed_p99",
+        "gaze_in_space/above_5_hz", "head/spectrum_distance",
+    ),
+    "small": ("saccades/amplitude_p90", "eye/sd_pitch", "head/sd_roll", "head/sd_yaw", "eye/range_yaw"),
+    "late": ("head/speech_speed_ratio",),
+    "swapped": ("reference_correlation/head_pitch", "head/speech_speed_ratio"),
+    "mirrored sides": ("reference_correlation/head_roll",),
+    "mirrored heights": ("reference_correlation/head_pitch",),
+    "flipped eyes": ("head_eye/slope_yaw", "head_eye/slope_pitch", "head_eye/correlation"),
+    "flipped eye yaw": ("head_eye/slope_yaw", "main_sequence/log_spread"),
+    "parted eyes": ("eye/vergence",),
+    "twisted eyes": ("eye/torsion",),
+    "late eyes": ("head_eye/slope_yaw", "gaze_in_space/still_fraction"),
+    "late head": ("head/speech_speed_ratio",),
+    "head at rest": ("eye/still_fraction", "head/speed", "head_eye/correlation"),
+    "unblinking": ("blinks/rate", "blinks/depth"),
+    "late blinks": ("blinks/at_phrase_ends",),
+}  # fmt: skip
+# What they must not be moved by.
+MUST_NOT = {
+    "late": ("saccades/rate", "gaze_in_space/still_fraction", "head/sd_yaw"),
+    "mirrored sides": ("saccades/rate", "head_eye/slope_yaw", "head/speed", "blinks/rate"),
+    "mirrored heights": ("saccades/amplitude", "blinks/rate", "head/speed"),
+    "late blinks": ("saccades/rate", "blinks/rate"),
+}
+
+
+@pytest.fixture(scope="module")
+def takes():
+    """16 speakers of 2 sounds of 12 s: a take to compare with, one to judge."""
+    return split_takes(sketch_clips(16, 2, 2, 12.0, 25.0, seed=0))
+
+
+@pytest.fixture(scope="module")
+def found(takes):
+    """The matrix of what sums over clips tell."""
+    return sensitivity_matrix(takes, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def several():
+    """8 speakers of 2 sounds, two takes to compare with and two to judge."""
+    return split_takes(sketch_clips(8, 2, 4, 12.0, 25.0, seed=0))
+
+
+@pytest.fixture(scope="module")
+def found_of_several(several):
+    """The matrix of what samples together and the encoder tell, of a few faults."""
+    encoder = train_pool_encoder(sketch_clips(12, 2, 1, 12.0, 25.0, seed=1), ENCODER, seed=0)
+    return sensitivity_matrix(several, SETTINGS, encoder, corruptions=[BY_NAME[name] for name in MUST_OF_SEVERAL])
+
+
+MUST_OF_SEVERAL = {
+    "mean pose": ("samples/diversity_gaze", "samples/diversity_head", "features/frechet", "features/mmd"),
+    "jittered": ("features/frechet", "features/coverage"),
+    "small": ("samples/diversity_gaze", "samples/diversity_head", "features/frechet"),
+}
+
+
+@pytest.mark.parametrize("name", MUST_OF_SEVERAL)
+def test_samples_together_and_the_encoder_catch_what_they_are_there_for(found_of_several, name: str) -> None:
+    caught = {metric for metric, cells in found_of_several.items() if name in detected_corruptions(cells)}
+    assert set(MUST_OF_SEVERAL[name]) <= caught
+
+
+def test_the_mean_pose_wins_l2_and_the_nearest_sample(several, found_of_several) -> None:
+    """L2 ranks a constant above the truth, and so does any distance to the nearest sample; the energy score not."""
+    assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, UNCORRUPTED)
+    assert found_of_several["samples/min_ade_head"]["mean pose"].rated_better
+    assert not found_of_several["samples/energy_score_head"]["mean pose"].rated_better
+
+
+@pytest.mark.parametrize("name", MUST)
+def test_each_fault_is_caught(found, name: str) -> None:
+    assert set(MUST[name]) <= {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
+
+
+@pytest.mark.parametrize("name", MUST_NOT)
+def test_no_fault_moves_what_it_leaves_alone(found, name: str) -> None:
+    assert not set(MUST_NOT[name]) & {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
+
+
+def test_every_measure_ranks_the_truth_above_some_fault(found) -> None:
+    """A measure that catches nothing in this pool is one that the page names."""
+    blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
+    assert blind <= {"reference_correlation/head_yaw", "eye/pitch_skew"}
+
+
+def test_true_takes_are_told_apart_no_oftener_than_by_chance(found) -> None:
+    false = [name for name, cells in found.items() if cells[UNCORRUPTED.name].effect_size > 1]
+    assert len(false) <= 0.1 * len(found), false
+
+
+def test_averted_curves_of_true_takes_agree_and_those_of_late_motion_do_not() -> None:
+    """They need 400 onsets and offsets: a pool of its own, looked at by their observer alone."""
+    takes = split_takes(sketch_clips(75, 1, 2, 16.0, 25.0, seed=0))
+    evaluated = [motions[0] for motions in takes.evaluated]
+    sets = [
+        [motions[0] for motions in takes.reference],
+        evaluated,
+        apply_corruption(evaluated, takes.speakers, BY_NAME["late"], 1.0, 0),
+        apply_corruption(evaluated, takes.speakers, BY_NAME["frozen"], 1.0, 0),
+    ]
+    true, other, late, frozen = (_totals(each) for each in sets)
+    for name in ("speech_onset/shape", "speech_offset/shape"):
+        metric = next(each for each in METRICS if each.name == name)
+        assert true[metric.count_key][0] >= metric.min_count
+        shape = [float(metric.compare(each, true)[0]) for each in (other, late, frozen)]
+        assert shape[0] > 0.5
+        assert max(shape[1:]) < shape[0] - 0.2, name
+
+
+def _totals(motions):
+    sums = [partner_gaze.CURVES.extract(motion) for motion in motions]
+    return {name: np.sum([each[name] for each in sums], axis=0)[None] for name in sums[0]}
+
+
+@pytest.mark.parametrize("corruption", CORRUPTIONS, ids=lambda each: each.name)
+def test_a_fault_of_no_strength_is_none_and_the_same_seed_is_the_same_fault(takes, corruption) -> None:
+    motions, speakers = [sounds[0] for sounds in takes.evaluated[:6]], takes.speakers[:6]
+    nothing = apply_corruption(motions, speakers, corruption, 0.0, seed=0)
+    once, again = (apply_corruption(motions, speakers, corruption, 1.0, seed=0) for _ in range(2))
+    for before, same, one, two in zip(motions, nothing, once, again, strict=True):
+        for field in ("head", "gaze", "lid", "valid"):
+            assert getattr(same, field) == pytest.approx(getattr(before, field), abs=1e-9), field
+            assert (getattr(one, field) == getattr(two, field)).all()
+        assert one.annotation == before.annotation
+        assert one.reference is before.reference
+    assert any(
+        (getattr(a, f) != getattr(b, f)).any()
+        for a, b in zip(motions, once, strict=True)
+        for f in ("head", "gaze", "lid")
+    )
+
+
+def test_faults_do_what_they_say(takes) -> None:
+    motion = takes.evaluated[0][0]
+
+    def made(name: str):
+        return apply_corruption([motion], ["a"], BY_NAME[name], 1.0, seed=0)[0]
+
+    space = gaze_in_space(motion.head, motion.gaze)
+    assert gaze_in_space(made("mirrored sides").head, made("mirrored sides").gaze) == pytest.approx(
+        space[:, ::-1] * [-1, 1], abs=1e-9
+    )
+    assert gaze_in_space(made("mirrored heights").head, made("mirrored heights").gaze) == pytest.approx(
+        space * [1, -1], abs=1e-9
+    )
+    for name in ("late head", "head at rest"):
+        assert gaze_in_space(made(name).head, made(name).gaze) == pytest.approx(space, abs=1e-9)
+    assert (made("late").gaze[75:] == motion.gaze[:-75]).all()
+    assert made("jittered").head.std() > motion.head.std()
+    assert np.degrees((made("jittered").head - motion.head).std()) == pytest.approx(0.3, rel=0.1)
+
+
+def test_swapped_motion_is_another_speakers(takes) -> None:
+    motions, speakers = [sounds[0] for sounds in takes.evaluated], takes.speakers
+    for motion, speaker in zip(apply_corruption(motions, speakers, SWAPPED, 1.0, 0), speakers, strict=True):
+        owner = next(i for i, each in enumerate(motions) if np.array_equal(each.head, motion.head))
+        assert speakers[owner] != speaker

@@ -1,0 +1,90 @@
+"""The shell around the stages: errors, exit status, whole outputs."""
+
+import subprocess
+import sys
+
+import pytest
+
+from talkingeyes.core.errors import InputError
+from talkingeyes.orchestration import run
+from talkingeyes.orchestration.mlflow_logging import Report
+from talkingeyes.orchestration.run import Workspace, main, run_command
+
+
+def fails(error):
+    def command():
+        raise error
+
+    return command
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [(InputError("fit.steps: wrong"), 2, "error: fit.steps: wrong\n"), (KeyboardInterrupt(), 130, "interrupted\n")],
+)
+def test_an_error_that_a_person_can_mend_is_one_line(error, status, line, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run_command(fails(error))
+    assert stop.value.code == status
+    assert capsys.readouterr().err == line
+
+
+def test_other_errors_keep_their_trace():
+    with pytest.raises(ZeroDivisionError):
+        run_command(fails(ZeroDivisionError()))
+
+
+def a_stage(workspace, name):
+    return Report()
+
+
+def test_a_stage_without_its_item_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text("corpus: data/synthesize\n")
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    with pytest.raises(SystemExit) as stop:
+        main(a_stage)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err == "error: test_stage_shell: should get name, got none\n"
+
+
+@pytest.mark.parametrize("text", [None, "[1, 2]", "a: b: c"])
+def test_a_workspace_needs_its_params(tmp_path, text):
+    if text is not None:
+        (tmp_path / "params.yaml").write_text(text)
+    with pytest.raises(InputError, match="make params"):
+        Workspace.open(tmp_path)
+
+
+def test_an_output_appears_whole_or_not_at_all(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("fit") as folder:
+        (folder / "a").write_text("old")
+        assert not workspace.data("fit").exists()
+    with pytest.raises(KeyboardInterrupt), workspace.output("fit") as folder:
+        (folder / "a").write_text("half")
+        raise KeyboardInterrupt
+    assert [path.name for path in workspace.data().iterdir()] == ["fit"]
+    assert workspace.data("fit", "a").read_text() == "old"
+
+
+def test_an_output_lists_its_files_as_sha256sum_does(tmp_path):
+    workspace = Workspace(tmp_path, {})
+    with workspace.output("fit") as folder:
+        (folder / "b").mkdir()
+        (folder / "b" / "c").write_bytes(b"x" * 1000)
+        (folder / "a").write_bytes(b"")
+    check = subprocess.run(
+        ["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=workspace.data("fit"), check=True, capture_output=True
+    )
+    assert check.stdout == b"a: OK\nb/c: OK\n"
+
+
+def square(number):
+    return number**2
+
+
+def test_each_keeps_order_whatever_the_number_of_jobs():
+    assert list(run.parallel_map(square, range(20), 2, "square")) == list(
+        run.parallel_map(square, range(20), 1, "square")
+    )

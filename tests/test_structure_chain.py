@@ -1,0 +1,35 @@
+"""The whole chain on the tiny corpus, from text to table, as `make tiny` runs it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from pipelines.experiment import pipeline_calls
+from talkingeyes.orchestration.config import compose
+
+
+def run_tiny(repository, root, *overrides):
+    """Run the chain in a folder of its own."""
+    command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}", *overrides]
+    result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=550)
+    assert result.returncode == 0, result.stderr[-4000:]
+
+
+def test_the_tiny_chain_runs_from_text_to_table(tiny):
+    for call in pipeline_calls(compose(["experiment=tiny"])):
+        assert any((tiny / call.folder).iterdir()), f"{call.address} wrote nothing"
+    assert not list((tiny / "data").rglob(".*.partial"))
+    assert not list((tiny / "data").rglob(".*.resume"))
+    assert json.loads((tiny / "data/report/metrics.json").read_text())
+    assert (tiny / "data/report/table3.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_chain_gives_the_same_figures_again_whatever_the_number_of_jobs(repository, tmp_path):
+    figures = []
+    for jobs in (1, 2):
+        run_tiny(repository, tmp_path / str(jobs), f"machine.jobs={jobs}")
+        figures.append((tmp_path / str(jobs) / "data/report/metrics.json").read_bytes())
+    assert figures[0] == figures[1]

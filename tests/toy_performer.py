@@ -1,0 +1,50 @@
+"""A performer of toy motions: gaze that jumps and rests under a swaying head, for tests of what directs it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from toy import recordings
+
+from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.controls import Controls
+from talkingeyes.core.motion import Motion
+from talkingeyes.corpus.samples import Samples
+from talkingeyes.fitting.motion_style import MotionStyle
+from talkingeyes.models.condition.conditioner import NO_CONDITIONING, ConditioningInputs
+from talkingeyes.physiology import blinks
+
+SECONDS = 30
+SOUND = np.zeros(16_000 * SECONDS, np.float32)
+CALM_STYLE = MotionStyle((0.05, 0.0, 0.01), (0.01, 0.02, 0.01), (0.02, -0.03), (0.05, 0.03), 40.0, 8.0)
+LIVELY_STYLE = MotionStyle((-0.03, 0.02, 0.0), (0.05, 0.06, 0.03), (-0.04, 0.0), (0.12, 0.08), 110.0, 40.0)
+
+
+class Encoder:
+    channels = ("a",)
+
+    def __call__(self, sound: Any, fps: float) -> Any:
+        return np.zeros((int(len(sound) * fps // 16_000), 1), np.float32)
+
+
+class Generator:
+    def generate(
+        self, embedding: Any, seeds: list[int], fps: float, conditioning: ConditioningInputs = NO_CONDITIONING
+    ) -> Samples:
+        clips = [recordings(1, seed, len(embedding))[0] for seed in seeds]
+        heads, gazes = (np.stack([getattr(clip, name) for clip in clips]).astype(float) for name in ("head", "gaze"))
+        return Samples(fps, heads, gazes)
+
+
+PERFORMER = Animator(Encoder(), Generator(), 25.0, blinks.PROFILES, {"ann": CALM_STYLE, "bob": LIVELY_STYLE})
+
+
+def perform_toy(samples: int = 1, seed: int = 0, fps: float = 25.0, **asked: Any) -> list[Animation]:
+    """Performances of half a minute under a direction."""
+    return PERFORMER.perform(SOUND, samples, seed, fps, Controls(**asked))
+
+
+def motion(seed: int = 0, fps: float = 25.0, **asked: Any) -> Motion:
+    """One of them."""
+    return perform_toy(1, seed, fps, **asked)[0].motion
