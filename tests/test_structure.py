@@ -95,6 +95,19 @@ def test_a_stage_has_one_name_at_every_layer(repository, stages, params):
             assert Path(path).parts[:2] == ("data", name)
 
 
+def test_every_stage_and_room_is_in_the_glossary_and_every_path_of_the_architecture_exists(repository, stages, imports):
+    glossary, architecture = ((repository / "docs" / f"{page}.md").read_text() for page in ("glossary", "architecture"))
+    rooms = {module.split(".")[1] for module in imports.find_children("talkingeyes")}
+    for name in {*stages, "track", *rooms}:
+        assert f"| `{name}` |" in glossary, f"{name} is missing in docs/glossary.md"
+    for room in rooms:
+        assert f"`{room}/`" in architecture, f"{room} is missing in docs/architecture.md"
+    for path, name in re.findall(r"`([a-z]+/[a-z_/]+\.py)(?:: (\w+))?", architecture):
+        found = [each for each in (repository / path, repository / "src/talkingeyes" / path) if each.is_file()]
+        assert found, f"{path} of docs/architecture.md does not exist"
+        assert re.search(rf"\b(def|class) {name}\b", found[0].read_text()) or not name, f"{path} has no {name}"
+
+
 def test_dvc_and_experiment_run_the_same(stages, params):
     ours = list(stage_order(params))
     assert list(dict.fromkeys(stage for stage, *_ in ours)) == list(stages)
