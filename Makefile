@@ -66,7 +66,7 @@ check: setup  ## Format, lint, types, import order, then the tests
 tiny: setup  ## The whole chain on 24 clips in build/tiny, in under two minutes
 	$(BIN)/python -m pipelines.experiment experiment=tiny
 
-sweep: setup  ## A small search with two objectives in build/sweep, in under ten minutes; its front: build/sweep/small/pareto.png
+sweep: setup  ## A small search with two objectives in build/sweep, in under ten minutes; its front: build/sweep/smoke_test/pareto.png
 	$(BIN)/python -m pipelines.experiment -m sweep=smoke_test
 
 bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
