@@ -219,8 +219,9 @@ class TestStreams:
     def test_several_at_once_do_not_mix_and_one_more_is_refused(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:
             streams = [stack.enter_context(service.stream()) for _ in range(STREAMS)]
-            for seed, each in enumerate(streams):
+            for seed, each in enumerate(streams):  # all at once: none may be silent while a worker starts for another
                 each.send(json.dumps({"seed": seed}))
+            for each in streams:
                 assert "latency_s" in each.recv(120)
             with service.stream() as late:
                 assert f"{STREAMS} streams run already" in late.recv(120)
