@@ -19,13 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from talkingeyes.animation import line_of_sight
-from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.animation import Animation
+from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls, Liveliness
-from talkingeyes.animation.eye_contact import eye_contact_fraction
-from talkingeyes.animation.listening import detect_turns
+from talkingeyes.animation.steps.eye_contact import eye_contact_fraction
 from talkingeyes.animation.targets import ObjectTrack, Target, TargetTrack
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
+from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.audio.windows import window_starts
 from talkingeyes.core import rotation

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from toy import recordings
 
-from talkingeyes.animation.animator import Animator, hold_over_blinks, sample_seeds
+from talkingeyes.animation.animator import Animator
+from talkingeyes.animation.blink_sampling import shut_frames
+from talkingeyes.animation.context import sample_seeds
 from talkingeyes.animation.controls import Controls
+from talkingeyes.animation.gaze_trajectory import hold_frames
 from talkingeyes.animation.saccade_resampling import resample
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -85,12 +88,13 @@ def test_one_frame_can_be_resampled() -> None:
 
 def test_gaze_is_held_while_the_lids_are_shut() -> None:
     space = np.arange(50.0)[:, None, None] * np.ones((1, 2, 2))
-    held = hold_over_blinks([Blink(0.5, 0.08, 0.08, 0.1, 1.0)], space, 25.0)[:, 0, 0]
+    shut = shut_frames([Blink(0.5, 0.08, 0.08, 0.1, 1.0)], np.arange(50) / 25.0)
+    held = hold_frames(space, shut)[:, 0, 0]
     steps = np.diff(held)
     assert 2 <= (steps == 0).sum() <= 6
     assert held[-1] == 49
     assert (held <= space[:, 0, 0]).all()
-    np.testing.assert_array_equal(hold_over_blinks([], space, 25.0), space)
+    np.testing.assert_array_equal(hold_frames(space, shut_frames([], np.arange(50) / 25.0)), space)
 
 
 class FakeEncoder:

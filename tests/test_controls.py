@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from toy_performer import CALM_STYLE, LIVELY_STYLE, PERFORMER, SOUND, motion, perform_toy
 
-from talkingeyes.animation.animator import sample_seeds
-from talkingeyes.animation.control import ResolvedControls, gaze_evoked_blinks, spontaneous_blinks
+from talkingeyes.animation.blink_sampling import gaze_evoked_blinks, spontaneous_blinks
+from talkingeyes.animation.context import AnimationContext, sample_seeds
 from talkingeyes.animation.controls import Controls, Liveliness
-from talkingeyes.animation.eye_contact import eye_contact_fraction
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory
-from talkingeyes.animation.style_transfer import measure_clip_style
+from talkingeyes.animation.steps.eye_contact import eye_contact_fraction
 from talkingeyes.animation.targets import ObjectTrack, TargetTrack
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -25,7 +24,11 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples
 from talkingeyes.fitting.motion_style import MotionStyle, load_speakers, mean_style, measure_style, save_speakers
 from talkingeyes.physiology import eye_head, saccades
-from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL
+from talkingeyes.physiology.blinks import PAPER
+from talkingeyes.workflows.direct import measure_clip_style
+
+CONTEXT = AnimationContext(Controls())
+PAPER_CONTEXT = AnimationContext(Controls(), blink_profile=PAPER)
 
 
 def eye_contact(made: Motion, x_m: float = 0.0) -> float:
@@ -93,13 +96,13 @@ def course_of(shifts: int, *amplitudes_deg: float) -> GazeTrajectory:
 def test_large_shifts_of_gaze_bring_blinks() -> None:
     """By Evinger: .69 of those of 25 degrees; no small ones, none where none are asked for, none by the paper."""
     rng = np.random.default_rng(0)
-    brought = gaze_evoked_blinks(PHYSIOLOGICAL, course_of(200, 25.0), 20.0, rng)
+    brought = gaze_evoked_blinks(course_of(200, 25.0), 20.0, CONTEXT, rng)
     assert len(brought) / 200 == pytest.approx(0.69, abs=0.1)
     late_s = np.array([blink.onset_s for blink in brought]) % 10.0
     assert np.minimum(late_s, 10.0 - late_s).max() <= 0.03
-    assert not gaze_evoked_blinks(PHYSIOLOGICAL, course_of(200, 4.0), 20.0, rng)
-    assert not gaze_evoked_blinks(PHYSIOLOGICAL, course_of(200, 25.0), 0.0, rng)
-    assert not gaze_evoked_blinks(PAPER, course_of(200, 25.0), 20.0, rng)
+    assert not gaze_evoked_blinks(course_of(200, 4.0), 20.0, CONTEXT, rng)
+    assert not gaze_evoked_blinks(course_of(200, 25.0), 0.0, CONTEXT, rng)
+    assert not gaze_evoked_blinks(course_of(200, 25.0), 20.0, PAPER_CONTEXT, rng)
 
 
 def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
@@ -125,7 +128,7 @@ def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
 def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
     """By Evinger 69 and 17 of 100 each would, of 67 that there are, a quarter of them without a shift: 50."""
     rng, trajectory = np.random.default_rng(2), course_of(200, 25.0, 10.0)
-    brought = [blink.onset_s for _ in range(10) for blink in gaze_evoked_blinks(PHYSIOLOGICAL, trajectory, 2.0, rng)]
+    brought = [blink.onset_s for _ in range(10) for blink in gaze_evoked_blinks(trajectory, 2.0, CONTEXT, rng)]
     large = np.round(np.array(brought) / 10.0) % 2 == 0
     assert len(brought) / 10 == pytest.approx(50, rel=0.1)
     assert large.all()
@@ -135,11 +138,11 @@ def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
 def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: float) -> None:
     """However many the shifts would bring: here 4 a minute."""
     trajectory, rng = course_of(200, 25.0), np.random.default_rng(1)
-    brought = gaze_evoked_blinks(PHYSIOLOGICAL, trajectory, rate, rng)
+    brought = gaze_evoked_blinks(trajectory, rate, CONTEXT, rng)
     assert len(brought) <= 0.9 * rate * trajectory.seconds / 60
     drawn = [
         *brought,
-        *spontaneous_blinks(PHYSIOLOGICAL, ResolvedControls(Controls()), trajectory.seconds, rate, brought, rng),
+        *spontaneous_blinks(trajectory.seconds, rate, brought, CONTEXT, rng),
     ]
     assert 60 * len(drawn) / trajectory.seconds == pytest.approx(rate, rel=0.2)
 

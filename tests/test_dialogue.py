@@ -9,11 +9,12 @@ import pytest
 import soundfile
 from toy_performer import PERFORMER
 
-from talkingeyes.animation.animator import Animation
+from talkingeyes.animation.animation import Animation
 from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.dialogue import animate_dialogue
-from talkingeyes.animation.eye_contact import eye_contact_fraction
-from talkingeyes.animation.listening import AVERSION_PROBABILITY, detect_turns, listening_behaviour, turn_starts
+from talkingeyes.animation.listening_behaviour import AVERSION_PROBABILITY, sample_listening_behaviour
+from talkingeyes.animation.steps.eye_contact import eye_contact_fraction
+from talkingeyes.audio.turn_taking import detect_turns, long_turn_starts
 from talkingeyes.audio.waveform import read_dialogue
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -66,9 +67,9 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
 
 def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
     sounds = talk()
-    starts_s = turn_starts(detect_turns(*sounds))
+    starts_s = long_turn_starts(detect_turns(*sounds))
     np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
-    heard = [listening_behaviour(*sounds, [0, index, 3]) for index in range(200)]
+    heard = [sample_listening_behaviour(detect_turns(*sounds), [0, index, 3]) for index in range(200)]
     assert np.mean([len(each.aversions) for each in heard]) == pytest.approx(2 * AVERSION_PROBABILITY, abs=0.15)
     made = PERFORMER.perform(sounds[0], 16, 0, 25.0, Controls(partner=sounds[1]))
     times = np.arange(750) / 25
@@ -87,8 +88,8 @@ def test_whoever_answers_in_a_word_does_not_take_the_turn() -> None:
     one, other = talk()
     word = np.zeros_like(one)
     word[int(8 * RATE) : int(8.8 * RATE)] = one[: int(0.8 * RATE)]
-    assert turn_starts(detect_turns(word, other)) == []
-    assert turn_starts(detect_turns(one, np.zeros(0, np.float32))) == []
+    assert long_turn_starts(detect_turns(word, other)) == []
+    assert long_turn_starts(detect_turns(one, np.zeros(0, np.float32))) == []
 
 
 def test_listeners_blink_at_the_ends_of_phrases() -> None:
@@ -107,7 +108,7 @@ def _near_ends(made: Animation, ends: list[float]) -> int:
 
 def test_nods_answer_the_partners_phrases() -> None:
     sounds = talk()
-    heard = [listening_behaviour(*sounds, [0, index]) for index in range(20)]
+    heard = [sample_listening_behaviour(detect_turns(*sounds), [0, index]) for index in range(20)]
     nods = [nod for each in heard for nod in each.nods]
     ends = np.array([span.end_s for span in detect_turns(*sounds).partner])
     assert len(nods) > 40

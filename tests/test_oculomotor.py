@@ -7,19 +7,24 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.animation.context import AnimationContext
+from talkingeyes.animation.controls import Controls, Liveliness
 from talkingeyes.animation.gaze_trajectory import GazeTrajectory, main_sequence_saccade
-from talkingeyes.animation.oculomotor import (
+from talkingeyes.animation.saccade_resampling import saccade_staircase
+from talkingeyes.animation.steps.amplitude_limit import MAX_AMPLITUDE_RAD, limit_amplitude
+from talkingeyes.animation.steps.head_contribution import add_head_contribution
+from talkingeyes.animation.steps.saccadic_intrusions import (
     INTRUSIONS_PER_S,
-    MAX_AMPLITUDE_RAD,
     MIN_FITTED_DEG,
     MIN_FIXATION_S,
-    add_head_contribution,
     add_saccadic_intrusions,
-    limit_amplitude,
 )
-from talkingeyes.animation.saccade_resampling import saccade_staircase
 
 FPS = 25.0
+
+
+def context(gain: float = 1.0, seed: int = 0) -> AnimationContext:
+    return AnimationContext(Controls(liveliness=Liveliness(gaze=gain)), seeds=(0, seed))
 
 
 def trajectory(onsets_s: list[float], places_deg: list[float], seconds: float = 6.0) -> GazeTrajectory:
@@ -40,22 +45,24 @@ def head_yaw_deg(made: GazeTrajectory) -> Float[ndarray, " T"]:
 
 def test_the_head_goes_along_where_gaze_is_far_and_comes_back_with_it() -> None:
     own = trajectory([1.0, 4.0], [25.0, 0.0])
-    yaw = head_yaw_deg(add_head_contribution(own))
+    yaw = head_yaw_deg(add_head_contribution(own, context()))
     np.testing.assert_allclose(yaw[: int(1.0 * FPS)], 0.0, atol=1e-6)
     np.testing.assert_allclose(yaw[int(2.0 * FPS) : int(4.0 * FPS)], 0.6 * 12.5, atol=0.01)
     np.testing.assert_allclose(yaw[int(5.0 * FPS) :], 0.0, atol=1e-6)
     np.testing.assert_array_equal(
-        add_head_contribution(own).gaze_in_space_rad, own.gaze_in_space_rad
+        add_head_contribution(own, context()).gaze_in_space_rad, own.gaze_in_space_rad
     )  # the eyes make up for it
 
 
 @pytest.mark.parametrize(("places_deg", "onsets_s"), [([12.0, 0.0], [1.0, 4.0]), ([25.0, 0.0], [1.0, 1.4])])
 def test_the_head_stays_for_what_is_near_and_for_glances(places_deg: list[float], onsets_s: list[float]) -> None:
-    np.testing.assert_allclose(head_yaw_deg(add_head_contribution(trajectory(onsets_s, places_deg))), 0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        head_yaw_deg(add_head_contribution(trajectory(onsets_s, places_deg), context())), 0.0, atol=1e-6
+    )
 
 
 def test_a_saccade_beyond_those_of_talk_falls_short_and_is_made_up_for() -> None:
-    made = limit_amplitude(trajectory([1.0, 3.0], [-20.0, 20.0]))
+    made = limit_amplitude(trajectory([1.0, 3.0], [-20.0, 20.0]), context())
     sizes = np.hypot(*made.steps_rad.T)
     assert len(sizes) == 3
     assert sizes.max() <= MAX_AMPLITUDE_RAD + 1e-9
@@ -63,19 +70,19 @@ def test_a_saccade_beyond_those_of_talk_falls_short_and_is_made_up_for() -> None
 
 
 def test_one_that_is_followed_at_once_falls_short_alone() -> None:
-    made = limit_amplitude(trajectory([1.0, 2.0, 2.3], [-20.0, 20.0, 10.0]))
+    made = limit_amplitude(trajectory([1.0, 2.0, 2.3], [-20.0, 20.0, 10.0]), context())
     np.testing.assert_allclose(np.degrees(made.steps_rad[:, 0]), [-20.0, 27.5, 2.5], atol=1e-6)
 
 
 def test_what_is_small_enough_stays_as_it_is() -> None:
     own = trajectory([1.0], [20.0])
-    assert limit_amplitude(own) is own
+    assert limit_amplitude(own, context()) is own
 
 
 def test_intrusions_come_within_fixations_and_go_back() -> None:
     onsets = [0.5 + 4.0 * index for index in range(200)]
     own = trajectory(onsets, [5.0 * (index % 2 == 0) for index in range(200)], seconds=802.0)
-    made = add_saccadic_intrusions(own, 1.0, [7])
+    made = add_saccadic_intrusions(own, context(1.0, 7))
     times_s = np.array([each.onset_s for each in made.saccades])
     small = ~np.isin(times_s, onsets)
     steps_deg, times_s = np.degrees(made.steps_rad[small]), times_s[small]
@@ -97,12 +104,14 @@ def test_intrusions_come_within_fixations_and_go_back() -> None:
 
 def test_intrusions_by_the_same_seeds_are_the_same_and_gaze_that_is_still_has_none() -> None:
     own = trajectory([float(index) for index in range(1, 40, 3)], [4.0 * (index % 2) for index in range(13)], 40.0)
-    made = add_saccadic_intrusions(own, 1.0, [3])
-    np.testing.assert_array_equal(add_saccadic_intrusions(own, 1.0, [3]).gaze_in_space_rad, made.gaze_in_space_rad)
-    assert np.abs(add_saccadic_intrusions(own, 1.0, [4]).gaze_in_space_rad - made.gaze_in_space_rad).max() > 0
-    half = add_saccadic_intrusions(own, 0.5, [3]).cyclopean_rad - own.cyclopean_rad
+    made = add_saccadic_intrusions(own, context(1.0, 3))
+    np.testing.assert_array_equal(
+        add_saccadic_intrusions(own, context(1.0, 3)).gaze_in_space_rad, made.gaze_in_space_rad
+    )
+    assert np.abs(add_saccadic_intrusions(own, context(1.0, 4)).gaze_in_space_rad - made.gaze_in_space_rad).max() > 0
+    half = add_saccadic_intrusions(own, context(0.5, 3)).cyclopean_rad - own.cyclopean_rad
     whole = made.cyclopean_rad - own.cyclopean_rad
     np.testing.assert_allclose(2.0 * np.ptp(half[:, 0]), np.ptp(whole[:, 0]), rtol=0.05)
-    assert add_saccadic_intrusions(own, 0.0, [3]) is own
+    assert add_saccadic_intrusions(own, context(0.0, 3)) is own
     still = trajectory([], [])
-    assert add_saccadic_intrusions(still, 1.0, [3]) is still
+    assert add_saccadic_intrusions(still, context(1.0, 3)) is still

@@ -121,9 +121,9 @@ def other_encoder(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "got what cannot be read"),
-        (lambda path: path.write_bytes(b"RIFF" + bytes(100)), "got what cannot be read"),
-        (lambda path: path.write_bytes(b""), "got what cannot be read"),
+        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "got an unreadable file"),
+        (lambda path: path.write_bytes(b"RIFF" + bytes(100)), "got an unreadable file"),
+        (lambda path: path.write_bytes(b""), "got an unreadable file"),
         (foreign, "should be a model of `talkingeyes pack` (talkingeyes.model/1), got None"),
         (outside, "holds 'toy/../../a.json', which belongs to none of its models"),
         (other_encoder, "made with other weights of the speech encoder moonshine"),

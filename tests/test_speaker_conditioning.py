@@ -15,7 +15,8 @@ from test_training import NAMES, translation
 from toy import CHANNELS
 from toy_model import EMBED, sound_file
 
-from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.animation import Animation
+from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 from talkingeyes.audio.encoder import EmbedSettings, make_encoder
 from talkingeyes.audio.waveform import read_speech
@@ -112,7 +113,9 @@ def test_a_person_blinks_as_often_among_people_as_among_the_speakers() -> None:
         assert np.mean(counts) == pytest.approx(blink_rate_quantile(PHYSIOLOGICAL, (rank + 0.5) / 3), rel=0.12)
 
 
-@pytest.mark.parametrize(("by", "said"), [(TOLD, "anna, bert, cleo"), (UNTOLD, "asked of a model that is told")])
+@pytest.mark.parametrize(
+    ("by", "said"), [(TOLD, "anna, bert, cleo"), (UNTOLD, "left out: the model is not conditioned")]
+)
 def test_a_person_whom_the_model_does_not_know_is_one_line(by: Animator, said: str) -> None:
     with pytest.raises(InputError, match=rf"^person: should be .*{said}.*, got dora$"):
         made(by=by, person="dora")

@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pipelines.experiment import stage_order
+from talkingeyes.animation.pipeline import CAUSAL_STEPS, STEPS
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose, format_params
 from talkingeyes.orchestration.run import configure_environment
@@ -106,6 +107,14 @@ def test_every_stage_and_room_is_in_the_glossary_and_every_path_of_the_architect
         found = [each for each in (repository / path, repository / "src/talkingeyes" / path) if each.is_file()]
         assert found, f"{path} of docs/architecture.md does not exist"
         assert re.search(rf"\b(def|class) {name}\b", found[0].read_text()) or not name, f"{path} has no {name}"
+
+
+def test_the_architecture_page_lists_the_animation_steps(repository):
+    architecture = (repository / "docs" / "architecture.md").read_text()
+    listed = re.findall(r"^\| `(\w+)` \| `(animation/steps/\w+\.py)`", architecture, re.M)
+    steps = [(step.__name__, step.__module__.removeprefix("talkingeyes.").replace(".", "/") + ".py") for step in STEPS]
+    assert listed == steps
+    assert set(CAUSAL_STEPS) <= set(STEPS)
 
 
 def test_dvc_and_experiment_run_the_same(stages, params):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from toy import recordings
 
-from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.animation import Animation
+from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.samples import Samples

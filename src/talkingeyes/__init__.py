@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.animator import Animation as Animation
+    from talkingeyes.animation.animation import Animation as Animation
     from talkingeyes.animation.controls import Controls as Controls
     from talkingeyes.animation.controls import Liveliness as Liveliness
     from talkingeyes.animation.targets import load_targets as load_targets

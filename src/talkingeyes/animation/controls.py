@@ -1,6 +1,6 @@
-"""What a person asks of a performance besides sound, samples, seed and frame rate (docs/control.md).
+"""Controls of an animation besides sound, samples, seed and frame rate (docs/control.md).
 
-Everything left as it is, is the model's own. `performance.perform` follows it; files are read by `targets`, `manner`.
+`animation/pipeline.py` applies them; `workflows/direct.py` reads them from options and files.
 """
 
 from __future__ import annotations
@@ -24,10 +24,9 @@ NEUTRAL_FACE = (StyleKey(0.0, FaceStyle(None, "neutral", 0)),)
 
 @dataclass(frozen=True)
 class Liveliness:
-    """How much of the model's motion there is: 0 none, 1 as it is, 2 twice as much.
+    """Scale of the motion: 0 none, 1 as sampled, 2 double.
 
-    `head` scales how far it turns from its mean pose, `gaze` how far gaze goes from its usual place, `blinks` how often
-    they come.
+    `head` scales rotation about the mean pose, `gaze` the distance of gaze from its median, `blinks` the blink rate.
     """
 
     head: float = 1.0
@@ -37,15 +36,15 @@ class Liveliness:
 
 @dataclass(frozen=True)
 class Controls:
-    """What is asked for.
+    """Controls of an animation; a control left at its default leaves the model's motion as it is.
 
-    `blinks` names the profile of their rate (physiological, paper or corpus), `targets` what gaze goes to and when,
-    `eye_contact` the share of time that gaze is at the listener (0 to 1; None: as the model does), `partner` the sound
-    (16 kHz) of whom the subject talks with, `person` who moves, of the speakers whom the model was told in training
-    (None: one of them, by the seed), `style` whose habits are imposed: a speaker kept with the model, or measured ones.
-    `no_postprocessing`: head and gaze are the model's alone, without what performance.oculomotor adds (to compare
-    models). `face` is the style of the face from moments on (emotion, intensity, speaker), `parts` what is replaced or
-    off.
+    `blinks`: the blink profile (physiological, paper or corpus). `targets`: what gaze goes to and when. `eye_contact`:
+    the fraction of time with gaze at the listener (0 to 1; None: as sampled). `partner`: the sound (16 kHz) of the
+    conversation partner. `person`: the training speaker that the model is conditioned on (None: a random one by the
+    seed). `style`: a training speaker's name or measured motion statistics, which are imposed. `no_postprocessing`:
+    head and gaze as sampled, without head contribution, amplitude limit and saccadic intrusions (to compare models).
+    `face`: the styles of the face (emotion, intensity, speaker) with their onsets. `parts`: which parts are replaced or
+    switched off.
     """
 
     blinks: str = "physiological"

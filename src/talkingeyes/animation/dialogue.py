@@ -1,8 +1,8 @@
-"""Two people talk with each other: a sound for each, or one with two channels; a motion for each of them.
+"""Animate a dialogue: two sounds, or one with two channels; a motion for each speaker.
 
-Each motion is made from the own speech by the model, with the other's speech as the partner's (`listening` says what is
-learnt and what is a rule). The two sit face to face: each is the other's listener, straight ahead unless a track of
-targets says otherwise.
+Each motion is sampled from the speaker's own speech, with the other's speech as the partner's
+(`animation/listening_behaviour.py` says what is learnt and what is rule-based). The speakers face each other: each is
+the other's listener, straight ahead unless a target track says otherwise.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.animation.animator import Animation, Animator
+from talkingeyes.animation.animation import Animation
+from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 
 SECOND_SEED = 1
@@ -22,7 +23,7 @@ SECOND_SEED = 1
 
 @dataclass(frozen=True)
 class Dialogue:
-    """One conversation: what each of the two does, at the same times."""
+    """The animations of both speakers of one conversation."""
 
     first: Animation
     second: Animation
@@ -36,7 +37,7 @@ def animate_dialogue(
     fps: float,
     controls_by_speaker: tuple[Controls, Controls] = (Controls(), Controls()),
 ) -> list[Dialogue]:
-    """`samples` dialogues of two sounds (16 kHz) that begin together; the shorter one is silent in the end."""
+    """Animate both speakers of two sounds (16 kHz) that start together; the shorter one is padded with silence."""
     frames = max(len(sound) for sound in sounds)
     one, other = (np.pad(sound, (0, frames - len(sound))) for sound in sounds)
     second_seed = int(np.random.SeedSequence([seed, SECOND_SEED]).generate_state(1)[0])

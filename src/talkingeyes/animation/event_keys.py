@@ -1,13 +1,13 @@
-"""Saccades and blinks as keys that a person edits, and the motion that follows from the edited ones.
+"""Saccades and blinks as editable keys, and the motion that follows from edited keys.
 
-A file of keys is a file of events (motion.Events) that also holds, untouched, the `original` ones that the motion was
-made with. What an edit changes is the difference of the two, so a motion without edits stays as it is to the last bit:
+A file of keys is an events file (`core/motion.py: Events`) that also contains, unchanged, the `original` events of the
+motion. An edit applies the difference of the two, so that a motion without edits stays bitwise the same:
 
-    gaze'(t) = gaze(t) - S(t; original) + S(t; edited),      S(t) = sum of what each saccade has added until t
+    gaze'(t) = gaze(t) - S(t; original) + S(t; edited),      S(t) = sum of the displacements of all saccades up to t
 
-in space, for both eyes alike; the head stays, the eyes make up for it. A saccade lands where its `end_rad` says,
-whatever was taken out or put in before it. Lids: a blink that is gone leaves the line between its ends, a new one
-closes what was left open. A key needs only `onset_s` and, of a saccade, `end_rad`: the law fills in the rest.
+in space, for both eyes alike; the head stays and the eyes compensate. A saccade lands at its `end_rad`, whatever was
+removed or inserted before it. Lids: a removed blink becomes a straight line between its ends, a new one closes what was
+open. A key needs only `onset_s`, and a saccade `end_rad`: the main sequence gives the rest.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import EVENTS_SCHEMA, Blink, Events, Motion, Saccade
 from talkingeyes.physiology import blinks, saccades
 
-EDITABLE_KINDS = ("saccades", "blinks")  # that can be edited
-FIXED_KINDS = ("head_movements", "vergence_movements")  # that cannot: they play as they are
+EDITABLE_KINDS = ("saccades", "blinks")
+FIXED_KINDS = ("head_movements", "vergence_movements")  # kept as they are
 DIGITS = 6
 DEFAULT_BLINK = {"closing_s": 0.085, "hold_s": 0.025, "opening_s": 0.21, "depth": 1.0}
 
@@ -38,14 +38,14 @@ Key = TypeVar("Key", Saccade, Blink)
 
 @dataclass(frozen=True)
 class EventKeys:
-    """The keys as edited, and as they were; in order of onset. A saccade of `new` may lack start, duration and skew."""
+    """Edited and original keys in order of onset; a saccade of `current` may lack start, duration and skew."""
 
     current: Events
     original: Events
 
 
 def save_keys(path: Path, events: Events, fps: float) -> None:
-    """Write keys that nobody has edited yet, a line each."""
+    """Write unedited keys, one per line."""
     current = [f'"{kind}": {_lines(events, kind)}' for kind in (*EDITABLE_KINDS, *FIXED_KINDS)]
     parts = [f'"schema": "{EVENTS_SCHEMA}"', f'"fps": {fps}', *current, f'"original": {{{", ".join(current)}}}']
     path.write_text("{\n" + ",\n".join(parts) + "\n}\n")
@@ -59,7 +59,7 @@ def _lines(events: Events, kind: str) -> str:
 
 
 def load_keys(path: Path) -> EventKeys:
-    """Read keys. Raises InputError, which names the key that is wrong."""
+    """Read keys. Raises InputError, which names the invalid key."""
     try:
         content = json.loads(path.read_text())
         if not isinstance(content, dict) or content.get("schema") != EVENTS_SCHEMA:
@@ -83,14 +83,14 @@ def load_keys(path: Path) -> EventKeys:
 
 
 def load_original(path: Path) -> Events:
-    """The events that a motion was made with, from the file beside it, whatever was edited there since."""
-    found = Events.load(path)  # refuses what holds no events
+    """The original events of a motion from its file of keys, without later edits."""
+    found = Events.load(path)  # raises InputError if there are none
     content = json.loads(path.read_text())
     return load_keys(path).original if "original" in content else found
 
 
 def apply_key_edits(motion: Motion, keys: EventKeys) -> Motion:
-    """The motion with the keys as they are now."""
+    """Apply the edits of the keys to the motion that they belong to."""
     times = np.arange(len(motion)) / motion.fps
     space = rotation.gaze_in_space(motion.head, motion.gaze)
     shift = _shift(keys, rotation.cyclopean_gaze(space), times)
@@ -101,7 +101,7 @@ def apply_key_edits(motion: Motion, keys: EventKeys) -> Motion:
 
 
 def _shift(keys: EventKeys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    """S(t; edited) - S(t; original), built up saccade by saccade."""
+    """S(t; edited) - S(t; original), accumulated saccade by saccade."""
     gone = [each for each in keys.original.saccades if each not in keys.current.saccades]
     kept = set(keys.original.saccades)
     shift = np.zeros((len(times), 2))
@@ -109,7 +109,7 @@ def _shift(keys: EventKeys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarra
         shift += _without(each, gaze_rad, times)
     for each in keys.current.saccades:
         before = np.array([np.interp(each.onset_s, times, column) for column in shift.T])
-        if each in kept:  # it goes where it went, from wherever it now starts
+        if each in kept:  # it keeps its landing, from a new start
             if before.any():
                 shift += _step(each, -before, times)
             continue
@@ -120,7 +120,7 @@ def _shift(keys: EventKeys, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarra
 
 
 def _without(saccade: Saccade, gaze_rad: Float[ndarray, "T 2"], times: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    """What takes a saccade out: a straight line in its frames, which need not have had the course of the law."""
+    """The shift that removes a saccade: a straight line in its frames, whose profile may not be the main sequence."""
     step = np.subtract(saccade.end_rad, saccade.start_rad)
     ends = np.searchsorted(times, [saccade.onset_s, saccade.onset_s + saccade.duration_s])
     first, last = max(int(ends[0]) - 1, 0), min(int(ends[1]), len(times) - 1)
@@ -138,7 +138,7 @@ def _step(saccade: Saccade, step: Float[ndarray, " 2"], times: Float[ndarray, " 
 
 
 def _fill_main_sequence(saccade: Saccade, step: Float[ndarray, " 2"]) -> Saccade:
-    """With duration and skew of the main sequence, where the key leaves them open (0)."""
+    """Fill in duration and skew of the main sequence where the key has 0."""
     amplitude = float(np.linalg.norm(step))
     return replace(
         saccade,

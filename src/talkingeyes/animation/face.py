@@ -1,17 +1,17 @@
-"""The face of a performance: jaw and expression from a model of the face (ProbTalk3D), beside head, gaze and blinks.
+"""The face of an animation: jaw and expression from a face model (ProbTalk3D), added to head, gaze and blinks.
 
-The model stands beside that of head and gaze, in the folder `probtalk3d` (of the train stage, or of a packed file), or
-is named. It hears the same speech and draws from the same seed, by a stream of its own.
+The model is in the folder `probtalk3d` beside that of head and gaze (of the train stage, or of a packed file), or named
+explicitly. It receives the same speech and has a random stream of its own.
 
-Who moves what: `expression` has no channels of gaze, blinks and jaw, so the model cannot blink. Brows are its own, and
-nobody else moves them. What it does around the eyes (squint, wide) gives way as the lids close, so that they meet as
-the blink has it. Raised and drooping lids of an emotion are in `lid`, which the model does not give: they come from the
-law that the synthetic people follow (physiology.face), and a blink closes what they leave open. Between the model's
-frames values are interpolated without overshoot (PCHIP), so lips that meet stay together at any frame rate.
+Division of labour: `expression` has no channels of gaze, blinks and jaw, so the model cannot blink. Brows are its own.
+Its shapes around the eyes (squint, wide) fade as the lids close, so that the lids meet in a blink. Raised and drooping
+lids of an emotion are in `lid`, which the model does not output: they follow the rule of the synthetic data
+(`physiology/face.py`), and a blink closes what they leave open. Between the model's frames values are interpolated
+without overshoot (PCHIP), so that closed lips stay closed at any frame rate.
 
-Speech of more than two minutes is given to the model in pieces that overlap by six seconds, each drawn anew (as the
-head's latent is), and faded over in the middle of the overlap, where both know what is said before and after: so memory
-beside the motion itself does not grow with the speech.
+Speech of more than two minutes is processed in chunks that overlap by six seconds, each sampled anew (like the latent
+variable of the head), with a crossfade in the middle of the overlap, where both chunks have context on both sides:
+memory besides the motion itself does not grow with the speech.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ from talkingeyes.training.face_generators import STYLE_FADE_S, TrainedFaceGenera
 FACE_MODEL_FOLDER = "probtalk3d"
 AROUND_EYES = ("eyeSquint", "eyeWide")
 CHUNK_S, OVERLAP_S, CROSSFADE_S = 120.0, 6.0, 0.5
-SEED_STREAM = 4  # of the seeds of a sample: 0 to 3 are those of head, gaze and what directs them
+SEED_STREAM = 4  # random stream of the face among those of a sample
 
 
 @dataclass(frozen=True)
 class FaceAnimator:
-    """A trained model of the face with its speech encoder."""
+    """A trained face model with its speech encoder."""
 
     generator: TrainedFaceGenerator
     encoder: SpeechEncoder
 
     @classmethod
     def load(cls, folder: Path, settings: EmbedSettings, encoder: SpeechEncoder) -> FaceAnimator:
-        """From a folder of the train stage; an encoder of these settings is there already.
+        """Load a folder of the train stage; `encoder` is used again if the settings agree.
 
-        Raises InputError if it is no model of the open head's face.
+        Raises InputError if it is not a model of the open head's face.
         """
         if not is_face_model(folder):
-            raise InputError(f"{folder}: should be a model of the face, such as probtalk3d, got one of other parts")
+            raise InputError(f"{folder}: should be a face model, such as probtalk3d, got another model")
         head = anny_head()
         generator = load_face_generator(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
@@ -67,14 +67,14 @@ class FaceAnimator:
         return cls(generator, encoder if own == settings else make_encoder(own))
 
     def check(self, style: Sequence[StyleKey]) -> None:
-        """Raises InputError (one line, with the choices) for a speaker whom the model does not know."""
+        """Raises InputError (one line, with the choices) for a speaker who is not a training speaker."""
         for key in style:
             self.generator.vocabulary.style_vector(key.style)
 
     def perform(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed: int, samples: int, fps: float
     ) -> FaceSamples:
-        """Faces at the model's rate; sample i of a seed is the same however many are asked for."""
+        """Sample faces at the model's rate; sample i of a seed does not depend on the number of samples."""
         piece, overlap = round(CHUNK_S * fps), round(OVERLAP_S * fps)
         faces = self._chunk(embedding[:piece], style, (seed, samples, 0), fps)
         for number, start in enumerate(range(piece - overlap, len(embedding) - overlap, piece - overlap), start=1):
@@ -86,14 +86,14 @@ class FaceAnimator:
     def _chunk(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seed_parts: tuple[int, int, int], fps: float
     ) -> FaceSamples:
-        """`seed_parts`: the seed, how many samples, and which piece."""
+        """Sample one chunk; `seed_parts` are the seed, the number of samples and the number of the chunk."""
         seed, samples, number = seed_parts
         streams = [np.random.SeedSequence([seed, index, SEED_STREAM, number]) for index in range(samples)]
         return self.generator.generate(embedding, style, [int(each.generate_state(1)[0]) for each in streams], fps)
 
 
 def find_face_model(model: Path) -> Path | None:
-    """The folder of the model of the face that stands beside a model of head and gaze, if there is one."""
+    """The folder of the face model beside a model of head and gaze, if there is one."""
     folder = (
         model.absolute().parent / FACE_MODEL_FOLDER
     )  # not resolved: runs of experiments show results of a store as links
@@ -101,7 +101,7 @@ def find_face_model(model: Path) -> Path | None:
 
 
 def crossfade(faces: FaceSamples, following: FaceSamples, start: int, overlap: int) -> FaceSamples:
-    """Faces, then those that follow from frame `start` on; in the middle of the overlap one becomes the other."""
+    """Join two chunks, the second from frame `start` on, with a crossfade in the middle of the overlap."""
     both = min(overlap, following.jaw.shape[1])
     ramp = (np.arange(both) - (both - 1) / 2) / (CROSSFADE_S * faces.fps) + 0.5
     share = np.clip(ramp, 0.0, 1.0)[None, :, None]
@@ -118,7 +118,7 @@ def crossfade(faces: FaceSamples, following: FaceSamples, start: int, overlap: i
 
 
 def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[StyleKey]) -> Motion:
-    """A motion whose `lid` holds blinks alone, with a face: jaw, expression, and how far its emotion opens the lids."""
+    """Add a face to a motion whose `lid` holds blinks alone: jaw, expression, and the lid opening of the emotion."""
     times_s = np.arange(len(motion)) / motion.fps
     expression = np.clip(interpolate_pchip(faces.expression[sample], faces.fps, times_s), 0.0, 1.0)
     closure = np.clip(motion.lid.mean(axis=1), 0.0, 1.0)
@@ -137,7 +137,7 @@ def with_face(motion: Motion, faces: FaceSamples, sample: int, style: Sequence[S
 
 
 def emotion_lid_closure(style: Sequence[StyleKey], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-    """How far emotions close the lids (below 0: open them) at each time, blended in as the style is."""
+    """Lid closure by the emotion (below 0: opening) at each time, blended as the style is."""
     ordered = sorted(style, key=lambda key: key.onset_s)
     found = np.full(len(times_s), _lid(ordered[0].style))
     for key in ordered[1:]:
@@ -152,9 +152,9 @@ def _lid(style: FaceStyle) -> float:
 def interpolate_pchip(
     values: Float[ndarray, "F C"], fps: float, times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, "T C"]:
-    """Values between frames, never beyond those of the two frames around; after the last frame, the last."""
+    """Interpolate without overshoot; after the last frame its values are held."""
     if len(values) < 2 or not values.shape[1]:
         return np.repeat(values[:1], len(times_s), axis=0)
     last_s = (len(values) - 1) / fps
-    course = PchipInterpolator(np.arange(len(values)) / fps, values, axis=0)
-    return np.asarray(course(np.minimum(times_s, last_s)))
+    interpolate = PchipInterpolator(np.arange(len(values)) / fps, values, axis=0)
+    return np.asarray(interpolate(np.minimum(times_s, last_s)))

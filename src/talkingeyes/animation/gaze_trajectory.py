@@ -1,8 +1,8 @@
-"""A performance before it is rendered: head and gaze in space at the model's rate, and the saccades in them.
+"""Head and gaze in space at the model's frame rate, with the saccades: what the steps of an animation change.
 
-Directing changes a course, never frames of eyes: gaze is a smooth part and a staircase of saccades; what is re-aimed
-are the steps between fixations. A saccade that becomes larger takes as long as the law says (physiology.saccades), so
-it plays at any frame rate as a real one. Angles are (yaw, pitch) in radians, times seconds.
+Gaze is the sum of a smooth part (drift and vergence) and a staircase of saccades. Steps move fixations, never single
+frames: a saccade whose amplitude changes gets the duration of the main sequence (`physiology/saccades.py`), so it is
+natural at any frame rate. Angles are (yaw, pitch) in radians, times seconds.
 """
 
 from __future__ import annotations
@@ -11,55 +11,63 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from talkingeyes.animation.saccade_resampling import saccade_staircase
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import HeadMovement, Saccade
 from talkingeyes.physiology import eye_head, saccades
+from talkingeyes.physiology.frame_saccades import find_saccades
 
 MIN_STEP_RAD = 1e-6
 
 
 @dataclass(frozen=True)
 class GazeTrajectory:
-    """T frames at the model's rate: the head, where each eye's optical axis points in space, and the saccades."""
+    """T frames: head rotation vectors, directions of both optical axes in space, and the saccades."""
 
     fps: float
     head: Float[ndarray, "T 3"]
     gaze_in_space_rad: Float[ndarray, "T 2 2"]
     saccades: tuple[Saccade, ...]
 
+    @classmethod
+    def from_frames(
+        cls, fps: float, head: Float[ndarray, "T 3"], gaze_in_space_rad: Float[ndarray, "T 2 2"]
+    ) -> GazeTrajectory:
+        """The trajectory of these frames; saccades are detected in the mean of both eyes."""
+        return cls(fps, head, gaze_in_space_rad, find_saccades(gaze_in_space_rad.mean(axis=1), fps))
+
     @property
     def times_s(self) -> Float[ndarray, " T"]:
-        """When each frame is."""
+        """Time of each frame."""
         return np.arange(len(self.head)) / self.fps
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """Duration."""
         return len(self.head) / self.fps
 
     @property
     def cyclopean_rad(self) -> Float[ndarray, "T 2"]:
-        """Where both eyes look together, as the saccades have it: the mean of their angles."""
+        """Cyclopean gaze: the mean of the angles of both eyes."""
         return np.asarray(self.gaze_in_space_rad.mean(axis=1))
 
     @property
     def steps_rad(self) -> Float[ndarray, "N 2"]:
-        """How far each saccade goes."""
+        """Displacement of each saccade."""
         return np.array([np.subtract(each.end_rad, each.start_rad) for each in self.saccades]).reshape(-1, 2)
 
     @property
     def drift_rad(self) -> Float[ndarray, "T 2 2"]:
-        """Gaze without its saccades: drift, and what the eyes differ by."""
+        """Gaze without its saccades: drift and vergence."""
         return np.asarray(self.gaze_in_space_rad - saccade_staircase(self.saccades, self.times_s)[:, None])
 
 
 @dataclass(frozen=True)
 class Fixations:
-    """The stretches between K - 1 saccades: when, and where gaze is on average."""
+    """The K fixations between K - 1 saccades: start, end and mean gaze."""
 
     start_s: Float[ndarray, " K"]
     end_s: Float[ndarray, " K"]
@@ -67,7 +75,7 @@ class Fixations:
 
 
 def fixations(trajectory: GazeTrajectory, gaze_rad: Float[ndarray, "T 2"]) -> Fixations:
-    """Where `gaze_rad` (as seen from anywhere, such as from the listener) is in each fixation of a course."""
+    """Fixations of a trajectory, with the mean of `gaze_rad` (in any frame of reference) in each."""
     ends = np.array([(each.onset_s, each.onset_s + each.duration_s) for each in trajectory.saccades]).reshape(-1, 2)
     start = np.concatenate([[0.0], ends[:, 1]])
     end = np.maximum(np.concatenate([ends[:, 0], [trajectory.seconds]]), start)
@@ -77,18 +85,18 @@ def fixations(trajectory: GazeTrajectory, gaze_rad: Float[ndarray, "T 2"]) -> Fi
         np.clip(np.floor(end * trajectory.fps + 1e-9).astype(int) + 1, 0, last + 1), first_frame + 1
     )
     summed = np.concatenate([np.zeros((1, 2)), np.cumsum(gaze_rad, axis=0)])
-    place = (summed[stop_frame] - summed[first_frame]) / (stop_frame - first_frame)[:, None]
-    return Fixations(start, end, place)
+    location = (summed[stop_frame] - summed[first_frame]) / (stop_frame - first_frame)[:, None]
+    return Fixations(start, end, location)
 
 
 def shift_fixations(trajectory: GazeTrajectory, offsets_rad: Float[ndarray, "K 2"]) -> GazeTrajectory:
-    """The course with each fixation moved by an offset; the saccades between take what their offsets differ by."""
+    """Move each fixation by an offset; the saccades between take up the differences."""
     smooth = trajectory.drift_rad + offsets_rad[0]
     return replace_steps(trajectory, smooth, trajectory.steps_rad + np.diff(offsets_rad, axis=0))
 
 
 def remove_saccades(trajectory: GazeTrajectory, indices: Iterable[int]) -> GazeTrajectory:
-    """The course without some of its saccades: gaze stays where it was, and the next saccade takes their steps too."""
+    """Remove saccades: gaze stays at the earlier fixation, and the next saccade makes up for it."""
     steps = trajectory.steps_rad
     offsets = np.zeros((len(steps) + 1, 2))
     for index in sorted(indices):
@@ -99,22 +107,22 @@ def remove_saccades(trajectory: GazeTrajectory, indices: Iterable[int]) -> GazeT
 def replace_steps(
     trajectory: GazeTrajectory, drift_rad: Float[ndarray, "T 2 2"], steps_rad: Float[ndarray, "N 2"]
 ) -> GazeTrajectory:
-    """A course of this smooth part and steps at the saccades' onsets; a step of nothing is no saccade any more."""
+    """Rebuild the trajectory from a smooth part and new steps at the saccades' onsets; zero steps are dropped."""
     onset_s = np.array([each.onset_s for each in trajectory.saccades])
     drift = drift_rad.mean(axis=1)
     start = np.stack([np.interp(onset_s, trajectory.times_s, axis) for axis in drift.T], axis=-1)
     start = start + np.cumsum(steps_rad, axis=0) - steps_rad
-    jumps = tuple(
-        main_sequence_saccade(float(onset), place, step)
-        for onset, place, step in zip(onset_s, start, steps_rad, strict=True)
+    new_saccades = tuple(
+        main_sequence_saccade(float(onset), location, step)
+        for onset, location, step in zip(onset_s, start, steps_rad, strict=True)
         if np.hypot(*step) > MIN_STEP_RAD
     )
-    space = drift_rad + saccade_staircase(jumps, trajectory.times_s)[:, None]
-    return replace(trajectory, gaze_in_space_rad=space, saccades=jumps)
+    space = drift_rad + saccade_staircase(new_saccades, trajectory.times_s)[:, None]
+    return replace(trajectory, gaze_in_space_rad=space, saccades=new_saccades)
 
 
 def main_sequence_saccade(onset_s: float, start_rad: Float[ndarray, " 2"], step_rad: Float[ndarray, " 2"]) -> Saccade:
-    """A saccade of the main sequence, without jitter."""
+    """A saccade with duration and skew of the main sequence, without jitter."""
     size = float(np.hypot(*step_rad))
     (yaw, pitch), (to_yaw, to_pitch) = start_rad.tolist(), (start_rad + step_rad).tolist()
     duration, skew = float(saccades.duration_s(size)), float(saccades.skew(size))
@@ -122,7 +130,7 @@ def main_sequence_saccade(onset_s: float, start_rad: Float[ndarray, " 2"], step_
 
 
 def split_fixations(trajectory: GazeTrajectory, onsets_s: Sequence[float]) -> GazeTrajectory:
-    """The course with steps of nothing at further times, so that what follows them can be aimed elsewhere."""
+    """Insert zero steps at further times, so that the fixations after them can be moved."""
     new = [main_sequence_saccade(onset, np.zeros(2), np.zeros(2)) for onset in onsets_s]
     return replace(trajectory, saccades=tuple(sorted([*trajectory.saccades, *new], key=lambda each: each.onset_s)))
 
@@ -133,7 +141,7 @@ def scale_gaze(
     gain: Float[ndarray, " 2"],
     new_centre_rad: Float[ndarray, " 2"],
 ) -> GazeTrajectory:
-    """Gaze as far from a new centre as it was from the old one, times a gain for yaw and pitch; vergence stays."""
+    """Scale gaze about a centre by a gain for yaw and pitch, and move the centre; vergence stays."""
     smooth = trajectory.drift_rad
     drift = smooth.mean(axis=1)
     moved = new_centre_rad + gain * (drift - centre_rad)
@@ -141,7 +149,7 @@ def scale_gaze(
 
 
 def add_head_rotation(trajectory: GazeTrajectory, along_rad: Float[ndarray, "T 2"]) -> GazeTrajectory:
-    """The head turned further by (yaw, pitch); gaze in space stays."""
+    """Add a rotation (yaw, pitch) to the head; gaze in space stays."""
     extra = np.stack([-along_rad[:, 1], along_rad[:, 0], np.zeros(len(along_rad))], axis=-1)
     return replace(trajectory, head=trajectory.head + extra)
 
@@ -153,7 +161,7 @@ def add_head_turns(
     threshold_rad: float,
     gain: float,
 ) -> GazeTrajectory:
-    """The head turned further by its part in where gaze is from each onset on (physiology.eye_head)."""
+    """Add the head contribution to the eccentricity of gaze from each onset on (`physiology/eye_head.py`)."""
     levels = eye_head.head_contribution(eccentricity_rad, threshold_rad, gain)
     moves = []
     for onset, step in zip(onsets_s, np.diff(levels, axis=0, prepend=np.zeros((1, 2))), strict=True):
@@ -165,10 +173,25 @@ def add_head_turns(
     return add_head_rotation(trajectory, eye_head.head_path(moves, trajectory.times_s)[:, :2])
 
 
-def clamp_gaze(trajectory: GazeTrajectory, own: GazeTrajectory) -> GazeTrajectory:
-    """Gaze no further from the head than eyes turn, where it is not the model's own."""
-    moved = np.abs(trajectory.gaze_in_space_rad - own.gaze_in_space_rad).max(axis=(1, 2)) + np.abs(
-        trajectory.head - own.head
+def hold_gaze(trajectory: GazeTrajectory, shut: Bool[ndarray, " T"]) -> GazeTrajectory:
+    """Hold gaze in space while the lids are shut, and detect the saccades again."""
+    held = hold_frames(trajectory.gaze_in_space_rad, shut)
+    return GazeTrajectory.from_frames(trajectory.fps, trajectory.head, held)
+
+
+def hold_frames(
+    frames: Float[ndarray, "T 2 2"], held: Bool[ndarray, " T"], previous: Float[ndarray, "2 2"] | None = None
+) -> Float[ndarray, "T 2 2"]:
+    """Repeat the last frame before each run of held frames; `previous` is the frame before the first, in a stream."""
+    padded = np.concatenate([frames[:1] if previous is None else previous[None], frames])
+    source = np.maximum.accumulate(np.where(held, 0, np.arange(1, len(frames) + 1)))
+    return np.asarray(padded[source])
+
+
+def clamp_changed_gaze(trajectory: GazeTrajectory, generated: GazeTrajectory) -> GazeTrajectory:
+    """Clamp gaze to the oculomotor range in the frames in which it differs from the generated trajectory."""
+    moved = np.abs(trajectory.gaze_in_space_rad - generated.gaze_in_space_rad).max(axis=(1, 2)) + np.abs(
+        trajectory.head - generated.head
     ).max(axis=1)
     changed = np.flatnonzero(moved > MIN_STEP_RAD)
     head = trajectory.head[changed]

@@ -1,9 +1,9 @@
-"""From a place in metres to where eyes point, and back: which eye looks past it by how much.
+"""Conversion between points in metres and directions of gaze, with the line of sight of each eye.
 
-Motion's gaze is the optical axis of each eye, which pupils follow; what falls on the target is the line of sight, kappa
-away from it (docs/conventions.md). A model's gaze holds the mean person's kappa, so that one is used. Both eyes aim at
-the target itself: its distance gives their vergence. Angles are (yaw, pitch), places metres from between the eyes of
-the head at rest.
+A Motion's gaze is the optical axis of each eye, which the pupil shows. The line of sight, which falls on the target,
+deviates from it by kappa (docs/conventions.md); here the mean kappa of people is used, as in the models' gaze. Both
+eyes aim at the target, so its distance gives the vergence. Angles are (yaw, pitch); points are in metres from between
+the eyes of the head at rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from talkingeyes.physiology.vergence import HALF_INTERPUPILLARY_M
 from talkingeyes.synthesis.speakers import KAPPA_DEG, KAPPA_DOWN_DEG
 
 EYES_M = np.array([[HALF_INTERPUPILLARY_M, 0.0, 0.0], [-HALF_INTERPUPILLARY_M, 0.0, 0.0]])
-# From the joint about which the head turns to between the eyes, in the open head.
+# From the rotation centre of the head to the point between the eyes, in the open head.
 BETWEEN_EYES_M = np.array([0.0, 0.041374, 0.084397])
 KAPPA_RAD = np.radians([[KAPPA_DEG[0], -KAPPA_DOWN_DEG[0]], [-KAPPA_DEG[0], -KAPPA_DOWN_DEG[0]]])
 
@@ -30,7 +30,7 @@ CoordinateFrame = Literal["world", "head"]
 def optical_axes_rad(
     head: Float[ndarray, "T 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
 ) -> Float[ndarray, "T 2 2"]:
-    """Where the optical axes of both eyes point in space when their lines of sight meet at a place, within reach."""
+    """Directions in space of both optical axes when the lines of sight meet at a point, clamped to the eye range."""
     head_rotation = rotation.rotvec_to_matrix(head)
     seen = _from_eyes(head_rotation, points_m, frame)
     angles = rotation.direction_to_angles(seen / np.linalg.norm(seen, axis=-1, keepdims=True)) + KAPPA_RAD
@@ -41,7 +41,7 @@ def optical_axes_rad(
 def gaze_error_rad(
     head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
 ) -> Float[ndarray, "T 2"]:
-    """By what angle the line of sight of each eye goes past a place."""
+    """Angle between the line of sight of each eye and the direction to a point."""
     wanted = _from_eyes(rotation.rotvec_to_matrix(head), points_m, frame)
     sight = rotation.angles_to_direction(rotation.gaze_to_angles(gaze) - KAPPA_RAD)
     beside = np.linalg.norm(np.cross(sight, wanted), axis=-1)
@@ -49,12 +49,12 @@ def gaze_error_rad(
 
 
 def cyclopean_line_of_sight_rad(gaze_in_space_rad: Float[ndarray, "T 2 2"]) -> Float[ndarray, "T 2"]:
-    """The line of sight from between the eyes: the mean of both axes, less what kappa has in common."""
+    """Cyclopean line of sight: the mean of both optical axes minus the mean kappa."""
     return np.asarray(gaze_in_space_rad.mean(axis=1) - KAPPA_RAD.mean(axis=0))
 
 
 def point_direction_rad(head: Float[ndarray, "T 3"], points_m: Float[ndarray, "T 3"]) -> Float[ndarray, "T 2"]:
-    """In which direction in space a place of the world lies from between the eyes of a turned head."""
+    """Direction in space to a point in world coordinates from between the eyes of a turned head."""
     seen = points_m + BETWEEN_EYES_M - np.einsum("tij,j->ti", rotation.rotvec_to_matrix(head), BETWEEN_EYES_M)
     return rotation.direction_to_angles(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
 
@@ -62,7 +62,7 @@ def point_direction_rad(head: Float[ndarray, "T 3"], points_m: Float[ndarray, "T
 def _from_eyes(
     head_rotation: Float[ndarray, "T 3 3"], points_m: Float[ndarray, "T 3"], frame: CoordinateFrame
 ) -> Float[ndarray, "T 2 3"]:
-    """From each eye to a place, in the head's axes."""
+    """Vectors from each eye to a point, in head coordinates."""
     if frame == "world":
         points_m = np.einsum("tji,tj->ti", head_rotation, points_m + BETWEEN_EYES_M) - BETWEEN_EYES_M
     return np.asarray(points_m[:, None] - EYES_M)

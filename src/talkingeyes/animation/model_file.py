@@ -1,16 +1,16 @@
-"""A model in one file, which another machine opens without conf/: what `talkingeyes pack` writes, `--model FILE` reads.
+"""A model in one file, independent of conf/: written by `talkingeyes pack`, read by `--model FILE`.
 
-A safetensors file, so that nothing in it can run. Its tensors are those of the folders of the train stage that it was
-packed from, as FOLDER/FILE.safetensors:NAME; its metadata hold one entry, `talkingeyes`, in JSON (safetensors writes
-several in an order that changes):
+A safetensors file, so that nothing in it can be executed. Its tensors are those of the train stage's folders that it
+was packed from, named FOLDER/FILE.safetensors:NAME; its metadata hold one entry, `talkingeyes`, in JSON (safetensors
+writes several entries in varying order):
 
     schema   talkingeyes.model/1
-    models   the folders, the one that `--model` means first
-    files    every other file of theirs: resolved configuration, embedding, blinks, ... {FOLDER/FILE: text}
-    encoder  who the speech encoder is: kind, channels, settings, and the digest of its weights where a package ships
-             them; on opening, the one that is installed must be the same
+    models   the folders; the first is the one that `--model` means
+    files    all other files of the folders (resolved configuration, embedding, blinks, ...): {FOLDER/FILE: text}
+    encoder  the speech encoder: kind, channels, settings, and the digest of its weights where a package ships them;
+             opening requires the same one to be installed
 
-Opened, it is those folders again, in a place of its own that is gone afterwards: whatever loads a folder loads a file.
+A packed file is opened as these folders in a temporary directory, so that every loader of a folder also loads a file.
 """
 
 from __future__ import annotations
@@ -30,9 +30,7 @@ from talkingeyes.core.errors import InputError
 SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
 SUFFIX = ".safetensors"
-MEMBER_PATTERN = re.compile(
-    r"\w[\w.-]*/\w[\w.-]*"
-)  # FOLDER/FILE: nothing that leads out of the place it is unpacked to
+MEMBER_PATTERN = re.compile(r"\w[\w.-]*/\w[\w.-]*")  # FOLDER/FILE: no path outside the folder it is unpacked to
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,9 @@ class PackedMetadata:
 
 @contextlib.contextmanager
 def open_model(model: Path) -> Iterator[Path]:
-    """A folder with the model: the one that was named, or that of a packed file while the block lasts.
+    """The folder of a model: the given one, or a temporary one of a packed file while the block lasts.
 
-    Raises InputError if it is neither; errors from inside the block name the file.
+    Raises InputError if it is neither; an InputError from inside the block names the packed file.
     """
     if model.is_dir():
         yield model
@@ -66,7 +64,7 @@ def open_model(model: Path) -> Iterator[Path]:
 
 
 def read_packed_metadata(path: Path) -> PackedMetadata:
-    """What a packed model says of itself. Raises InputError if it is damaged or another file."""
+    """Read the metadata of a packed model. Raises InputError if it is damaged or another kind of file."""
     import safetensors
 
     try:
@@ -80,7 +78,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"{path}: should be a folder of the train stage or a file of `talkingeyes pack`, got what cannot be read "
+            f"{path}: should be a folder of the train stage or a file of `talkingeyes pack`, got an unreadable file "
             f"({' '.join(str(error).split())[:120]})"
         ) from None
     if not packed.models or not all(MEMBER_PATTERN.fullmatch(f"{model}/x") for model in packed.models):
@@ -89,7 +87,7 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
 
 
 def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
-    """Write the folders of a packed model; gives the first."""
+    """Write the folders of a packed model; returns the first."""
     from safetensors.torch import load_file, save_file
 
     tensors: dict[str, dict[str, Any]] = {}
@@ -109,7 +107,7 @@ def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
 
 
 def encoder_identity(embedding: Mapping[str, Any]) -> dict[str, Any]:
-    """Who the speech encoder of an embedding is."""
+    """Kind, settings, channels and weight digest of the speech encoder of an embedding."""
     settings = embedding["settings"]
     return {
         "kind": settings["encoder"]["kind"],
@@ -120,7 +118,7 @@ def encoder_identity(embedding: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _weights_sha256(kind: str) -> str | None:
-    """The digest of weights that a package ships; None where they come from elsewhere, or there are none."""
+    """SHA-256 of the weights that a package ships; None where they come from elsewhere, or there are none."""
     if kind != "moonshine":
         return None
     from talkingeyes.audio.encoder_moonshine import MODEL, package_file

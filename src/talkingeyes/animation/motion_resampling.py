@@ -1,7 +1,7 @@
-"""A motion at another frame rate: saccades and blinks by their laws, the rest between its frames.
+"""Resample a motion: saccades and blinks are rendered again from their events, the rest is interpolated.
 
-The events are taken out, what is left is interpolated, and they are played again at the new times: so a saccade that is
-one step of 25 frames a second has the speed of the main sequence at 60 or 240, where interpolation would make it a slow
+The events are removed, the remainder is interpolated, and the events are rendered at the new times: a saccade that is
+one step at 25 frames a second has the speed of the main sequence at 60 or 240, where interpolation would make it a slow
 glide (the paper's second limitation).
 """
 
@@ -24,7 +24,7 @@ FPS_BOUNDS = (10.0, 240.0)
 
 
 def resample_motion(motion: Motion, events: Events, fps: float) -> Motion:
-    """The motion at `fps`; its length in seconds stays."""
+    """Resample a motion to `fps`; its duration stays."""
     if not FPS_BOUNDS[0] <= fps <= FPS_BOUNDS[1]:
         raise InputError(f"fps: should be {FPS_BOUNDS[0]:g} to {FPS_BOUNDS[1]:g}, got {fps:g}")
     if fps == motion.fps:

@@ -1,12 +1,12 @@
-"""The parts of a performance: each comes from its model, from another motion, or is switched off.
+"""The parts of an animation: each is generated, taken from another motion, or switched off.
 
-    head     off: it faces straight ahead; gaze in space stays where it is, as far as eyes turn
+    head     off: faces straight ahead; gaze in space stays, within the range of the eyes
     gaze     off: the eyes look straight ahead in the head; there are no saccades
-    blinks   off: there are none; lids still follow gaze, and an emotion still opens or closes them
-    face     off: jaw and expression are at rest, lids know no emotion
+    blinks   off: none; lids still follow gaze, and an emotion still opens or closes them
+    face     off: jaw and expression are at rest, lids are not affected by emotion
 
-A part that is replaced is taken as it is from a motion that lasts as long as the speech: a head moves under the same
-gaze in space, eyes keep their angles in the head, blinks are the whole `lid`. Events tell what is left of the model's.
+A replaced part is taken unchanged from a motion that lasts as long as the speech: a head moves under the generated gaze
+in space, eyes keep their angles in the head, blinks are the whole `lid`. The events describe the result.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ PARTS = ("head", "gaze", "blinks", "face")
 
 @dataclass(frozen=True)
 class PartOverrides:
-    """Which parts are switched off, and which are taken from other motions."""
+    """The parts that are switched off, and those that are taken from other motions."""
 
     disabled: tuple[str, ...] = ()
     replacements: Mapping[str, Motion] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raises InputError (one line) for a part that there is not, or that is both replaced and switched off."""
+        """Raises InputError (one line) for an unknown part, or one that is both replaced and switched off."""
         for name in (*self.disabled, *self.replacements):
             if name not in PARTS:
                 raise InputError(f"parts: should be among {', '.join(PARTS)}, got {name}")
@@ -44,11 +44,11 @@ class PartOverrides:
 
     @property
     def is_default(self) -> bool:
-        """Whether all parts are the models'."""
+        """Whether all parts are generated."""
         return not self.disabled and not self.replacements
 
     def is_generated(self, part: str) -> bool:
-        """Whether a part is a model's."""
+        """Whether a part is generated."""
         return part not in self.disabled and part not in self.replacements
 
 
@@ -56,7 +56,7 @@ NO_OVERRIDES = PartOverrides()
 
 
 def override_motion(motion: Motion, parts: PartOverrides) -> Motion:
-    """The motion with its parts replaced or switched off, but for blinks that are switched off: those are not drawn.
+    """Replace or switch off parts of a motion; blinks that are switched off were not sampled in the first place.
 
     Raises InputError (one line) for a motion that is shorter than the speech.
     """
@@ -89,7 +89,7 @@ def override_motion(motion: Motion, parts: PartOverrides) -> Motion:
 
 
 def override_events(events: Events, motion: Motion, parts: PartOverrides) -> Events:
-    """The events that a recast motion still shows: saccades are found anew where the eyes are another's."""
+    """The events in a motion after `override_motion`; saccades of replaced eyes are detected."""
     if "gaze" in parts.disabled:
         events = replace(events, saccades=())
     elif "gaze" in parts.replacements:
@@ -101,7 +101,7 @@ def override_events(events: Events, motion: Motion, parts: PartOverrides) -> Eve
 
 
 def _resample_source(name: str, source: Motion, motion: Motion) -> Motion:
-    """A motion at the frame rate and the length of the performance."""
+    """The source of a part at the frame rate and the length of the animation."""
     space = rotation.gaze_in_space(source.head, source.gaze).mean(axis=1)
     same = resample_motion(source, Events(saccades=find_saccades(space, source.fps)), motion.fps)
     if len(same) < len(motion):

@@ -1,8 +1,8 @@
-"""Frames of a model become events, so that they play at any frame rate with saccades as fast as real ones.
+"""Resample head and gaze so that saccades have natural speed at any frame rate.
 
-A model's frames (25 a second) hold steps of gaze in space. Each step is taken for a saccade (physiology.steps) whose
-duration and course follow the main sequence; between saccades gaze follows the frames. The head is a cubic spline, the
-eyes make up for it.
+A model's frames (25 a second) contain steps of gaze in space. Each step is a saccade (`physiology/frame_saccades.py`)
+whose duration and velocity profile follow the main sequence; between saccades gaze is interpolated. The head is a cubic
+spline; the eyes compensate for it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def resample(
     fps: float,
     new_fps: float,
 ) -> HeadAndGaze:
-    """The same motion at another frame rate. Its duration stays, so T becomes T * new_fps / fps."""
+    """Resample head and gaze to another frame rate; T becomes T * new_fps / fps."""
     times = np.arange(len(head)) / fps
     new_times = np.arange(int(len(head) * new_fps / fps + 1e-9)) / new_fps
     # A single frame has no spline; it is held.
@@ -51,7 +51,7 @@ def resample(
 
 
 def saccade_staircase(found: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    """The sum of what all saccades have added until each time."""
+    """The sum of the displacements of all saccades up to each time."""
     moving, landed = np.zeros((len(times_s), 2)), np.zeros((len(times_s) + 1, 2))
     for each in found:
         near = slice(*np.searchsorted(times_s, [each.onset_s, each.onset_s + each.duration_s]))

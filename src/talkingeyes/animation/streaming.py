@@ -1,9 +1,9 @@
-"""Live speech becomes head, gaze and blinks while it is spoken: chunks of sound in, frames out, a stated time later.
+"""Streaming: head, gaze and blinks while speech is spoken; chunks of sound in, frames out after a fixed latency.
 
-A frame at t is given as soon as the sound up to t + `latency_s` is there (0.237 s with the model `talkingeyes_live`:
-37 ms for prosody, 160 ms that its speech layers look ahead, 40 ms for the rest of a bin of gaze). What comes out does
-not depend on how the sound is cut into chunks; it is what `LiveModel.whole` gives for all of it at once (docs/live.md).
-Jaw and expression are neutral: no model of the face can be streamed yet.
+The frame at time t is given as soon as the sound up to t + `latency_s` has come (0.237 s with `talkingeyes_live`: 37 ms
+for prosody, 160 ms lookahead of its speech layers, 40 ms for the rest of a bin of gaze). The frames do not depend on
+how the sound is cut into chunks; they equal `LiveModel.generate_offline` (docs/live.md). Only the steps of
+`pipeline.CAUSAL_STEPS` apply. Jaw and expression are neutral: no face model can be streamed yet.
 """
 
 from __future__ import annotations
@@ -22,9 +22,12 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
-from talkingeyes.animation.animator import SHUT_CLOSURE, hold_over_blinks, sample_seeds
-from talkingeyes.animation.controls import Liveliness
+from talkingeyes.animation.blink_sampling import SHUT_CLOSURE
+from talkingeyes.animation.context import AnimationContext, MotionCentre, sample_seeds
+from talkingeyes.animation.controls import Controls, Liveliness
+from talkingeyes.animation.gaze_trajectory import GazeTrajectory, hold_frames
 from talkingeyes.animation.model_file import open_model
+from talkingeyes.animation.pipeline import CAUSAL_STEPS
 from talkingeyes.audio.encoder import EmbedSettings
 from talkingeyes.audio.streaming_prosody import StreamingProsody
 from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
@@ -38,11 +41,12 @@ from talkingeyes.physiology.blinks import BlinkProfile
 from talkingeyes.training.motion_generators import NetworkGenerator, load_generator
 
 MAX_LATENCY_S = 0.4
+STRAIGHT_AHEAD_RAD = np.zeros(2)
 
 
 @dataclass(frozen=True)
 class StreamFrames:
-    """Consecutive frames of a stream, the first of them number `first`: head, eye-in-head and lids as in Motion."""
+    """Consecutive frames of a stream from frame number `first` on: head, eye-in-head and lids as in Motion."""
 
     first: int
     head: Float[ndarray, "T 3"]
@@ -55,7 +59,7 @@ class StreamFrames:
 
 @dataclass(frozen=True)
 class LiveControls:
-    """What a person asks of a stream: the profile of its blinks, and how lively it is (performance.direction)."""
+    """Controls of a stream: the blink profile, and the liveliness (`animation/controls.py`)."""
 
     blinks: str = "physiological"
     liveliness: Liveliness = field(default_factory=Liveliness)
@@ -65,16 +69,8 @@ DEFAULT_LIVE_CONTROLS = LiveControls()
 
 
 @dataclass(frozen=True)
-class _HeadAndGaze:
-    """Head, and gaze in space."""
-
-    head: Float[ndarray, "T 3"]
-    space: Float[ndarray, "T 2 2"]
-
-
-@dataclass(frozen=True)
 class LiveModel:
-    """A trained model that can be streamed."""
+    """A trained model without long lookahead, which can be streamed."""
 
     network: SpeechToMotion
     embedding: EmbedSettings
@@ -83,7 +79,7 @@ class LiveModel:
 
     @classmethod
     def load(cls, model: Path) -> LiveModel:
-        """From a folder of the train stage or a packed file. Raises InputError if it is not one for streams."""
+        """Load a folder of the train stage or a packed file. Raises InputError if it cannot be streamed."""
         with open_model(model) as folder:
             generator = load_generator(folder)
             try:
@@ -102,15 +98,15 @@ class LiveModel:
         return found
 
     def check(self, model: Path) -> None:
-        """Raises InputError for a model that hears too far ahead, or what no stream can tell it."""
+        """Raises InputError for a model with too much lookahead, or with features that a stream does not have."""
         if not self.speech_channels or set(self.speech_channels) - set(StreamingProsody.channels):
-            raise InputError(f"{model}: a model for streams should hear {', '.join(StreamingProsody.channels)} alone")
+            raise InputError(f"{model}: a model for streams should use {', '.join(StreamingProsody.channels)} alone")
         if self.latency_s > MAX_LATENCY_S:
             raise InputError(f"{model}: should look at most {MAX_LATENCY_S:g} s ahead, got {self.latency_s:.3f} s")
 
     @property
     def latency_s(self) -> float:
-        """How much sound after a frame must have come before the frame is given."""
+        """Seconds of sound after a frame that must have come before the frame is given."""
         return (
             StreamingModules.of(self.network).lookahead_frames / self.fps
             + StreamingProsody(self.embedding, self.fps).lookahead_samples / SAMPLE_RATE
@@ -123,19 +119,18 @@ class LiveModel:
     def generate_offline(
         self, sound: Float[ndarray, " N"], seed: int, controls: LiveControls = DEFAULT_LIVE_CONTROLS
     ) -> Motion:
-        """What a stream of the sound gives, by the model's ordinary generation of a whole speech."""
+        """The frames of a stream, computed from the whole sound at once."""
         features = StreamingProsody(self.embedding, self.fps).whole(sound)
         (own_seed,) = sample_seeds(seed, 1)
-        found = self.apply_liveliness(self.network.generate(self.embed(features), [own_seed]), controls)
-        blinked = self.sample_hour_of_blinks(seed, controls)
-        eye = eye_head.clamp_to_eye_range(
-            rotation.eye_in_head(found.head, hold_over_blinks(blinked, found.space, self.fps))
-        )
-        closure = blinks.closure(blinked, np.arange(len(found.head)) / self.fps)
-        return Motion.of(self.fps, found.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
+        trajectory = self.apply_steps(self.network.generate(self.embed(features), [own_seed]), controls)
+        sampled_blinks = self.sample_hour_of_blinks(seed, controls)
+        closure = blinks.closure(sampled_blinks, trajectory.times_s)
+        space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE)
+        eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
+        return Motion.of(self.fps, trajectory.head, eye, lid=np.repeat(closure[:, None], 2, axis=1))
 
     def embed(self, features: Float[ndarray, "T 3"]) -> Float[Tensor, "T C"]:
-        """The embedding that the network expects; channels that it does not hear are left at zero."""
+        """The embedding that the network expects; channels that it does not use are zero."""
         speech = self.network.speech
         embedding = torch.zeros(len(features), len(speech.mean))
         embedding[:, speech.channel_indices] = torch.from_numpy(
@@ -145,20 +140,20 @@ class LiveModel:
 
     @property
     def speech_channels(self) -> tuple[str, ...]:
-        """The channels that the network hears."""
+        """Names of the speech channels that the network uses."""
         return self.network.settings.speech.channels or ()
 
-    def apply_liveliness(self, generated: GeneratedMotion, controls: LiveControls) -> _HeadAndGaze:
-        """As lively as is wished: the head about its mean pose, gaze of both eyes together about straight ahead."""
+    def apply_steps(self, generated: GeneratedMotion, controls: LiveControls) -> GazeTrajectory:
+        """Apply the causal steps to generated frames; they scale about the model's mean pose and straight ahead."""
         head, gaze = (part[0].numpy().astype(np.float64) for part in (generated.head, generated.gaze))
-        space = rotation.gaze_in_space(head, gaze)
-        lively = controls.liveliness
-        if lively.head != 1:
-            mean = StreamingModules.of(self.network).head.normal.mean.numpy()
-            head = mean + lively.head * (head - mean)
-        if lively.gaze != 1:
-            space = space + (lively.gaze - 1) * space.mean(axis=1, keepdims=True)
-        return _HeadAndGaze(head, space)
+        trajectory = GazeTrajectory(self.fps, head, rotation.gaze_in_space(head, gaze), ())
+        mean_pose = StreamingModules.of(self.network).head.normal.mean.numpy()
+        context = AnimationContext(
+            Controls(liveliness=controls.liveliness), centre=MotionCentre(mean_pose, STRAIGHT_AHEAD_RAD)
+        )
+        for step in CAUSAL_STEPS:
+            trajectory = step(trajectory, context)
+        return trajectory
 
     def sample_hour_of_blinks(self, seed: int, controls: LiveControls) -> tuple[Blink, ...]:
         """The blinks of an hour, so that they do not depend on how long the speech turns out to be."""
@@ -170,7 +165,7 @@ class LiveModel:
 
 
 class LiveStream:
-    """The state of one stream: sound that no frame needs any more is forgotten, so memory does not grow."""
+    """The state of one stream; sound that no later frame needs is dropped, so memory does not grow."""
 
     def __init__(self, model: LiveModel, seed: int, controls: LiveControls) -> None:
         self._model, self._controls = model, controls
@@ -180,11 +175,11 @@ class LiveStream:
             model.embedding, model.fps, block_frames=StreamingModules.of(model.network).gaze.step_frames
         )
         self._samples, self._frames = 0, 0
-        self._held_gaze: Float[ndarray, "2 2"] | None = None
+        self._held_gaze: Float[ndarray, "2 2"] | None = None  # of the last frame
         self._ended = False
 
     def push(self, chunk: Float[ndarray, " N"]) -> StreamFrames:
-        """Hear the next 16 kHz samples; the frames that can be given now, perhaps none.
+        """Take the next 16 kHz samples and return the frames that are complete now, perhaps none.
 
         Raises InputError for NaN, for more than an hour, and after the end.
         """
@@ -201,7 +196,7 @@ class LiveStream:
         return self._add_blinks(parts)
 
     def finish(self) -> StreamFrames:
-        """The rest: all frames of the sound have been given then."""
+        """End the stream and return its remaining frames."""
         self._ended = True
         features = self._prosody.finish()
         return self._add_blinks([self._push_features(features), self._motion.finish()])
@@ -210,22 +205,21 @@ class LiveStream:
         return self._motion.push(self._model.embed(features))
 
     def _add_blinks(self, parts: list[GeneratedMotion]) -> StreamFrames:
-        """With blinks, and gaze held while the lids are shut."""
+        """Apply the causal steps, add blinks, and hold gaze while the lids are shut."""
+        parts = [part for part in parts if part.head.shape[1]]
         if not parts:
             return StreamFrames(self._frames, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
-        apply_liveliness = self._model.apply_liveliness(concat_motions(parts), self._controls)
+        trajectory = self._model.apply_steps(concat_motions(parts), self._controls)
         first = self._frames
-        self._frames += len(apply_liveliness.head)
+        self._frames += len(trajectory.head)
         closure = self._closure(np.arange(first, self._frames) / self._model.fps)
-        for frame, shut in enumerate(closure):
-            if shut < SHUT_CLOSURE or self._held_gaze is None:
-                self._held_gaze = apply_liveliness.space[frame].copy()
-            apply_liveliness.space[frame] = self._held_gaze
-        eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(apply_liveliness.head, apply_liveliness.space))
-        return StreamFrames(first, apply_liveliness.head, eye, np.repeat(closure[:, None], 2, axis=1))
+        space = hold_frames(trajectory.gaze_in_space_rad, closure >= SHUT_CLOSURE, self._held_gaze)
+        self._held_gaze = space[-1].copy()
+        eye = eye_head.clamp_to_eye_range(rotation.eye_in_head(trajectory.head, space))
+        return StreamFrames(first, trajectory.head, eye, np.repeat(closure[:, None], 2, axis=1))
 
     def _closure(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-        """How far the lids are shut; blinks that are over are forgotten."""
+        """Lid closure at each time; blinks that are over are dropped."""
         if not len(times_s):
             return np.zeros(0)
         while self._blinks and blinks.end_s(self._blinks[0]) < times_s[0]:

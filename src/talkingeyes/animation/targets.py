@@ -1,8 +1,8 @@
-"""What gaze is to go to and when: a track of targets, read from JSON or CSV (docs/control.md).
+"""Target tracks: what gaze goes to and when, read from JSON or CSV (docs/control.md).
 
-Places are in metres from the point between the eyes of the head at rest: +x to the subject's left, y up, +z ahead.
-In frame `world` they stay where they are when the head moves, in frame `head` they go with it. The objects `camera` and
-`listener` are there without being told, straight ahead; a track may put them elsewhere and name others, which may move.
+Positions are in metres from the point between the eyes of the head at rest: +x to the subject's left, y up, +z ahead.
+In frame `world` they are fixed in space, in frame `head` they move with the head. The objects `camera` and `listener`
+are predefined, straight ahead; a track may move them and define others.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ SCHEMA = "talkingeyes.targets/1"
 COLUMNS = ("start_s", "end_s", "name", "x_m", "y_m", "z_m")
 DEFAULT_DISTANCE_M = 1.0
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 1e6
-# How far to the side, up and down head and eyes together are sent, and eyes alone.
+# Largest yaw and pitch of a target: for head and eyes together, and for the eyes alone.
 MAX_ECCENTRICITY_DEG = {"world": (75.0, 45.0), "head": (20.0, 12.0)}
 MIN_TARGET_S = 0.25
 
 
 @dataclass(frozen=True)
 class ObjectTrack:
-    """Where an object is: at each of ascending times a position, in straight lines between; one time: always there."""
+    """Positions of an object at ascending times, linearly interpolated; a single one: a fixed object."""
 
     times_s: tuple[float, ...]
     positions_m: tuple[tuple[float, float, float], ...]
 
     @classmethod
     def fixed(cls, x_m: float, y_m: float, z_m: float) -> ObjectTrack:
-        """An object that does not move."""
+        """A fixed object."""
         return cls((0.0,), ((x_m, y_m, z_m),))
 
     def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-        """Positions at times."""
+        """Position at each time."""
         return np.stack([np.interp(times_s, self.times_s, axis) for axis in zip(*self.positions_m, strict=True)], -1)
 
 
@@ -54,7 +54,7 @@ CAMERA, LISTENER = "camera", "listener"
 
 @dataclass(frozen=True)
 class Target:
-    """Gaze leaves for `name` at `start_s` and stays with it until `end_s`, when it is the model's again."""
+    """Gaze is at the object `name` from `start_s` to `end_s`."""
 
     start_s: float
     end_s: float
@@ -63,19 +63,19 @@ class Target:
 
 @dataclass(frozen=True)
 class TargetTrack:
-    """Targets in order of time, the objects that they name, and the frame in which those are."""
+    """Targets in order of time, the objects that they name, and the coordinate frame of the objects."""
 
     targets: tuple[Target, ...] = ()
     objects: Mapping[str, ObjectTrack] = field(default_factory=dict)
     frame: Literal["world", "head"] = "world"
 
     def object_track(self, name: str) -> ObjectTrack:
-        """Where a named object is; camera and listener are straight ahead unless they are told."""
+        """The track of a named object; camera and listener are straight ahead by default."""
         return self.objects.get(name, STRAIGHT_AHEAD)
 
 
 def load_targets(path: Path | str) -> TargetTrack:
-    """Read a track: CSV if the file is called so, else JSON. Raises InputError (one line) for what will not do."""
+    """Read a track from CSV (by the suffix) or JSON. Raises InputError (one line) for an invalid file."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -87,7 +87,7 @@ def load_targets(path: Path | str) -> TargetTrack:
 
 
 def constant_target(name: str) -> TargetTrack:
-    """One object, camera or listener, from beginning to end."""
+    """A track with one target, camera or listener, for the whole animation."""
     if name not in (CAMERA, LISTENER):
         raise InputError(f"target: should be {CAMERA}, {LISTENER} or a file of targets (.json, .csv), got {name}")
     return TargetTrack((Target(0.0, math.inf, name),))
@@ -104,7 +104,7 @@ def _of_json(content: Any) -> TargetTrack:
         raise ValueError(f"frame should be world or head, got {frame}")
     objects, rows = content.get("objects", {}), content.get("targets")
     if not isinstance(objects, dict) or not isinstance(rows, list):
-        raise ValueError("objects should be names with places, targets a list")
+        raise ValueError("objects should be names with positions, targets a list")
     tracks = {name: _parse_track(name, value) for name, value in objects.items()}
     targets = []
     for number, row in enumerate(rows, 1):
@@ -136,7 +136,7 @@ def _of_csv(text: str) -> TargetTrack:
 
 
 def _parse_track(name: str, value: Any) -> ObjectTrack:
-    """A position, or times_s and positions_m of something that moves."""
+    """Parse a position, or times_s and positions_m of a moving object."""
     moving = isinstance(value, dict)
     if moving and set(value) != {"times_s", "positions_m"}:
         raise ValueError(f"{name} should be [x, y, z] or have times_s and positions_m, got {sorted(value)}")
@@ -165,7 +165,7 @@ def _check_reach(name: str, position_m: Sequence[float], frame: str) -> None:
 
 
 def _number(value: Any) -> float:
-    """A finite number; None (left open) is infinity, the end of the sound."""
+    """A finite number; None is infinity: until the end of the sound."""
     if value is None:
         return math.inf
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -182,7 +182,7 @@ def _number(value: Any) -> float:
 def _checked(
     rows: Sequence[tuple[float, float, Any]], tracks: Mapping[str, ObjectTrack], frame: Literal["world", "head"]
 ) -> TargetTrack:
-    """The track of rows (start, end, name); an end left open is the start of the next, or the end of the sound."""
+    """Validate rows (start, end, name); an infinite end becomes the start of the next target."""
     if not rows and not tracks:
         raise ValueError("should hold at least one target or object")
     for name, object_track in tracks.items():

@@ -29,7 +29,8 @@ from talkingeyes.orchestration.run import code_digest, progress_bar
 from talkingeyes.workflows import convert
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.animator import Animation, Animator
+    from talkingeyes.animation.animation import Animation
+    from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.dialogue import Dialogue
     from talkingeyes.workflows.speak import SynthesizedSpeech
 

@@ -20,7 +20,7 @@ from talkingeyes.core.motion import Events, Motion
 from talkingeyes.workflows.render import load_head, retarget_to_head
 
 if TYPE_CHECKING:
-    from talkingeyes.animation.animator import Animation
+    from talkingeyes.animation.animation import Animation
     from talkingeyes.formats.readers.read_motion import ImportedMotion
     from talkingeyes.head.model import HeadModel
 

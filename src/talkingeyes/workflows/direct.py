@@ -19,10 +19,12 @@ from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from talkingeyes.animation.targets import TargetTrack
+    from talkingeyes.core.motion import Motion
     from talkingeyes.fitting.motion_style import MotionStyle
 
 TRACK_SUFFIXES = (".json", ".csv")
 DEFAULT_INTENSITY = 2
+STYLE_FPS = 25.0  # frame rate at which saccades are counted
 
 
 def make_controls(
@@ -92,7 +94,6 @@ def _motion_style(style: Path | str) -> MotionStyle | str:
     """The habits in a motion, or the name of somebody whose habits the model knows."""
     if Path(style).suffix != ".npz":
         return str(style)
-    from talkingeyes.animation.style_transfer import measure_clip_style
     from talkingeyes.core.motion import Motion
 
     motion = Motion.load(Path(style))
@@ -100,3 +101,12 @@ def _motion_style(style: Path | str) -> MotionStyle | str:
         return measure_clip_style(motion)
     except InputError as error:
         raise InputError(f"{style}: {error}") from None
+
+
+def measure_clip_style(clip: Motion) -> MotionStyle:
+    """The style of a reference clip of any frame rate; saccades are counted at 25 frames a second, as the model's."""
+    from talkingeyes.animation.motion_resampling import resample_motion
+    from talkingeyes.core.motion import Events
+    from talkingeyes.fitting.motion_style import measure_style
+
+    return measure_style(resample_motion(clip, Events(), STYLE_FPS))

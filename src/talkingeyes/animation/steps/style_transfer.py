@@ -1,7 +1,8 @@
-"""Habits of a person are imposed on what a model gives; they are measured by `fitting.manner`.
+"""Style transfer: impose a person's motion statistics (`fitting/motion_style.py`) on a trajectory.
 
-Means and ranges by a shift and a scale, the rate of saccades by leaving out the smallest or by cutting the longest
-fixations. What is done when stays the model's. Head: rotation vectors; gaze: (yaw, pitch) in space; radians.
+Mean pose and standard deviation by shift and scale; the rate of saccades by removing the smallest ones, or by splitting
+the longest fixations. The timing of motion stays the model's. Head: rotation vectors; gaze: (yaw, pitch) in space;
+radians.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import (
     GazeTrajectory,
     fixations,
@@ -22,27 +24,22 @@ from talkingeyes.animation.gaze_trajectory import (
     shift_fixations,
     split_fixations,
 )
-from talkingeyes.animation.motion_resampling import resample_motion
-from talkingeyes.core.motion import Events, Motion
-from talkingeyes.fitting.motion_style import MotionStyle, measure_style
 from talkingeyes.physiology import saccades
 
-# No more than so many times larger than the model's: a still clip has no motion to scale up.
+STYLE_STREAM = 1
+# Upper limit of the scale: a still clip has no motion to scale up.
 MAX_GAIN = 8.0
 MIN_RANGE_RAD = float(np.radians(0.05))
-MEASURED_FPS = 25.0
 MIN_FIXATION_S = 0.2
 SCAN_DEG = (1.2, 6.0)
 
 
-def measure_clip_style(clip: Motion) -> MotionStyle:
-    """The habits in a reference clip of any frame rate; saccades are counted at 25 a second, as the model has them."""
-    return measure_style(resample_motion(clip, Events(), MEASURED_FPS))
-
-
-def apply_style(trajectory: GazeTrajectory, motion_style: MotionStyle, seeds: Sequence[int]) -> GazeTrajectory:
-    """The course with a person's mean pose, ranges and rate of saccades."""
-    trajectory = _set_saccade_rate(trajectory, motion_style.saccades_per_min, seeds)
+def apply_style(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
+    """Give the trajectory the mean pose, the ranges and the rate of saccades of the style, if there is one."""
+    motion_style = context.motion_style
+    if motion_style is None:
+        return trajectory
+    trajectory = _set_saccade_rate(trajectory, motion_style.saccades_per_min, context.stream(STYLE_STREAM))
     together, centre = trajectory.cyclopean_rad, trajectory.cyclopean_rad.mean(axis=0)
     gain = _gain(np.array(motion_style.gaze_sd_rad), together.std(axis=0))
     trajectory = scale_gaze(trajectory, centre, gain, np.array(motion_style.gaze_mean_rad))
@@ -56,7 +53,7 @@ def _gain(wanted: Float[ndarray, " C"], had: Float[ndarray, " C"]) -> Float[ndar
 
 
 def _set_saccade_rate(trajectory: GazeTrajectory, per_min: float, seeds: Sequence[int]) -> GazeTrajectory:
-    """As many saccades a minute: the smallest are left out, the next one takes their step; or more look about."""
+    """Remove the smallest saccades (the next one takes their step), or add small ones, to reach the rate."""
     wanted = round(per_min * trajectory.seconds / 60.0)
     return (
         _remove_smallest(trajectory, wanted)
@@ -73,7 +70,7 @@ def _remove_smallest(trajectory: GazeTrajectory, wanted: int) -> GazeTrajectory:
 
 
 def _add_small_saccades(trajectory: GazeTrajectory, wanted: int, seeds: Sequence[int]) -> GazeTrajectory:
-    """The longest fixations are cut, in the middle or thereabouts, by a small saccade, as long as one can be."""
+    """Split the longest fixations near their middle with small saccades, while both parts stay long enough."""
     rng = np.random.default_rng(seeds)
     found = fixations(trajectory, trajectory.cyclopean_rad)
     longest = [(float(start - end), float(start)) for start, end in zip(found.start_s, found.end_s, strict=True)]

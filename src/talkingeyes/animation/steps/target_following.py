@@ -1,10 +1,9 @@
-"""Gaze goes to targets and back to what the model does: saccades by their law, the head along, the eyes converging.
+"""Target following: gaze goes to the targets of a track, and back to the model's gaze between them.
 
-The line of sight leaves at the target's onset in one saccade of the main sequence and lands on it; a target that moves
-is then followed (smooth pursuit without delay). Vergence comes after at its own pace (a time constant of 0.2 s). The
-head starts 30 ms later and takes what lies beyond a threshold of eccentricity, or all that eyes do not reach in comfort
-(physiology.eye_head); the eyes make up for it. A saccade of the model's own just before is
-left out.
+At the onset of a target the line of sight makes one saccade of the main sequence that lands on it; a moving target is
+then followed by smooth pursuit without delay. Vergence follows with a time constant of 0.2 s. The head starts 30 ms
+later and takes what lies beyond a threshold of eccentricity, or what exceeds the comfortable range of the eyes
+(`physiology/eye_head.py`); the eyes compensate for the head. The model's saccades just before a target are removed.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from numpy import ndarray
 from scipy.ndimage import gaussian_filter1d
 
 from talkingeyes.animation import line_of_sight
+from talkingeyes.animation.context import AnimationContext
 from talkingeyes.animation.gaze_trajectory import (
     MIN_STEP_RAD,
     GazeTrajectory,
@@ -30,19 +30,19 @@ from talkingeyes.core.motion import HeadMovement, Saccade
 from talkingeyes.physiology import eye_head, saccades
 from talkingeyes.physiology.vergence import TIME_CONSTANT_S
 
-# The head's part in looking at things, the middle of what people do (Stahl 1999), and what eyes do in comfort.
+# Head contribution, the middle of the range of people (Stahl 1999), and the comfortable range of the eyes.
 HEAD_THRESHOLD_RAD, HEAD_GAIN, HEAD_LAG_S = float(np.radians(10.0)), 0.6, 0.030
 COMFORT_RANGE_RAD = np.radians([[-17.0, -17.0], [17.0, 11.0]])
 HEAD_PURSUIT_S = 0.15
-# Between targets closer than this gaze does not go back to what the model does.
+# Gaze does not return to the model between targets that are closer than this.
 MIN_RETURN_S = 0.25
-# Nor do two saccades follow each other within this.
+# Minimum interval of two saccades.
 MIN_INTERVAL_S = 0.15
 
 
 @dataclass(frozen=True)
 class _Segment:
-    """From `start_s` on gaze is at a place, given at each frame of `part`; without one it is as the model has it."""
+    """From `start_s` on gaze is at `points_m`, a location per frame of `part`; None: at the model's gaze."""
 
     start_s: float
     part: slice
@@ -51,15 +51,18 @@ class _Segment:
 
 @dataclass
 class _Gaze:
-    """Where both eyes look together, half of what they differ by, and the saccades: rewritten leg by leg."""
+    """Cyclopean gaze, half of the vergence, and the saccades; rewritten segment by segment."""
 
     cyclopean_rad: Float[ndarray, "T 2"]
     half_vergence_rad: Float[ndarray, "T 2"]
     saccades: list[Saccade]
 
 
-def apply_targets(trajectory: GazeTrajectory, track: TargetTrack) -> GazeTrajectory:
-    """The course with gaze at the targets of a track while they last."""
+def apply_targets(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
+    """Direct gaze to the targets of the controls while they last."""
+    track = context.controls.targets
+    if track is None:
+        return trajectory
     last_s = trajectory.times_s[-1]
     track = replace(track, targets=tuple(each for each in track.targets if each.start_s <= last_s - MIN_RETURN_S))
     if not track.targets:
@@ -86,7 +89,7 @@ def apply_targets(trajectory: GazeTrajectory, track: TargetTrack) -> GazeTraject
 
 
 def _segments(trajectory: GazeTrajectory, track: TargetTrack) -> list[_Segment]:
-    """Where gaze goes in turn; a target waits until the saccade that is under way has ended."""
+    """The segments in order of time; a target starts after a saccade that is under way at its onset."""
     starts: list[tuple[float, str | None]] = []
     for number, target in enumerate(track.targets):
         starts.append((target.start_s, target.name))
@@ -109,14 +112,14 @@ def _segments(trajectory: GazeTrajectory, track: TargetTrack) -> list[_Segment]:
 
 
 def _too_close(trajectory: GazeTrajectory, track: TargetTrack) -> set[int]:
-    """The model's saccades that come so shortly before a target that no second one could follow."""
+    """Indices of the model's saccades that start too shortly before a target."""
     onsets = np.array([each.onset_s for each in trajectory.saccades])
     spans = [np.searchsorted(onsets, [each.start_s - MIN_INTERVAL_S, each.start_s]) for each in track.targets]
     return {index for first, stop in spans for index in range(first, stop)}
 
 
 def _saccade_end_s(trajectory: GazeTrajectory, time_s: float) -> float:
-    """When the saccade that is under way at a time ends."""
+    """End of the saccade that is under way at a time; 0 if none is."""
     return max(
         (s.onset_s + s.duration_s for s in trajectory.saccades if s.onset_s < time_s < s.onset_s + s.duration_s),
         default=0.0,
@@ -130,10 +133,10 @@ def _saccade_to(
     goal_rad: Float[ndarray, "N 2"],
     half_vergence_rad: Float[ndarray, "N 2"],
 ) -> None:
-    """One saccade from where gaze is to a goal, which it then stays with; vergence follows."""
+    """One saccade from the current gaze to a goal, which gaze then follows; vergence lags."""
     times = trajectory.times_s[segment.part]
     first = segment.part.start
-    if first == 0:  # there from the start
+    if first == 0:  # on target from the first frame
         gaze.cyclopean_rad[segment.part], gaze.half_vergence_rad[segment.part] = goal_rad, half_vergence_rad
         return
     start, apart = gaze.cyclopean_rad[first - 1], gaze.half_vergence_rad[first - 1] - half_vergence_rad[0]
@@ -152,7 +155,7 @@ def _saccade_to(
 
 
 def _return_to_model(gaze: _Gaze, own: _Gaze, segment: _Segment, trajectory: GazeTrajectory) -> None:
-    """One saccade to where the model's gaze is when it lands, or when the model's own saccade meanwhile has ended."""
+    """One saccade to the model's gaze at landing; a saccade of the model during it is merged into it."""
     first, times = segment.part.start, trajectory.times_s[segment.part]
     step = own.cyclopean_rad[first] - gaze.cyclopean_rad[first - 1]
     lands_s = segment.start_s + float(saccades.duration_s(float(np.hypot(*step))))
@@ -168,7 +171,7 @@ def _return_to_model(gaze: _Gaze, own: _Gaze, segment: _Segment, trajectory: Gaz
 
 
 def _head_rotation_rad(trajectory: GazeTrajectory, segments: list[_Segment]) -> Float[ndarray, "T 2"]:
-    """How far (yaw, pitch) the head turns towards each target, and back, over what the model's head does."""
+    """Rotation (yaw, pitch) of the head towards each target and back, to be added to the model's head motion."""
     pointing = rotation.direction_to_angles(rotation.rotvec_to_direction(trajectory.head))
     total = np.zeros((len(trajectory.head), 2))
     moves: list[HeadMovement] = []

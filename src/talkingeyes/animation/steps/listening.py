@@ -1,0 +1,38 @@
+"""Steps of a conversation: nods, gaze at the partner while listening, gaze aversion at the start of a turn.
+
+Sources and distributions: `animation/listening_behaviour.py`. Eye contact set by the controls takes precedence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from talkingeyes.animation.context import AnimationContext
+from talkingeyes.animation.gaze_trajectory import GazeTrajectory
+from talkingeyes.animation.steps.eye_contact import EYE_CONTACT_STREAM, set_eye_contact
+from talkingeyes.physiology import eye_head
+
+AVERSION_STREAM = 5
+
+
+def add_nods(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
+    """Add the nods that answer the partner's phrases."""
+    if not context.listening:
+        return trajectory
+    nods = eye_head.head_path(context.listening.nods, trajectory.times_s)
+    return replace(trajectory, head=trajectory.head + context.controls.liveliness.head * nods)
+
+
+def look_at_partner(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
+    """Set the fraction of listening time with gaze at the partner."""
+    if not (context.listening and context.turns) or context.controls.eye_contact is not None:
+        return trajectory
+    fraction, spans = context.listening.gaze_fraction, context.turns.listening
+    return set_eye_contact(trajectory, fraction, context, EYE_CONTACT_STREAM, spans)
+
+
+def avert_at_turn_starts(trajectory: GazeTrajectory, context: AnimationContext) -> GazeTrajectory:
+    """Avert gaze around some starts of the subject's turns."""
+    if not context.listening or context.controls.eye_contact is not None:
+        return trajectory
+    return set_eye_contact(trajectory, 0.0, context, AVERSION_STREAM, context.listening.aversions)

@@ -1,0 +1,60 @@
+"""Who speaks and who has the turn in a conversation, from the sound of each of the two speakers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from talkingeyes.audio.annotation import Annotation, Span
+from talkingeyes.audio.voice_activity import detect_speech
+from talkingeyes.audio.waveform import SILENT_DBFS, loudest_dbfs
+
+# The partner keeps the turn for this long after speaking, unless the subject starts to speak.
+TURN_S = 1.0
+MIN_TURN_S = 0.6
+LONG_TURN_S = 2.0
+
+
+def detect_turns(own: Float[ndarray, " N"], partner: Float[ndarray, " M"]) -> Annotation:
+    """Detect speech of both by level alone (16 kHz), and the spans in which the partner has the turn."""
+    speaking, partner_speaking = _detect_speech(own), _detect_speech(partner)
+    held: list[Span] = []
+    for span in partner_speaking:
+        if held and span.start_s - held[-1].end_s <= TURN_S:
+            held[-1] = Span(held[-1].start_s, span.end_s)
+        else:
+            held.append(span)
+    free = [rest for span in held for rest in _subtract(Span(span.start_s, span.end_s + TURN_S / 2), speaking)]
+    listening = tuple(span for span in free if span.end_s - span.start_s >= MIN_TURN_S)
+    return Annotation(speaking=speaking, listening=listening, partner=partner_speaking)
+
+
+def long_turn_starts(annotation: Annotation) -> list[float]:
+    """Onsets in seconds of the subject's long turns that follow a turn of the partner."""
+    starts = []
+    for index, partner_turn in enumerate(annotation.listening):
+        following = annotation.listening[index + 1 : index + 2]
+        next_turn_s = following[0].start_s if following else np.inf
+        own = [span for span in annotation.speaking if partner_turn.end_s <= span.start_s < next_turn_s]
+        if own and own[-1].end_s - own[0].start_s >= LONG_TURN_S:
+            starts.append(own[0].start_s)
+    return starts
+
+
+def _detect_speech(sound: Float[ndarray, " N"]) -> tuple[Span, ...]:
+    """Spans of speech; none in a silent sound, where the threshold of `detect_speech` is undefined."""
+    return () if not len(sound) or loudest_dbfs(sound) < SILENT_DBFS else detect_speech(sound).speaking
+
+
+def _subtract(span: Span, others: Sequence[Span]) -> list[Span]:
+    """The parts of a span outside others, which are in order of time."""
+    parts, start_s = [], span.start_s
+    for other in others:
+        if other.end_s > start_s and other.start_s < span.end_s:
+            parts.append(Span(start_s, other.start_s))
+            start_s = other.end_s
+    parts.append(Span(start_s, span.end_s))
+    return [part for part in parts if part.end_s > part.start_s]
