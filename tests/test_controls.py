@@ -205,7 +205,7 @@ def test_speakers_are_kept_with_a_model(tmp_path: Path) -> None:
     save_speakers(tmp_path / "speakers.json", {"bob": LIVELY_STYLE, "ann": CALM_STYLE})
     assert load_speakers(tmp_path / "speakers.json") == {"ann": CALM_STYLE, "bob": LIVELY_STYLE}
     (tmp_path / "bad.json").write_text('{"ann": 3}')
-    with pytest.raises(InputError, match="habits of speakers"):
+    with pytest.raises(InputError, match="styles of speakers"):
         load_speakers(tmp_path / "bad.json")
     half = mean_style([CALM_STYLE, replace(CALM_STYLE, blinks_per_min=20.0)], [1.0, 3.0])
     assert half.blinks_per_min == pytest.approx(17.0)

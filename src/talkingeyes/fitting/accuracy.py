@@ -1,9 +1,9 @@
-"""Table VIII: how far fitted pupils are from the true ones, how fast they move, and what is left of saccades.
+"""Accuracy of fitted pupils (Table VIII): distance to the true pupils, pupil speed, saccade peak ratio.
 
-Speed is that of the pupil relative to the projected centre of its eye, pixels a second, under one head pose for all
-methods, in frames without blinks. The saccade peak ratio compares the peak speed of a method with the peak of the
-truth, both sampled at the frame rate, over all runs of frames in which true gaze in space moves at 25 degrees a
-second or more. Sums are returned, not means, so that clips can be pooled.
+Pupil speed is relative to the projected centre of its eye, in pixels per second, under one head pose for all methods,
+in frames without blinks. The saccade peak ratio compares the peak speed of a method with that of the ground truth. Both
+are sampled at the frame rate, over all runs of frames in which the true gaze in space moves at 25 degrees per second or
+more. Functions return sums instead of means, so that clips can be pooled.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class ErrorSums:
 
 
 def pooled(tallies: Iterable[ErrorSums]) -> ErrorSums:
-    """The sum of tallies."""
+    """Add up the sums of clips."""
     return sum(tallies, ErrorSums())
 
 
 @dataclass(frozen=True)
 class FitReference:
-    """What methods are compared under: observed pupils, camera, frames to count, one head pose and, if known, truth."""
+    """Common conditions of the compared methods: observed pupils, camera, counted frames, head pose, truth if known."""
 
     pupils: Float[ndarray, "T 2 2"]
     camera: Camera
@@ -57,7 +57,7 @@ class FitReference:
     truth: Motion | None
 
     def error_sums(self, motion: Motion) -> ErrorSums:
-        """Sums of one method's motion. Its own pose places the pupils for distances, the common pose for speeds."""
+        """Error sums of one method: distances under its own head pose, speeds under the common one."""
         placed = _pixels(motion, pupils(motion.gaze), self.camera)
         noisy = np.linalg.norm(placed - self.pupils, axis=-1)[self.frame_mask]
         noisy = noisy[np.isfinite(noisy)]
@@ -83,13 +83,13 @@ class FitReference:
         )
 
     def _speeds(self, motion: Motion) -> Float[ndarray, "S 2"]:
-        """Of each pupil relative to its eye's centre under the common pose, pixels a second."""
+        """Speed of each pupil relative to the centre of its eye under the common pose, pixels per second."""
         centres = np.broadcast_to(EYE_CENTRES, (len(motion), 2, 3))
         relative = _pixels(self.pose, pupils(motion.gaze), self.camera) - _pixels(self.pose, centres, self.camera)
         return np.asarray(np.linalg.norm(np.diff(relative, axis=0), axis=-1) * motion.fps)
 
     def _saccades(self, truth: Motion) -> list[tuple[int, int]]:
-        """Runs of frame steps of true saccades away from frames that are not counted."""
+        """Runs of frame steps inside true saccades, without runs that touch an excluded frame."""
         version = gaze_in_space(truth.head, truth.gaze).mean(axis=1)
         fast = np.linalg.norm(np.diff(version, axis=0), axis=-1) * truth.fps >= SACCADE_RAD_S
         moving = self.frame_mask[1:] & self.frame_mask[:-1]

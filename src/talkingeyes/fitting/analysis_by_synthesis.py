@@ -1,18 +1,18 @@
-"""Gaze and lids from images by analysis and synthesis: blink by red bias, gaze by the iris, then both again.
+"""Gaze and eyelid closure from images by analysis-by-synthesis, alternating between closure and gaze.
 
-Elisei, Bailly & Casari (AVSP 2007), section 6. For gaze (a1, a2) and closure v the Eyelid model and the cameras say
-which pixels show the iris (E1), the rest of the eyeball (E2) and skin (E3); all three together do not depend on them.
-The text of the paper that we have lacks its equations; these forms are ours:
+Elisei, Bailly & Casari (AVSP 2007), section 6. For a gaze (a1, a2) and a closure v, the Eyelid model and the camera
+determine which pixels show the iris (E1), the rest of the eyeball (E2) and skin (E3). The union of the three regions
+depends on neither gaze nor closure. Our copy of the paper lacks the equations, so these forms are ours:
 
     (1) bias(x, y) = R / (R + G + B)
-    (2) minimise over v     -w (1 - w) d |d|,  d = mean bias in E3 - mean bias in E1 and E2, w the share of E1 and E2:
-        skin is redder than the eye. w (1 - w) d^2 is the variance that the split explains; d alone would be best for a
-        slit amid the sclera
-    (3) minimise over a1, a2   mean of (R - S)^2 over the E1 and E2 that (2) left, where S is the mean red of each
-        region: the two colours that the paper picks by hand. An iris lighter than the sclera does not count
+    (2) minimise over v     -w (1 - w) d |d|, where d = mean bias in E3 - mean bias in E1 and E2, and w is the fraction
+        of pixels in E1 and E2. Skin is redder than the eye. w (1 - w) d^2 is the variance explained by the split;
+        minimising -d alone would favour a narrow slit inside the sclera
+    (3) minimise over a1, a2   mean of (R - S)^2 over E1 and E2 as given by (2), where S is the mean red of each region
+        (the paper picks these two colours by hand). Solutions with an iris lighter than the sclera are penalised
 
-(2) starts from gaze straight ahead, (3) from the best of a grid; both are repeated until they settle. Edges of regions
-are as soft as a pixel, so the energies change smoothly. An eye nearly closed is flagged and its gaze left open.
+(2) starts from gaze straight ahead, (3) from the best point of a grid; the two steps alternate until gaze converges.
+Region edges are one pixel soft, so the energies are smooth. A nearly closed eye is flagged and its gaze is NaN.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from talkingeyes.head.eyelid.model import LOWER, UPPER, EyelidModel
 from talkingeyes.head.eyelid.region import TEMPORAL_AXES
 from talkingeyes.rendering.view import OrbitCamera
 
-REGION_HALF_HEIGHT_M = 0.0105  # of E1, E2 and E3 together, an ellipse from corner to corner
+REGION_HALF_HEIGHT_M = 0.0105  # of the ellipse that E1, E2 and E3 cover, from eye corner to eye corner
 CLOSURE_GRID = np.linspace(-0.3, 1.0, 14)
 GAZE_GRID_RAD = np.radians([[yaw, pitch] for yaw in range(-30, 31, 10) for pitch in range(-25, 16, 10)])
 GAZE_LIMITS_RAD = np.radians([[-45.0, -35.0], [45.0, 30.0]])
-NEARLY_SHUT = 0.7  # closure from which gaze is left open
-MIN_CONTRAST = 0.02  # of red bias between skin and eye: below it no eye is seen
+NEARLY_SHUT = 0.7  # closure from which gaze is not estimated
+MIN_CONTRAST = 0.02  # of red bias between skin and eye; below it, no eye is visible
 ROUNDS, CONVERGENCE_RAD = 4, np.radians(0.1)
 STEP_RAD = np.radians(3.0)
-DARK_OFFSET = 0.03  # of each channel, added in (1): black has no colour
+DARK_OFFSET = 0.03  # added to each channel in (1), because the hue of black is undefined
 
 
 @dataclass(frozen=True)
 class PosedImage:
-    """One view: linear or display colours from 0 to 1, where it was taken from, and the pose of the head in it."""
+    """One view: an image (linear or display colours from 0 to 1), its camera, and the pose of the head."""
 
     image: Float[ndarray, "H W 3"]
     view: OrbitCamera
@@ -55,7 +55,7 @@ class PosedImage:
 
 @dataclass(frozen=True)
 class EyeGeometry:
-    """Whose eye: 0 the subject's left, 1 the right; its centre in the head; its Eyelid model."""
+    """One eye: its index (0 the subject's left, 1 the right), its centre in head coordinates, its Eyelid model."""
 
     eye: int
     centre: Float[ndarray, " 3"]
@@ -64,7 +64,7 @@ class EyeGeometry:
 
 @dataclass(frozen=True)
 class EyeEstimate:
-    """What the images show. `angles_rad` (yaw, pitch) in the head are NaN if the eye is nearly shut."""
+    """Estimated gaze and closure. `angles_rad` (yaw, pitch; eye-in-head) is NaN if the eye is nearly shut."""
 
     angles_rad: Float[ndarray, " 2"]
     lid: float
@@ -74,7 +74,7 @@ class EyeEstimate:
 
 @dataclass(frozen=True)
 class Patch:
-    """The pixels of one eye in one view: N of them, with their rays in head axes from the eye's centre."""
+    """The N pixels around one eye in one view, with their rays in head axes relative to the eye's centre."""
 
     at_px: Float[ndarray, "N 2"]
     red: Float[ndarray, " N"]
@@ -87,12 +87,15 @@ class Patch:
 
 
 def estimate_eye(posed_images: Sequence[PosedImage], eye: EyeGeometry) -> EyeEstimate:
-    """Gaze and closure of one eye from one to three views of one moment."""
+    """Estimate gaze and closure of one eye from one to three views of the same instant.
+
+    Raises InputError if there is no image, or if the eye is outside all of them.
+    """
     if not posed_images:
-        raise InputError("capture: should be given at least one image, got none")
+        raise InputError("posed_images: should hold at least one image, got none")
     patches = [patch for patch in (_patch(posed_image, eye) for posed_image in posed_images) if len(patch.red)]
     if not patches:
-        raise InputError("capture: the eye should be inside at least one image, got it outside of all")
+        raise InputError("posed_images: the eye should be inside at least one image, got it outside all")
     angles, lid = np.zeros(2), 0.0
     for turn in range(ROUNDS):
         lid = _closure(patches, eye, angles, None if turn == 0 else lid)
@@ -112,7 +115,7 @@ def red_bias(image: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
 
 
 def blink_energy(bias: Float[ndarray, " N"], inside: Float[ndarray, " N"]) -> float:
-    """(2): how badly the opening splits red skin from the eye. `inside` is the share of each pixel in E1 and E2."""
+    """(2): the negative separation of red skin and eye. `inside` is the fraction of each pixel in E1 and E2."""
     area, total = inside.sum(), float(len(inside))
     if not 1e-9 < area < total - 1e-9:
         return 0.0
@@ -122,7 +125,7 @@ def blink_energy(bias: Float[ndarray, " N"], inside: Float[ndarray, " N"]) -> fl
 
 
 def gaze_energy(red: Float[ndarray, " N"], inside: Float[ndarray, " N"], iris: Float[ndarray, " N"]) -> float:
-    """(3): mean squared difference to a picture of two colours. `iris` is the share of a pixel in the iris."""
+    """(3): mean squared difference to a two-colour image. `iris` is the fraction of each pixel in the iris."""
     first, second = inside * iris, inside * (1 - iris)
     area = first.sum(), second.sum()
     if min(area) < 1e-6:
@@ -134,7 +137,7 @@ def gaze_energy(red: Float[ndarray, " N"], inside: Float[ndarray, " N"], iris: F
 
 
 def _closure(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], near: float | None) -> float:
-    """Step one: the closure of least (2) at a gaze."""
+    """Step one: the closure that minimises (2) at a given gaze."""
 
     def energy(lid: float) -> float:
         return float(sum(blink_energy(patch.bias, opening(patch, eye, angles_rad, lid)) for patch in patches))
@@ -148,7 +151,7 @@ def _closure(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, 
 def _gaze(
     patches: list[Patch], eye: EyeGeometry, lid: float, angles_rad: Float[ndarray, " 2"], starts: Float[ndarray, "K 2"]
 ) -> Float[ndarray, " 2"]:
-    """Step two: the gaze of least (3), the opening kept as it is."""
+    """Step two: the gaze that minimises (3) with the eye opening held fixed."""
     openings = [opening(patch, eye, angles_rad, lid) for patch in patches]
     seen = [(patch, inside) for patch, inside in zip(patches, openings, strict=True) if inside.sum() > 1.0]
 
@@ -163,7 +166,7 @@ def _gaze(
 
 
 def _contrast(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> float:
-    """Red bias of skin over that of the eye, all views together."""
+    """Mean red bias of skin minus that of the eye, pooled over views."""
     bias = np.concatenate([patch.bias for patch in patches])
     inside = np.concatenate([opening(patch, eye, angles_rad, lid) for patch in patches])
     if not 0 < inside.sum() < len(inside):
@@ -172,7 +175,7 @@ def _contrast(patches: list[Patch], eye: EyeGeometry, angles_rad: Float[ndarray,
 
 
 def opening(patch: Patch, eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], lid: float) -> Float[ndarray, " N"]:
-    """The share of each pixel between the lids: E1 and E2."""
+    """Fraction of each pixel between the lids (E1 and E2)."""
     curves = eye.lids.curves(angles_rad, np.array(lid))[UPPER.start : LOWER.stop] * TEMPORAL_AXES[eye.eye] + eye.centre
     drawn = _project(patch.posed_image, curves, patch.turn)
     x, y = patch.at_px.T
@@ -181,7 +184,7 @@ def opening(patch: Patch, eye: EyeGeometry, angles_rad: Float[ndarray, " 2"], li
 
 
 def iris(patch: Patch, angles_rad: Float[ndarray, " 2"]) -> Float[ndarray, " N"]:
-    """The share of each pixel in the iris circle, lids or not."""
+    """Fraction of each pixel in the iris circle, whether or not the lids cover it."""
     gaze = angles_to_direction(angles_rad)
     along = (IRIS_CENTRE_M - patch.origin @ gaze) / (patch.rays @ gaze)
     met = patch.origin + along[:, None] * patch.rays
@@ -190,7 +193,7 @@ def iris(patch: Patch, angles_rad: Float[ndarray, " 2"]) -> Float[ndarray, " N"]
 
 
 def _patch(posed_image: PosedImage, eye: EyeGeometry) -> Patch:
-    """The pixels of an ellipse from corner to corner, in head coordinates tilted as the eye is."""
+    """The pixels in an ellipse from eye corner to eye corner, tilted with the eye."""
     rest = eye.lids.rest[UPPER] * TEMPORAL_AXES[eye.eye]
     inner, outer = rest[0], rest[-1]
     middle, half = (inner + outer) / 2, (outer - inner) / 2
@@ -215,7 +218,7 @@ def _patch(posed_image: PosedImage, eye: EyeGeometry) -> Patch:
 
 
 def _pixels_within(ring: Float[ndarray, "K 2"], shape: tuple[int, ...]) -> Int[ndarray, "N 2"]:
-    """Rows and columns of the pixels of a picture whose centres lie inside a convex ring."""
+    """Rows and columns of the pixels whose centres lie inside a convex ring."""
     low = np.maximum(np.floor(ring.min(axis=0)).astype(int), 0)
     high = np.minimum(np.ceil(ring.max(axis=0)).astype(int), [shape[1], shape[0]])
     columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
@@ -232,6 +235,6 @@ def _project(
 
 
 def _height(curve_px: Float[ndarray, "U 2"], x: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
-    """y of a curve at columns; beyond its ends a lid that leaves no opening is met by the other at the corner."""
+    """y of a lid curve at pixel columns; beyond its ends, y of its end point, where both lids meet."""
     order = np.argsort(curve_px[:, 0], kind="stable")
     return np.asarray(np.interp(x, curve_px[order, 0], curve_px[order, 1]))

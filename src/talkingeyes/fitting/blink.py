@@ -1,15 +1,17 @@
-"""Blinks from the eye aspect ratio, EAR (Soukupova & Cech 2016), and how often clips blink.
+"""Blinks from the eye aspect ratio, EAR (Soukupova & Cech 2016), and the distribution of blink rates.
 
     EAR = (|p2 - p6| + |p3 - p5|) / (2 |p1 - p4|)
 
-Looking down by 20 degrees lowers the ratio by a third, the classic false blink. So the observed ratio is divided by
-the one that the fitted pose and gaze give with lids that do nothing but follow gaze, both counted from the ratio that
-shut lids still have (.04: their points are not on one line), and by the clip's own open level (a high percentile): what
-remains is the opening, 1 when open and 0 when shut, whatever the head and the gaze do.
+Looking down by 20 degrees lowers the ratio by a third, which is the classic false blink. The observed ratio is
+therefore divided by the ratio that the fitted pose and gaze predict for lids that only follow gaze. Both are measured
+from the ratio of shut lids (0.04, because their points do not lie on one line), and the quotient is divided by the open
+level of the clip (a high percentile). The result is the opening: 1 when open and 0 when shut, for any head pose and
+gaze.
 
-A blink is a dip of the opening: lids fall and rise again within a second, from wherever they are. So what counts is the
-depth below the higher shoulder that is left, not a level of the clip: eyes that squint are no blink, a blink of lowered
-lids is one, and two blinks in a row are two. Both eyes take part in it, which tells it from a wink.
+A blink is a dip of the opening: the lids close from any starting level and open again within a second. The criterion is
+the prominence of the dip (its depth below the lower of its two shoulders), not a fixed threshold. Squinting is
+therefore not a blink, a blink with lowered lids is one, and two blinks in a row are two. Both eyes have to take part,
+which excludes winks.
 """
 
 from __future__ import annotations
@@ -35,16 +37,16 @@ from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.landmarks import eye_landmarks, head_to_scene
 
 Share = Annotated[float, Field(gt=0, lt=1)]
-GAZE_MEDIAN_FRAMES = 5  # of the median over gaze before it tells where lids should be
-MAX_WIDENING = 0.5  # a lid this much wider than gaze alone gives is the most that is believed
+GAZE_MEDIAN_FRAMES = 5  # window of the median filter on gaze for the expected ratio
+MAX_WIDENING = 0.5  # upper limit of the opening beyond the level that gaze predicts
 
 
 class BlinkSettings(Settings):
-    """A blink is a dip by `min_depth`, to below `max_opening`, of the clip's open level; it lasts while below
-    `edge_ratio` of its sides.
+    """A blink is a dip of at least `min_depth`, to below `max_opening`, as fractions of the clip's open level.
 
-    `open_percentile`: of the clip's openings, its open level. `search_window_s`: how far its sides are looked for.
-    `max_duration_s`: what lasts for longer is no blink.
+    A blink extends over the frames below `edge_ratio` times the level at its sides, which are searched for within
+    `search_window_s`. Dips longer than `max_duration_s` are excluded. The percentile `open_percentile` of the openings
+    of a clip is its open level.
     """
 
     open_percentile: Annotated[float, Field(ge=50, le=100)]
@@ -57,7 +59,7 @@ class BlinkSettings(Settings):
 
 @dataclass(frozen=True)
 class EyelidMotion:
-    """Closure of each eye (0 at the opening that gaze gives, 1 shut), blinks as (start, stop), frames in blinks."""
+    """Closure per eye (0 at the opening predicted from gaze, 1 shut), blinks as (start, stop), frames in blinks."""
 
     lid: Float[ndarray, "T 2"]
     blinks: tuple[tuple[int, int], ...]
@@ -66,7 +68,7 @@ class EyelidMotion:
 
 @dataclass(frozen=True)
 class GaussianParameters:
-    """Mean and standard deviation, of values or of their logarithms."""
+    """Mean and standard deviation of values or of their logarithms."""
 
     mean: float
     sd: float
@@ -74,7 +76,7 @@ class GaussianParameters:
 
 @dataclass(frozen=True)
 class BlinkRateDistribution:
-    """Blinks a minute over clips or speakers: normal law of all, log-normal law of those that blink at all."""
+    """Blinks per minute over clips or speakers: a normal fit to all, a log-normal fit to those with blinks."""
 
     normal: GaussianParameters
     log_normal: GaussianParameters
@@ -83,19 +85,19 @@ class BlinkRateDistribution:
 
 
 def eye_aspect_ratio(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, "T 2"]:
-    """EAR of both eyes, landmarks in the order of `head.face_points.NAMES`; NaN where a point is hidden."""
+    """EAR of both eyes from landmarks in the order of `head.landmark_definitions.LANDMARK_NAMES`; NaN where hidden."""
     return aspect_ratio(landmarks[:, EYE_LANDMARKS])
 
 
 def aspect_ratio(points: Float[ndarray, "T 2 6 C"]) -> Float[ndarray, "T 2"]:
-    """EAR of p1 to p6."""
+    """EAR of the points p1 to p6 of both eyes."""
     p1, p2, p3, p4, p5, p6 = np.moveaxis(points, 2, 0)
     height = np.linalg.norm(p2 - p6, axis=-1) + np.linalg.norm(p3 - p5, axis=-1)
     return np.asarray(height / (2 * np.linalg.norm(p1 - p4, axis=-1)))
 
 
 def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Float[ndarray, "T 2"]:
-    """EAR that head pose and gaze alone give: lids follow the eyes, closed by `closure`, and do nothing else."""
+    """EAR predicted from head pose and gaze, for lids that follow gaze and are closed by `closure`."""
     angles = median_filter(gaze_to_angles(motion.gaze), size=(GAZE_MEDIAN_FRAMES, 1, 1), mode="nearest")
     points = eye_landmarks(angles_to_gaze(angles), np.full(angles.shape[:2], closure)).reshape(len(motion), 12, 3)
     projected = camera.project(head_to_scene(points, motion.head, motion.translation))
@@ -105,7 +107,7 @@ def expected_aspect_ratio(motion: Motion, camera: Camera, closure: float) -> Flo
 def lids(
     observed: Float[ndarray, "T 2"], expected: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings
 ) -> EyelidMotion:
-    """Closure and blinks from EAR, observed (NaN where hidden) and as gaze alone gives it, over shut eyes."""
+    """Closure and blinks from observed (NaN where hidden) and predicted EAR, both minus the EAR of shut eyes."""
     opening = np.stack([_opening(observed[:, eye] / expected[:, eye], settings) for eye in range(2)], axis=1)
     found = find_blinks(opening, fps, settings)
     blinking = np.zeros(len(opening), bool)
@@ -115,7 +117,7 @@ def lids(
 
 
 def find_blinks(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSettings) -> tuple[tuple[int, int], ...]:
-    """Blinks as (start, stop), in order and apart; between two that run into each other the eyes are widest."""
+    """Blinks as (start, stop), ordered and disjoint; adjacent blinks are split where the opening is largest."""
     mean, reach, longest = (
         opening.mean(axis=1),
         max(2, round(settings.search_window_s * fps)),
@@ -141,13 +143,13 @@ def find_blinks(opening: Float[ndarray, "T 2"], fps: float, settings: BlinkSetti
 
 
 def _falls(opening: Float[ndarray, "T 2"], frame: int, reach: int) -> float:
-    """By how much the eye that closes less closes on its way to a frame."""
+    """How far the eyes close before a frame: the smaller value of the two eyes."""
     before = opening[max(frame - reach, 0) : frame + 1]
     return float((before.max(axis=0) - before[-1]).min())
 
 
 def _side(outwards: Float[ndarray, " N"], share: float) -> int:
-    """Frames from the lowest one on that stay below a share of the highest of them."""
+    """Number of frames, counted from the lowest, before the opening reaches a fraction of its maximum on this side."""
     above = np.flatnonzero(outwards >= share * outwards.max())
     return int(above[0]) if len(above) and above[0] else 1
 
@@ -161,7 +163,7 @@ def _opening(ratio: Float[ndarray, " T"], settings: BlinkSettings) -> Float[ndar
 
 
 def blink_rate_distribution(blinks: Sequence[int], seconds: Sequence[float]) -> BlinkRateDistribution:
-    """Laws of blinks a minute, from counts and lengths of clips (or of speakers)."""
+    """Distribution of blinks per minute, from counts and durations of clips or of speakers."""
     per_minute = np.asarray(blinks, np.float64) / (np.asarray(seconds, np.float64) / 60)
     logs = np.log(per_minute[per_minute > 0])
     return BlinkRateDistribution(

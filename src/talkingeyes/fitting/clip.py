@@ -1,9 +1,9 @@
-"""The whole fit of one clip: head pose, LightGazeFit, blinks, held gaze, temporal smoothing (paper, III-B, III-C).
+"""Fit one clip: face identity, head pose, LightGazeFit, blinks, gaze over blinks, smoothing (paper, III-B, III-C).
 
-Order: the head is fitted and smoothed first, because gaze is fitted under it and a jittering head would shake the
-eyes. The paper holds the eye pose over a blink at the last open-eye state; here the last open-eye gaze in space is
-held, and the eyes counter-rotate the head as living ones do; otherwise each blink of a moving head would end in a
-jump of gaze. Where gaze is elsewhere after the blink, it went there as the blink began (`steps`).
+The head is fitted and smoothed first, because gaze is fitted relative to it and jitter of the head would move the eyes.
+The paper holds the eye pose over a blink at the last open-eye state. Here the last open-eye gaze in space is held and
+the eyes counter-rotate the head (vestibulo-ocular reflex); otherwise each blink during a head movement would end in a
+jump of gaze. If gaze differs after the blink, the shift is placed at the start of the blink (`fixation_segmentation`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class RejectSettings(Settings):
-    """Which clips are not worth training on, and how long gaze is believed while it is not seen."""
+    """Criteria for rejecting a clip as training data; `max_gap_s`: longest gap in which held gaze stays valid."""
 
     min_duration_s: Annotated[float, Field(ge=0)]
     hidden_face: Annotated[float, Field(ge=0, lt=1)]
@@ -49,13 +49,13 @@ class RejectSettings(Settings):
 
 
 class MethodComparisonSettings(Settings):
-    """On how many clips, spread over the corpus, the comparison also fits by Adam."""
+    """Settings of the comparison of solvers: the number of clips, spread over the corpus, also fitted with Adam."""
 
     adam_clips: Annotated[int, Field(ge=0)]
 
 
 class FitSettings(Settings):
-    """The section `fit`."""
+    """The configuration section `fit`."""
 
     face_identity: FaceIdentitySettings
     head_pose: HeadPoseSettings
@@ -71,7 +71,7 @@ class FitSettings(Settings):
 
 @dataclass(frozen=True)
 class FitResult:
-    """Of one clip: the motion, what it came from, and the reason for which it should be rejected (empty: none)."""
+    """Fit of one clip: motion, intermediate results, and the reason for rejection (empty if accepted)."""
 
     motion: Motion
     per_frame: Motion
@@ -83,7 +83,7 @@ class FitResult:
 
 
 def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
-    """Motion from landmarks and pupils of one clip."""
+    """Fit the motion of one clip to its landmarks and pupils."""
     camera = observation.camera
     who = face_identity(observation.landmarks, camera, settings.head_pose, settings.face_identity)
     pose = head_pose(observation.landmarks, camera, settings.head_pose, who.face)
@@ -122,7 +122,7 @@ def fit_clip(observation: Observation, settings: FitSettings) -> FitResult:
 
 
 def rejection_reason(motion: Motion, pose: HeadPose, known: Bool[ndarray, " T"], settings: RejectSettings) -> str:
-    """Why a clip should not be trained on; empty if it should. A turned head hides an eye, as in the paper, III-B."""
+    """Reason to exclude a clip from training, or "". A turned head hides an eye (paper, III-B)."""
     if motion.seconds < settings.min_duration_s:
         return f"shorter than {settings.min_duration_s:g} s: {motion.seconds:.2f} s"
     hidden_face, hidden_gaze = float(np.mean(~pose.seen)), float(np.mean(~known))

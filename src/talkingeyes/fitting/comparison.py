@@ -1,8 +1,8 @@
-"""What the fit of one clip is worth: Table VIII by method, head error, blinks found and missed. Small enough to pool.
+"""Evaluation of the fit of one clip: Table VIII by method, head error, blink detection.
 
-Rows: `lightgazefit`, the whole fit by the solver of the settings; `per_frame`, the same without held gaze and without
-smoothing; on some clips `lightgazefit_adam`, the whole fit by Adam, and `lightgazefit_same_clips` to compare it with;
-`ground_truth`, if known.
+Methods: `lightgazefit`, the whole fit with the configured solver; `per_frame`, the same without held gaze and
+smoothing; on some clips `lightgazefit_adam`, the whole fit with Adam, and `lightgazefit_same_clips`, the configured
+solver on the same clips; `ground_truth`, if known. The results are small enough to be pooled over a corpus.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from talkingeyes.head.observation import Observation
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What was true: the motion and its events."""
+    """True motion and events of a clip."""
 
     motion: Motion
     events: Events
@@ -30,7 +30,7 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class BlinkMatches:
-    """Blinks found, true blinks, and how many of each overlap one of the other."""
+    """Counts of detected and true blinks, and of those that overlap a blink of the other kind."""
 
     found: int = 0
     matched_detections: int = 0
@@ -47,18 +47,18 @@ class BlinkMatches:
 
     @property
     def precision(self) -> float:
-        """Share of found blinks that are true."""
+        """Fraction of detected blinks that are true."""
         return self.matched_detections / max(self.found, 1)
 
     @property
     def recall(self) -> float:
-        """Share of true blinks that are found."""
+        """Fraction of true blinks that are detected."""
         return self.matched_truth / max(self.true, 1)
 
 
 @dataclass(frozen=True)
 class FitEvaluation:
-    """Of one clip. Errors of the head (radians, metres) and blink matches only where the truth is known."""
+    """Evaluation of one clip. Head errors (radians, metres) and blink matches are None if the truth is unknown."""
 
     error_sums_by_method: dict[str, ErrorSums]
     objectives: dict[str, float] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def evaluate_fit(
 
 
 def with_adam(settings: FitSettings) -> FitSettings:
-    """The same settings with the paper's solver."""
+    """Copy the settings with the paper's solver."""
     return settings.model_copy(update={"lightgazefit": settings.lightgazefit.model_copy(update={"solver": "adam"})})
 
 
@@ -124,7 +124,7 @@ def blink_spans(events: Events, fps: float) -> list[tuple[int, int]]:
 
 
 def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> BlinkMatches:
-    """Found against true blinks; they match when they overlap."""
+    """Match detected with true blinks; two blinks match if they overlap."""
     spans = blink_spans(events, fps)
     overlaps = np.array([[a[0] < b[1] and b[0] < a[1] for b in spans] for a in found], bool)
     overlaps = overlaps.reshape(len(found), len(spans))
@@ -132,7 +132,7 @@ def match(found: tuple[tuple[int, int], ...], events: Events, fps: float) -> Bli
 
 
 def head_error(fitted: Motion, truth: Motion) -> Float[ndarray, " T"]:
-    """Angle between fitted and true head, radians."""
+    """Angle between fitted and true head rotation, radians."""
     trace = np.einsum("tij,tij->t", rotvec_to_matrix(fitted.head), rotvec_to_matrix(truth.head))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 

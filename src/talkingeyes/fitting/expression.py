@@ -1,13 +1,14 @@
 """Jaw and expression of each frame: bounded linear least squares on the landmarks of brows, nose, mouth and outline.
 
-With head and resting face known, the projected points are linear in the weights b of the head's blend shapes (ARKit's):
+With head pose and resting face known, the projected points are approximately linear in the weights b of the head's
+ARKit blend shapes:
 
     minimise    |A_t b - r_t|^2 / noise^2  +  |b|^2 / weight_sd^2,     0 <= b <= 1
 
-Six points of a mouth do not tell thirty shapes apart: the prior shares out what shapes have in common, so single
-weights mean little and what they do to the points is what was fitted. All frames are solved together, a block at a
-time, by coordinate descent, each coordinate at its bounded best in turn, so memory does not grow with the clip. Lids
-are not among the shapes: they come from the eye aspect ratio (`blink`).
+Six mouth landmarks cannot separate thirty shapes. The Gaussian prior distributes a displacement over the shapes that
+explain it, so single weights mean little; only their combined effect on the landmarks is fitted. Frames are solved
+together in blocks by coordinate descent with clipping to the bounds, so memory does not grow with the clip. Lids are
+not among the shapes: they come from the eye aspect ratio (`blink`).
 """
 
 from __future__ import annotations
@@ -34,15 +35,16 @@ Positive = Annotated[float, Field(gt=0)]
 JAW = ("jawOpen", "jawLeft", "jawRight")
 FITTED_LANDMARKS = np.setdiff1d(np.arange(len(LANDMARK_NAMES)), EYE_LANDMARKS)
 LIPS = [LANDMARK_NAMES.index("upper_lip_inner"), LANDMARK_NAMES.index("lower_lip_inner")]
-CLOSED_LIPS_PERCENTILE = 10  # of the gap between the lips: the frames that show a mouth at rest
+CLOSED_LIPS_PERCENTILE = 10  # of the gap between the lips: frames below it show the mouth at rest
 BLOCK = 512  # frames
 
 
 class ExpressionSettings(Settings):
     """`noise_px` of landmarks, `weight_sd` of the weights, `sweeps` of coordinate descent.
 
-    `neutral_weight`: how much of what is left in frames with shut lips is the person's own rest, and not expression: 0
-    for points that lie where the head has them, 1 for a detector with its own idea of a mouth.
+    `neutral_weight`: the fraction of the residual in frames with shut lips that is attributed to the resting face
+    instead of expression. 0 suits landmarks defined as on the head model, 1 a detector with its own definition of the
+    mouth.
     """
 
     noise_px: Positive
@@ -53,7 +55,7 @@ class ExpressionSettings(Settings):
 
 @dataclass(frozen=True)
 class FittedExpression:
-    """The jaw as a rotation vector, weights of the shapes that a Motion carries, in the order of `names`."""
+    """Jaw as rotation vectors, and weights of the expression shapes of a Motion in the order of `names`."""
 
     jaw: Float[ndarray, "T 3"]
     expression: Float[ndarray, "T C"]
@@ -62,7 +64,7 @@ class FittedExpression:
 
 @cache
 def shapes() -> Float[ndarray, "E K 3"]:
-    """What the jaw's shapes and all that a Motion carries do to POINTS."""
+    """Displacements of FITTED_LANDMARKS by the jaw shapes and by the expression shapes of a Motion."""
     head = anny_head()
     return np.asarray(
         landmark_basis().shapes[[head.shape(name) for name in (*JAW, *expression_shape_names(head))]][
@@ -78,7 +80,7 @@ def face(
     camera: Camera,
     settings: ExpressionSettings,
 ) -> FittedExpression:
-    """Jaw and expression under a head pose; a point that is not seen says nothing, a frame without any is at rest."""
+    """Fit jaw and expression under a head pose; hidden points are ignored, a frame without points is neutral."""
     names = expression_shape_names(anny_head())
     still = _own_rest(observed, pose, rest, camera, settings.neutral_weight)
     blocks = [slice(start, start + BLOCK) for start in range(0, len(observed), BLOCK)]
@@ -96,7 +98,7 @@ def _own_rest(
     camera: Camera,
     share: float,
 ) -> Float[ndarray, "K 3"]:
-    """POINTS of the resting face, moved in its plane by what frames with shut lips have left of them."""
+    """FITTED_LANDMARKS of the resting face, shifted in the face plane by their residual in frames with shut lips."""
     still = rest[FITTED_LANDMARKS]
     gap = np.linalg.norm(np.diff(observed[:, LIPS], axis=1)[:, 0], axis=-1)
     if not share or not np.isfinite(gap).any():
@@ -118,7 +120,7 @@ def _weights(
     camera: Camera,
     settings: ExpressionSettings,
 ) -> Float[ndarray, "F E"]:
-    """Weights of a block of frames."""
+    """Fit the weights of a block of frames."""
     turn = rotvec_to_matrix(pose.head[at])
     placed = np.einsum("tij,kj->tki", turn, still) + pose.translation[at, None]
     away = observed[:, FITTED_LANDMARKS] - camera.project(placed)
@@ -132,8 +134,9 @@ def _weights(
 
 
 def solve_bounded(hessian: Float[ndarray, "F E E"], slope: Float[ndarray, "F E"], sweeps: int) -> Float[ndarray, "F E"]:
-    """The b in [0, 1] of least b'Hb / 2 - slope'b of each frame, by `sweeps` of coordinate descent."""
-    rows = np.ascontiguousarray(hessian.transpose(1, 2, 0))  # frames last: each coordinate is one pass over memory
+    """Minimise b'Hb / 2 - slope'b over b in [0, 1] for each frame, by `sweeps` of coordinate descent."""
+    # frames last, so that each coordinate is one pass over memory
+    rows = np.ascontiguousarray(hessian.transpose(1, 2, 0))
     gradient, found = -slope.T.copy(), np.zeros(slope.T.shape)
     for _ in range(sweeps):
         for index in range(len(found)):

@@ -1,15 +1,16 @@
-"""What one clip says of its eyes: how far a pupil moves with a turn, and how the eyes' axes stand to each other.
+"""Eye calibration of a clip: the gain of the pupil signal and the angle between the axes of the eyes.
 
-Two unknowns a clip with priors, by maximum a posteriori. The gain is how far the detected pupil follows the eye, as a
-share of what the head's eyeball would show: a pupil that lies less deep, and a detector drawn to the middle of the
-lids, move less. Pupils alone do not tell it, but heads do: between saccades the eyes counter-rotate the head, so
+Both are maximum a posteriori estimates per clip. The gain is the ratio of the detected pupil motion to the motion of
+the head model's eyeball. It is below 1 for a pupil closer to the centre of rotation, and for a detector biased towards
+the middle of the lids. Pupils alone do not determine the gain, but head motion does: between saccades the eyes
+counter-rotate the head, so
 
     change of eye-in-head  =  - gain * change of head  +  noise        over `lag_s`, without the steps of saccades
 
-is a regression whose slope is the gain. The half difference of the eyes is kappa (the optical axis stands to the temple
-of the visual one) less half the vergence, and differs from what was fitted by the detector's bias and by eyes that do
-not stand where the head has them; both are Gaussian, so the estimate lies between the two by their variances. What both
-eyes have in common is not told by anything in the clip and stays.
+is a regression whose slope is the gain. Half the difference of the eyes is kappa (the optical axis lies temporal of the
+visual axis) minus half the vergence. The fitted value deviates from it because of detector bias and because of eye
+centres that differ from the head model's. Both deviations are Gaussian, so the estimate is a variance-weighted mean of
+prior and fitted value. A clip does not determine an error common to both eyes; it remains.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ Spread = Annotated[float, Field(ge=0)]
 
 
 class OculomotorRangeSettings(Settings):
-    """How far an eye turns in its head, radians: to either side, up and down."""
+    """Oculomotor range: largest eye-in-head rotation to either side, up and down, radians."""
 
     side_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
     up_rad: Annotated[float, Field(gt=0, le=np.pi / 2)]
@@ -38,12 +39,12 @@ class OculomotorRangeSettings(Settings):
 
 
 class EyeCalibrationSettings(Settings):
-    """Priors of the unknowns; a spread of 0 leaves the prior's mean, whatever the clip says.
+    """Priors of the calibration; a standard deviation of 0 fixes the parameter at its prior mean.
 
-    `gain_yaw`, `gain_pitch`, `gain_sd`: of the gain; `lag_s`, `saccade_rad`: of the regression, and the change of gaze
-    in space from which it is a saccade. `half_difference_rad`, `half_difference_sd_rad`: half of left minus right, yaw;
-    `pitch_difference_sd_rad`: pitch, about 0; `vergence_sd_rad`: how it changes within a clip; `noise_rad`: of what is
-    fitted of it.
+    `gain_yaw`, `gain_pitch`, `gain_sd`: prior of the gain. `lag_s`: lag of the regression. `saccade_rad`: change of
+    gaze in space over the lag from which it counts as a saccade. `half_difference_rad`, `half_difference_sd_rad`: prior
+    of half of left minus right, yaw. `pitch_difference_sd_rad`: the same for pitch, with mean 0. `vergence_sd_rad`:
+    variation of the half difference within a clip. `noise_rad`: error of the fitted half difference.
     """
 
     gain_yaw: Positive
@@ -60,9 +61,9 @@ class EyeCalibrationSettings(Settings):
 
 @dataclass(frozen=True)
 class EyeCalibration:
-    """Of a clip, (yaw, pitch): gain; half of left minus right, radians, as pupils have it and as it is believed.
+    """Calibration of a clip in (yaw, pitch): gain, and half of left minus right (radians), measured and posterior.
 
-    `shrinkage`: how much of its changes is believed.
+    `shrinkage`: the fraction of its changes within the clip that is kept.
     """
 
     gain: Float[ndarray, " 2"]
@@ -71,7 +72,7 @@ class EyeCalibration:
     shrinkage: float
 
     def apply(self, gaze: Float[ndarray, "T 2 3"], both: Bool[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
-        """Fitted eye-in-head as it would be for pupils that follow the eye, without torsion; `both`: eyes were seen."""
+        """Correct fitted eye-in-head rotations, without torsion. `both`: frames in which both eyes are visible."""
         angles = gaze_to_angles(gaze) / self.gain
         half = (angles[:, 0] - angles[:, 1]) / 2
         change = np.where(both[:, None], (1.0 - self.shrinkage) * (half - self.measured_rad), 0.0)
@@ -86,7 +87,7 @@ def eye_calibration(
     fps: float,
     settings: EyeCalibrationSettings,
 ) -> EyeCalibration:
-    """The unknowns of a clip from fitted eye-in-head, the head, and which eyes were seen open."""
+    """Estimate the calibration from fitted eye-in-head and head rotations, and the frames in which eyes are open."""
     angles = gaze_to_angles(gaze)
     both = np.asarray(open_.all(axis=1))
     gain = _gain(angles.mean(axis=1), direction_to_angles(rotvec_to_direction(head)), both, fps, settings)
@@ -107,7 +108,7 @@ def _gain(
     fps: float,
     settings: EyeCalibrationSettings,
 ) -> Float[ndarray, " 2"]:
-    """Slope of eye on head between saccades, with its prior; three rounds, as what is a saccade depends on it."""
+    """Regression slope of eye on head between saccades with a prior; three rounds, as saccades depend on the gain."""
     lag = max(1, round(settings.lag_s * fps))
     prior = np.array([settings.gain_yaw, settings.gain_pitch])
     gain = prior.copy()
@@ -120,7 +121,8 @@ def _gain(
         if still.sum() < 2 * lag:
             return gain
         noise = np.var(eye[still] + gain * head[still], axis=0)
-        weight = np.sum(head[still] ** 2, axis=0) / (noise * lag)  # changes over `lag` frames overlap
+        # changes over `lag` frames overlap, so samples are correlated
+        weight = np.sum(head[still] ** 2, axis=0) / (noise * lag)
         slope = -np.sum(eye[still] * head[still], axis=0) / np.maximum(np.sum(head[still] ** 2, axis=0), 1e-12)
         gain = (prior / settings.gain_sd**2 + weight * slope) / (1.0 / settings.gain_sd**2 + weight)
         gain = np.clip(gain, 0.4, 1.6)
@@ -128,6 +130,6 @@ def _gain(
 
 
 def limit_to_range(gaze: Float[ndarray, "*N 3"], limits: OculomotorRangeSettings) -> Float[ndarray, "*N 3"]:
-    """The torsion-free rotation vectors of the same directions, at the edge of the range where they are beyond it."""
+    """Clamp gaze directions to the oculomotor range, as rotation vectors without torsion."""
     low = (-limits.side_rad, -limits.down_rad)
     return angles_to_gaze(np.clip(gaze_to_angles(gaze), low, (limits.side_rad, limits.up_rad)))

@@ -1,15 +1,16 @@
-"""Whose face a clip shows: weights of the head's identity shapes and offsets of single points, one set a clip.
+"""Face identity of a clip: weights of the head's identity shapes, and offsets of single landmarks.
 
-Landmarks of another face under the mean head turn it wrongly (a long nose looks down), and so gaze. The resting face is
-linear in the weights w and in the offsets d of the rigid points, so each round linearises what is seen of some frames
-in their poses, w and d, eliminates the poses, and solves for all frames at once
+Fitting the mean head to the landmarks of another face biases the head rotation (a long nose appears as a head turned
+down), and with it gaze. The resting face is linear in the weights w and in the offsets d of the rigid landmarks. Each
+round therefore linearises the observations of a sample of frames in their poses, w and d, eliminates the poses, and
+solves for all frames at once
 
-    minimise    sum |r - J_w w - J_d d|^2 / noise^2  +  |w|^2 / weight_sd^2  +  |d|^2 / offset_sd^2,  |w| <= most
+    minimise    sum |r - J_w w - J_d d|^2 / noise^2  +  |w|^2 / weight_sd^2  +  |d|^2 / offset_sd^2,  |w| <= max_weight
 
-a linear least squares problem with bounds. Offsets stand for what six shapes cannot say and for a detector whose idea
-of a point is not ours: MediaPipe's outline is up to 12 mm from the head's. One camera cannot tell a large head from a
-near one, so size is that of the eyes: the middles of the eyes' corners have no offsets, and eyes stand where the mean
-head has them (`head.landmarks`).
+a linear least squares problem with bounds. The offsets represent what six shapes cannot, and detectors whose landmark
+definitions differ from ours: MediaPipe's outline is up to 12 mm from the head's. One camera cannot distinguish a large
+head from a near one, so the eyes fix the scale: the midpoints of the eye corners have no offsets, and the eyes stay
+where the mean head has them (`head.landmarks`).
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ DERIVATIVE_STEP = 1e-3  # of a weight, for the derivative of the resting face
 
 
 class FaceIdentitySettings(Settings):
-    """`frames` of a clip that are looked at, in `iterations` of linearisation; noise of their landmarks' slow part.
+    """`frames` of a clip that are used, `iterations` of linearisation, noise of the slow part of landmark errors.
 
-    `weight_sd`, `max_weight`: of the weights of identity shapes; `offset_sd_m`: of the offsets of rigid points.
+    `weight_sd`, `max_weight`: of the weights of identity shapes; `offset_sd_m`: of the offsets of rigid landmarks.
     """
 
     frames: Annotated[int, Field(ge=1)]
@@ -58,7 +59,7 @@ class FaceIdentitySettings(Settings):
 
 @dataclass(frozen=True)
 class FaceIdentity:
-    """The resting face, in head coordinates, and the weights of identity shapes in it."""
+    """Landmarks of the resting face in head coordinates, and the weights of the identity shapes."""
 
     face: Float[ndarray, "L 3"]
     identity: Float[ndarray, " I"]
@@ -66,7 +67,7 @@ class FaceIdentity:
 
 @cache
 def identity_slopes() -> Float[ndarray, "I L 3"]:
-    """How the resting face changes with each weight of the head's identity shapes."""
+    """Derivative of the resting landmarks by the weight of each identity shape."""
     weights = DERIVATIVE_STEP * np.eye(len(anny_head().identity_names))
     slopes = [rest_landmarks(tuple(row)) - rest_landmarks(tuple(-row)) for row in weights]
     return np.stack(slopes) / (2 * DERIVATIVE_STEP)
@@ -75,7 +76,7 @@ def identity_slopes() -> Float[ndarray, "I L 3"]:
 def face_identity(
     observed: Float[ndarray, "T L 2"], camera: Camera, pose_settings: HeadPoseSettings, settings: FaceIdentitySettings
 ) -> FaceIdentity:
-    """The person of a clip; the mean head where no frame shows enough."""
+    """Fit the identity of a clip; the mean head if no frame shows all rigid landmarks and eye corners."""
     slopes = identity_slopes()
     weights, offsets = np.zeros(len(slopes)), np.zeros((len(RIGID_LANDMARKS), 3))
     points = _stable(observed)
@@ -100,7 +101,7 @@ def _solved(
     pose_settings: HeadPoseSettings,
     settings: FaceIdentitySettings,
 ) -> Float[ndarray, " U"]:
-    """Weights and offsets of one round, from those in `state` and the poses under them."""
+    """One round: new weights and offsets from those in `state` and the poses fitted under them."""
     slopes = identity_slopes()
     frames, visible = len(points), np.ones(points.shape[:2], bool)
     turn, translation = solve_poses(points, visible, camera, pose_settings, rest)
@@ -116,25 +117,26 @@ def _solved(
     by_pose = pose_jacobian(turn, translation, camera, rest).reshape(frames, -1, 6)
     without_pose = np.eye(by_pose.shape[1]) - by_pose @ np.linalg.pinv(by_pose)
     unknown, residual = without_pose @ unknown, without_pose @ residual
-    noise_px = settings.noise_px * np.sqrt(frames)  # slow: many frames tell no more than one
+    # the noise is slow, so many frames carry no more information than one
+    noise_px = settings.noise_px * np.sqrt(frames)
     matrix = unknown.reshape(-1, len(state)) / noise_px
     target = matrix @ state - residual.ravel() / noise_px
     bound = np.concatenate([np.full(len(slopes), settings.max_weight), np.full(len(state) - len(slopes), np.inf)])
     prior = 1.0 / np.concatenate(
         [np.full(len(slopes), settings.weight_sd), np.full(len(state) - len(slopes), settings.offset_sd_m)]
     )
-    normal = matrix.T @ matrix + np.diag(prior**2)  # of the stacked rows, brought to a square by its root
+    normal = matrix.T @ matrix + np.diag(prior**2)  # of the stacked rows, reduced to a square matrix
     root = np.linalg.cholesky(normal).T
     return np.asarray(lsq_linear(root, np.linalg.solve(root.T, matrix.T @ target), (-bound, bound)).x)
 
 
 def _stable(points: Float[ndarray, "*T L C"]) -> Float[ndarray, "*T K C"]:
-    """The rigid points, and the middles of the corners of both eyes."""
+    """The rigid landmarks, and the midpoints of the corners of each eye."""
     middles = points[..., CORNERS, :].mean(axis=-2)
     return np.concatenate([points[..., RIGID_LANDMARKS, :], middles], axis=-2)
 
 
 def _chosen(usable: Bool[ndarray, " T"], most: int) -> Int[ndarray, " F"]:
-    """Usable frames, spread over the clip."""
+    """Indices of at most `most` usable frames, spread over the clip."""
     found = np.flatnonzero(usable)
     return found[np.linspace(0, len(found) - 1, min(most, len(found))).round().astype(int)] if len(found) else found

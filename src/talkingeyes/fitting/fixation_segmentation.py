@@ -1,14 +1,14 @@
-"""Steps in a noisy track: the L0 gradient term (paper, limitation 4) solved exactly, and saccades put in their place.
+"""Fixation segmentation: the L0 gradient term (paper, limitation 4) solved exactly, with main-sequence saccades.
 
 A track of gaze in space is close to piecewise constant. The Potts functional,
 
     minimise over paths x    sum over known frames |y_t - x_t|^2  +  cost * number of steps of x
 
-has its least value by dynamic programming, and keeps saccades steep: too steep, for a saccade takes 30 to 100 ms
-and shows as one to three steps of a camera. `insert_saccades` therefore lays a saccade of the main sequence
-(`physiology.saccades`: its duration and shape follow from its amplitude) through every step, at the onset, a tenth of
-a frame fine, that meets the frames best. A step that falls into a gap is laid at the gap's beginning: most shifts under
-a blink start with it (Evinger et al. 1994).
+is minimised by dynamic programming. It keeps saccades steep, but makes each an instantaneous step, whereas a saccade
+takes 30 to 100 ms and covers one to three frames. `insert_saccades` therefore replaces each step by a saccade of the
+main sequence (`physiology.saccades`: duration and shape follow from amplitude), with the onset that fits the frames
+best, at a resolution of a tenth of a frame. A step in a gap is placed at the start of the gap, because most gaze shifts
+during a blink start with it (Evinger et al. 1994).
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from numpy import ndarray
 
 from talkingeyes.physiology.saccades import duration_s, progress, skew
 
-MIN_NOISE_RAD = np.radians(0.02)  # of the estimate, so that exact data pass unchanged
-MIN_FIXATION_S = 0.08  # of a fixation; what is shorter belongs to a saccade
-FLANK_S = 0.12  # before and after a step, whose frames tell where it lies
+MIN_NOISE_RAD = np.radians(0.02)  # lower limit of the estimate, so that exact data pass unchanged
+MIN_FIXATION_S = 0.08  # shorter segments are part of a saccade
+FLANK_S = 0.12  # frames this close to a step are used to locate it
 ONSETS_PER_FRAME = 10
-ITERATIONS = 2  # of saccades by levels, levels by what the saccades leave
+ITERATIONS = 2  # alternating between saccade onsets and fixation levels
 
 
 @dataclass(frozen=True)
 class Fixation:
-    """Frames from `start` up to `stop` and where gaze is in them."""
+    """Frames from `start` up to `stop`, and the gaze direction in them."""
 
     start: int
     stop: int
@@ -39,7 +39,7 @@ class Fixation:
 
 
 def noise_variance(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"]) -> float:
-    """Variance of the frame noise per axis, from the median of absolute differences of adjacent known frames."""
+    """Variance of the frame noise per axis, from the median absolute difference of adjacent known frames."""
     adjacent = known[1:] & known[:-1]
     if not adjacent.any():
         return float(MIN_NOISE_RAD**2)
@@ -50,7 +50,7 @@ def noise_variance(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"]) -> 
 def piecewise_constant(
     track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], cost: float, longest: int
 ) -> Float[ndarray, "T 2"]:
-    """The path of least squared distance in known frames + `cost` a step, none over `longest` frames; O(T longest).
+    """Minimise squared distance in known frames + `cost` per step, with segments up to `longest` frames; O(T longest).
 
     Dynamic programming over the last step: best(t) = min over s of best(s) + cost + scatter of frames s to t.
     """
@@ -80,7 +80,7 @@ def piecewise_constant(
 def insert_saccades(
     track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], path: Float[ndarray, "T 2"], fps: float
 ) -> Float[ndarray, "T 2"]:
-    """The piecewise constant `path` of `track` with every step made a saccade. Some frame has to be known."""
+    """Replace each step of the piecewise constant `path` of `track` by a saccade. Requires at least one known frame."""
     shortest = MIN_FIXATION_S * fps
     fixations = [each for each in split_fixations(path) if known[each.start : each.stop].sum() >= shortest - 1e-9]
     if len(fixations) < 2:
@@ -99,7 +99,7 @@ def insert_saccades(
 
 
 def split_fixations(path: Float[ndarray, "T 2"]) -> list[Fixation]:
-    """The stretches of a piecewise constant path."""
+    """Constant segments of a piecewise constant path."""
     edges = np.flatnonzero(np.any(np.diff(path, axis=0) != 0.0, axis=1)) + 1
     starts, stops = [0, *edges.tolist()], [*edges.tolist(), len(path)]
     return [Fixation(start, stop, path[start]) for start, stop in zip(starts, stops, strict=True)]
@@ -113,7 +113,7 @@ def _saccade_progress(
     variance: float,
     fps: float,
 ) -> Float[ndarray, " F"]:
-    """Share of the saccade between two fixations that is done, in the last F frames: from a few frames before it on."""
+    """Completed fraction of the saccade between two fixations over the last F frames, from just before it on."""
     last = before.start + int(np.flatnonzero(known[before.start : before.stop])[-1])
     first = after.start + int(np.flatnonzero(known[after.start : after.stop])[0])
     flank = round(FLANK_S * fps)
@@ -126,16 +126,16 @@ def _saccade_progress(
     done = progress((frames - onsets[:, None]) / lasting, float(skew(amplitude)))
     away = (track[start:stop] - before.level_rad)[None] - done[..., None] * step
     misfit = np.sum(np.square(away) * known[start:stop, None], axis=(1, 2))
-    if (~known[last:first]).sum() > 1:  # a gap, in which all onsets do: the earliest
+    if (~known[last:first]).sum() > 1:  # a gap: all onsets in it fit equally well, so take the earliest
         onset = onsets[int(np.argmin(misfit + 1e-6 * amplitude**2 * np.maximum(onsets - last, 0.0)))]
-    else:  # the mean of what is likely: the best alone would split steps that no frame lies in
+    else:  # posterior mean: a single best onset would be arbitrary if no frame lies within the step
         likely = np.exp((misfit.min() - misfit) / (2.0 * variance))
         onset = float(likely @ onsets / likely.sum())
     return np.asarray(progress((np.arange(start, len(track)) - onset) / lasting, float(skew(amplitude))))
 
 
 def _refine_level(track: Float[ndarray, "T 2"], usable: Bool[ndarray, " T"], fixation: Fixation) -> Fixation:
-    """The fixation with its level from frames outside saccades, if there are any."""
+    """Recompute the level of a fixation from frames outside saccades, if there are any."""
     inside = usable[fixation.start : fixation.stop]
     if not inside.any():
         return fixation

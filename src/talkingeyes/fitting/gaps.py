@@ -1,4 +1,4 @@
-"""Frames that say nothing: bridged by a straight line, or held at the last frame that did."""
+"""Gaps in tracks: linear interpolation, or holding the last known frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 
 def interpolate_gaps(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"]) -> Float[ndarray, "T C"]:
-    """Unknown frames by linear interpolation, at the ends by the nearest known frame; all 0 if none is known."""
+    """Fill unknown frames by linear interpolation, or the nearest known frame at the ends; 0 if none is known."""
     if not known.any():
         return np.zeros_like(values)
     frames = np.arange(len(values))
@@ -17,17 +17,17 @@ def interpolate_gaps(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"]) 
 
 
 def hold_last(values: Float[ndarray, "T ..."], known: Bool[ndarray, " T"]) -> Float[ndarray, "T ..."]:
-    """Unknown frames at the last known one (before the first: at the first)."""
+    """Fill unknown frames with the last known one; frames before the first known one with that."""
     return np.asarray(values[last_known(known)]) if known.any() else values
 
 
 def last_known(known: Bool[ndarray, " T"]) -> Int[ndarray, " T"]:
-    """Index of the last known frame at or before each frame; before the first known frame, that one."""
+    """Index of the last known frame at or before each frame; before the first known frame, its index."""
     index = np.where(known, np.arange(len(known)), -1)
     return np.where(np.maximum.accumulate(index) < 0, int(np.argmax(known)), np.maximum.accumulate(index))
 
 
 def runs(flags: Bool[ndarray, " T"]) -> list[tuple[int, int]]:
-    """Stretches of True as (start, stop)."""
+    """Runs of True as (start, stop)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

@@ -1,9 +1,9 @@
-"""Head rotation and translation of each frame from the rigid landmarks, the camera being known.
+"""Head rotation and translation of each frame from the rigid landmarks, with known camera.
 
-Gauss-Newton over six numbers a frame, all frames at once, with Huber weights, so that a slipped landmark costs
-little. Frames that show too few rigid points are bridged from their neighbours and marked. Then a Savitzky-Golay
-filter takes jitter and leaves what heads do: 7 frames and order 4 at 25 fps keep .98 of a movement at 4 Hz, where
-order 2 keeps .71 and leaves a tenth of the power above 5 Hz.
+Gauss-Newton over six parameters per frame, all frames at once, with Huber weights that limit the influence of landmark
+outliers. Frames with too few visible rigid landmarks are interpolated and flagged. A Savitzky-Golay filter then removes
+jitter but keeps head motion: 7 frames and order 4 at 25 fps keep 0.98 of a movement at 4 Hz, whereas order 2 keeps 0.71
+and leaves a tenth of the power above 5 Hz.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class HeadPoseSettings(Settings):
-    """Gauss-Newton: most steps, the largest step that ends it, where Huber's loss turns linear; visible points needed.
+    """Gauss-Newton: maximum steps, convergence tolerance, Huber threshold, minimum number of visible landmarks.
 
-    `window` (frames, odd) and `order` are those of the Savitzky-Golay filter; window 1 leaves the poses as they are.
+    `window` (frames, odd) and `order` are those of the Savitzky-Golay filter; window 1 disables it.
     """
 
     steps: Annotated[int, Field(gt=0)]
@@ -44,8 +44,10 @@ class HeadPoseSettings(Settings):
 
 @dataclass(frozen=True)
 class HeadPose:
-    """Rotation vectors (radians) and translations (metres); frames not `seen` are bridged. `residual_px`: root mean
-    square distance of the visible rigid points before smoothing, NaN where not seen."""
+    """Rotation vectors (radians) and translations (metres); frames that are not `seen` are interpolated.
+
+    `residual_px`: root mean square distance of the visible rigid landmarks before smoothing, NaN where not seen.
+    """
 
     head: Float[ndarray, "T 3"]
     translation: Float[ndarray, "T 3"]
@@ -56,14 +58,13 @@ class HeadPose:
 def head_pose(
     observed: Float[ndarray, "T N 2"], camera: Camera, settings: HeadPoseSettings, face: Float[ndarray, "L 3"]
 ) -> HeadPose:
-    """The pose of each frame from landmarks in the order of NAMES (NaN where hidden), bridged and smoothed.
+    """Fit the pose of each frame to landmarks in the order of LANDMARK_NAMES (NaN where hidden), then smooth.
 
-    `face`: where this person's points are in head coordinates when the face rests (`person`, or `rest_points`).
+    `face`: resting landmarks of this person in head coordinates (`face_identity`, or `rest_landmarks`). Raises
+    InputError if the number of landmarks differs.
     """
     if observed.shape[1] != len(LANDMARK_NAMES):
-        raise InputError(
-            f"landmarks should be the {len(LANDMARK_NAMES)} of head.face_points.NAMES, got {observed.shape[1]}"
-        )
+        raise InputError(f"landmarks: should be the {len(LANDMARK_NAMES)} of LANDMARK_NAMES, got {observed.shape[1]}")
     points, rest = observed[:, RIGID_LANDMARKS], face[RIGID_LANDMARKS]
     visible = np.isfinite(points).all(axis=-1)
     seen = visible.sum(axis=1) >= settings.min_points
@@ -80,7 +81,7 @@ def head_pose(
 
 
 def smooth_pose(pose: Float[ndarray, "T C"], settings: HeadPoseSettings) -> Float[ndarray, "T C"]:
-    """Savitzky-Golay over frames, with a shorter window where the clip is shorter."""
+    """Savitzky-Golay filter over frames; the window is shortened for clips shorter than it."""
     window = min(settings.window, len(pose) - (len(pose) + 1) % 2)
     if window <= settings.order:
         return pose
@@ -94,7 +95,7 @@ def solve_poses(
     settings: HeadPoseSettings,
     rest: Float[ndarray, "K 3"],
 ) -> tuple[Float[ndarray, "T 3 3"], Float[ndarray, "T 3"]]:
-    """Rotation matrices and translations by reweighted Gauss-Newton, from the neutral pose moved onto the points."""
+    """Rotation matrices and translations by reweighted Gauss-Newton, from the unrotated head at the points' mean."""
     frames = len(points)
     turn = np.tile(np.eye(3), (frames, 1, 1))
     translation = _first_translation(points, visible, camera, rest)
@@ -117,7 +118,7 @@ def solve_poses(
 def _first_translation(
     points: Float[ndarray, "T K 2"], visible: Bool[ndarray, "T K"], camera: Camera, rest: Float[ndarray, "K 3"]
 ) -> Float[ndarray, "T 3"]:
-    """Where the neutral head would have to stand for its visible points to have the observed mean."""
+    """Translation of the unrotated head that projects its visible points to the observed mean."""
     seen = visible[..., None]
     count = seen.sum(axis=1)
     mean = np.where(seen, points, 0.0).sum(axis=1) / count
@@ -135,7 +136,7 @@ def pose_residual(
     camera: Camera,
     rest: Float[ndarray, "K 3"],
 ) -> Float[ndarray, "T K 2"]:
-    """Projected minus observed, pixels; 0 where hidden."""
+    """Projected minus observed points, pixels; 0 where hidden."""
     placed = np.einsum("tij,kj->tki", turn, rest) + translation[:, None]
     return np.where(visible[..., None], camera.project(placed) - points, 0.0)
 
@@ -153,7 +154,7 @@ def pose_jacobian(
 
 
 def projection_jacobian(placed: Float[ndarray, "*N 3"], camera: Camera) -> Float[ndarray, "*N 2 3"]:
-    """Derivative of projected points by where they are."""
+    """Derivative of projected points by their positions."""
     scale = camera.focal_px / (camera.distance_m - placed[..., 2])
     by_place = np.zeros((*scale.shape, 2, 3))
     by_place[..., 0, 0] = scale

@@ -1,18 +1,19 @@
-"""LightGazeFit: eye rotations whose projected pupils meet the observed ones, head pose given (paper, eq. 1 to 4).
+"""LightGazeFit: eye rotations whose projected pupils match the observed ones, given the head pose (paper, eq. 1 to 4).
 
     L = ||y_hat - y||^2 + w_reg ||p_eye||^2 + w_sym ||p_l - p_r||^2     per frame, p_eye = (p_l, p_r) in R^6
 
-p_l and p_r are rotation vectors (radians, eye-in-head). Hidden pupils (NaN) are left out of the first term: with one
-eye hidden the symmetry term lets it follow the other; with both hidden the solution is 0 and the frame says nothing.
+p_l and p_r are rotation vectors (radians, eye-in-head). Hidden pupils (NaN) are excluded from the first term. If one
+eye is hidden, the symmetry term makes it follow the other; if both are hidden, the solution is 0 and carries no
+information.
 
-The paper does not say in which unit y is. In pixels of a 224 crop a radian moves the pupil by about 15 px, so the
-weights 1e-4 and 1e-2 pull the eyes together by less than 0.01 %: they decide only what the data leave open, torsion and
-a hidden eye. With the crop scaled to [-1, 1] (`unit_px: 112`) the symmetry term would halve the difference between the
-eyes, which people's eyes do have (the axes of the eyeballs stand some 9 degrees apart).
+The paper does not give the unit of y. In pixels of a crop of 224, a radian moves the pupil by about 15 px, so the
+weights 1e-4 and 1e-2 pull the eyes together by less than 0.01 %: they determine only what the data do not, namely
+torsion and a hidden eye. With the crop scaled to [-1, 1] (`unit_px: 112`) the symmetry term would halve the difference
+between the eyes, which is real (the axes of the eyeballs differ by some 9 degrees).
 
-Two solvers of the one objective: `solve_adam` as in the paper, and `solve_newton`, Gauss-Newton with the analytic
-Jacobian, some hundred times faster (benchmarks/fitting.py). `solve_listing` holds Listing's law instead of preferring
-it: without torsion two numbers an eye meet two of the picture exactly, in closed form, with no weights to choose.
+Two solvers minimise this objective: `solve_adam` as in the paper, and `solve_newton`, Gauss-Newton with the analytic
+Jacobian, some hundred times faster (benchmarks/fitting.py). `solve_listing` enforces Listing's law instead of favouring
+it: without torsion, two parameters per eye match the two image coordinates exactly, in closed form and without weights.
 """
 
 from __future__ import annotations
@@ -36,12 +37,12 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0)]
 DIAGONAL = np.arange(6)
-BLOCK_FRAMES = 4096  # frames that are solved together
-SMALL_RAD = 1e-4  # below it sin a / a and its like are taken at this angle (1e-9 off)
+BLOCK_FRAMES = 4096  # frames solved together
+SMALL_RAD = 1e-4  # below it, sin a / a and similar terms are evaluated at this angle (error 1e-9)
 
 
 class NewtonSettings(Settings):
-    """Gauss-Newton: most steps, the step (radians, largest of a frame) that ends it, and the least damping."""
+    """Gauss-Newton: maximum steps, convergence tolerance (radians, largest step of a frame), minimum damping."""
 
     steps: Annotated[int, Field(gt=0)]
     tolerance_rad: Positive
@@ -49,7 +50,7 @@ class NewtonSettings(Settings):
 
 
 class AdamSettings(Settings):
-    """Adam, as the paper: step size; stops when L falls by less than `tolerance` (relative) in `patience` steps."""
+    """Adam as in the paper: learning rate; stops if L falls by less than `tolerance` (relative) in `patience` steps."""
 
     learning_rate: Positive
     tolerance: Positive
@@ -58,7 +59,7 @@ class AdamSettings(Settings):
 
 
 class LightGazeFitSettings(Settings):
-    """Weights of eq. 1, the pixels that one unit of y stands for, and the solver of a clip."""
+    """Weights of eq. 1, pixels per unit of y, and the solver."""
 
     solver: Literal["newton", "adam", "listing"]
     regularisation: Annotated[float, Field(gt=0)]
@@ -70,7 +71,7 @@ class LightGazeFitSettings(Settings):
 
 @dataclass(frozen=True)
 class PupilObservations:
-    """What a fit of T frames starts from: observed pupils (NaN where hidden), and where the head and the camera are."""
+    """Input of a fit of T frames: observed pupils (NaN where hidden), head pose and camera."""
 
     pupils: Float[ndarray, "T 2 2"]
     head: Float[ndarray, "T 3"]
@@ -83,14 +84,14 @@ class PupilObservations:
         return np.asarray(np.isfinite(self.pupils).all(axis=-1))
 
     def frame_range(self, start: int, stop: int) -> PupilObservations:
-        """Some of the frames."""
+        """Observations of the frames from `start` up to `stop`."""
         at = slice(start, stop)
         return PupilObservations(self.pupils[at], self.head[at], self.translation[at], self.camera)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Fitted eye-in-head rotation vectors, the objective of each frame, and how many steps the solver took."""
+    """Fitted eye-in-head rotation vectors, the objective of each frame, and the number of solver steps."""
 
     gaze: Float[ndarray, "T 2 3"]
     objective: Float[ndarray, " T"]
@@ -98,13 +99,13 @@ class Solution:
 
 
 def solve(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """The fit by the solver that the settings name."""
+    """Fit gaze with the configured solver."""
     solvers = {"adam": solve_adam, "newton": solve_newton, "listing": solve_listing}
     return solvers[settings.solver](observations, settings)
 
 
 def solve_listing(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """Gaze under Listing's law; frames in blocks, so that memory beside the result does not grow with the clip."""
+    """Fit gaze under Listing's law, in blocks of frames, so that working memory does not grow with the clip."""
     blocks = [
         observations.frame_range(start, start + BLOCK_FRAMES)
         for start in range(0, len(observations.head), BLOCK_FRAMES)
@@ -115,7 +116,7 @@ def solve_listing(observations: PupilObservations, settings: LightGazeFitSetting
 
 
 def solve_newton(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """Gauss-Newton, frames in blocks, so that memory beside the result does not grow with the clip."""
+    """Fit gaze by Gauss-Newton, in blocks of frames, so that working memory does not grow with the clip."""
     blocks = [
         observations.frame_range(start, start + BLOCK_FRAMES)
         for start in range(0, len(observations.head), BLOCK_FRAMES)
@@ -129,9 +130,9 @@ def solve_newton(observations: PupilObservations, settings: LightGazeFitSettings
 
 
 def _newton(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """Gauss-Newton over all frames at once: one 6 x 6 system a frame, from where the pupil's ray meets the eyeball.
+    """Gauss-Newton over all frames at once: one 6 x 6 system per frame, starting from `ray_gaze`.
 
-    Levenberg: a frame whose objective would rise keeps its state and damps its next step more.
+    Levenberg damping: a frame whose objective would rise keeps its state and increases the damping of its next step.
     """
     newton = settings.newton
     problem = _Problem.of(observations, settings)
@@ -145,7 +146,7 @@ def _newton(observations: PupilObservations, settings: LightGazeFitSettings) -> 
         system[:, DIAGONAL, DIAGONAL] += damping[:, None]
         change = -np.linalg.solve(system, term.gradient[..., None])[..., 0]
         candidate = gaze + change.reshape(frames, 2, 3)
-        if np.abs(change).max() < newton.tolerance_rad:  # the last step: nobody asks for derivatives there
+        if np.abs(change).max() < newton.tolerance_rad:  # the last step needs no derivatives
             value = problem.value(candidate)
             better = value <= term.objective
             return Solution(
@@ -163,9 +164,10 @@ def _newton(observations: PupilObservations, settings: LightGazeFitSettings) -> 
 
 
 def ray_gaze(observations: PupilObservations) -> Float[ndarray, "T 2 3"]:
-    """Where the rays through the pupils meet the sphere of pupils: the fit without regularisers and torsion.
+    """Gaze whose pupil lies on the ray through the observed pupil: the fit without regularisers and torsion.
 
-    A ray that misses the sphere takes its nearest point; a hidden pupil copies the other eye, or looks ahead.
+    A ray that misses the sphere of pupil positions takes the nearest point. A hidden pupil copies the other eye, or
+    looks straight ahead.
     """
     camera, turn = observations.camera, rotvec_to_matrix(observations.head)
     centres = EYE_CENTRES @ turn.swapaxes(1, 2) + observations.translation[:, None]
@@ -185,14 +187,14 @@ def ray_gaze(observations: PupilObservations) -> Float[ndarray, "T 2 3"]:
 
 @dataclass(frozen=True)
 class _Terms:
-    """The objective at a state: value, gradient and Gauss-Newton Hessian, each halved as usual in least squares."""
+    """The objective at a state: value, gradient and Gauss-Newton Hessian; both derivatives halved."""
 
     objective: Float[ndarray, " T"]
     gradient: Float[ndarray, "T 6"]
     hessian: Float[ndarray, "T 6 6"]
 
     def where(self, better: Bool[ndarray, " T"], other: _Terms) -> _Terms:
-        """`other` in the frames that are better."""
+        """Take `other` in the frames where `better` is true."""
         return _Terms(
             np.where(better, other.objective, self.objective),
             np.where(better[:, None], other.gradient, self.gradient),
@@ -202,7 +204,7 @@ class _Terms:
 
 @dataclass(frozen=True)
 class _Problem:
-    """What stays fixed while a clip is solved. `side` and `up` scale metres at the pupil to units of y."""
+    """Fixed quantities of a fit."""
 
     turn: Float[ndarray, "T 3 3"]
     centres: Float[ndarray, "T 2 3"]
@@ -240,7 +242,7 @@ class _Problem:
         scale = self.camera.focal_px / (self.camera.distance_m - points[..., 2])
         weight = self.seen / self.unit_px
         residual = (self.camera.project(points) - self.pupils) * weight
-        along = points[..., :2] * (scale / self.camera.focal_px)[..., None]  # by how much depth moves the image
+        along = points[..., :2] * (scale / self.camera.focal_px)[..., None]  # image motion per unit of depth
         by_turned = self.turn[:, None, :2] + along[..., None] * self.turn[:, None, 2:]
         factor = PUPIL_OFFSET_M * weight * scale[..., None] * np.array([1.0, -1.0])
         jacobian = factor[..., None] * (by_turned @ by_gaze)
@@ -268,7 +270,7 @@ def direction_and_jacobian(gaze: Float[ndarray, "*N 3"]) -> tuple[Float[ndarray,
     angle = np.sqrt(np.maximum(squared, SMALL_RAD**2))
     cosine = np.cos(angle)
     s, c = np.sin(angle) / angle, (1.0 - cosine) / angle**2
-    ds, dc = (cosine - s) / angle**2, (s - 2.0 * c) / angle**2  # of s and c by p, over p itself
+    ds, dc = (cosine - s) / angle**2, (s - 2.0 * c) / angle**2  # derivatives of s and c by p, divided by p
     looking = np.stack([y * s + x * z * c, -x * s + y * z * c, 1.0 - (x * x + y * y) * c], axis=-1)
     by_s = np.stack([y, -x, np.zeros_like(x)], axis=-1)
     by_c = gaze * z[..., None]
@@ -283,7 +285,7 @@ def direction_and_jacobian(gaze: Float[ndarray, "*N 3"]) -> tuple[Float[ndarray,
 
 
 def solve_adam(observations: PupilObservations, settings: LightGazeFitSettings) -> Solution:
-    """The paper's way: Adam over all frames of the clip at once, from zero."""
+    """Fit gaze as in the paper: Adam over all frames of the clip at once, from zero."""
     import torch
 
     adam = settings.adam

@@ -1,7 +1,7 @@
-"""Habits of a person, measured in motions: where head and gaze rest, how far they go, how often eyes jump and blink.
+"""Motion style of a person: mean and spread of head and gaze, saccade rate, blink rate.
 
-`fit` measures those of every speaker (speakers.json), a model keeps them, and `performance.manner` imposes them on what
-a model gives. Head: rotation vectors; gaze: (yaw, pitch) in space; radians.
+`fit` measures the style of every speaker (speakers.json), a model stores them, and `animation.style_transfer` applies
+them to generated motion. Head: rotation vectors; gaze: (yaw, pitch) in space; radians.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BLINK_CLOSURE, MAX_BLINK_S = 0.35, 0.8
 
 @dataclass(frozen=True)
 class MotionStyle:
-    """What is measured: means, standard deviations about them within a clip, rates a minute."""
+    """Means, standard deviations within a clip, and rates per minute."""
 
     head_mean_rad: tuple[float, float, float]
     head_sd_rad: tuple[float, float, float]
@@ -39,7 +39,10 @@ class MotionStyle:
 
 
 def measure_style(motion: Motion) -> MotionStyle:
-    """The habits in one clip; its saccades are counted as a model's frames hold them (physiology.steps)."""
+    """Measure the style of one clip, with saccades found by physiology.frame_saccades.
+
+    Raises InputError if the clip is shorter than MIN_CLIP_S.
+    """
     if motion.seconds < MIN_CLIP_S:
         raise InputError(f"style: a clip should last at least {MIN_CLIP_S:g} s, got {motion.seconds:.2f} s")
     space = rotation.gaze_in_space(motion.head, motion.gaze)
@@ -55,7 +58,7 @@ def measure_style(motion: Motion) -> MotionStyle:
 
 
 def _blinks(motion: Motion) -> int:
-    """How often lids shut by `BLINK_CLOSURE` beyond where they usually are, and open again soon."""
+    """Count the blinks: closures of `BLINK_CLOSURE` beyond the median lid, of at most MAX_BLINK_S."""
     lid = motion.lid.mean(axis=1)
     shut = lid - np.median(lid) >= BLINK_CLOSURE
     edges = np.flatnonzero(np.diff(np.concatenate([[0], shut, [0]])))
@@ -63,7 +66,7 @@ def _blinks(motion: Motion) -> int:
 
 
 def mean_style(styles: Sequence[MotionStyle], seconds: Sequence[float]) -> MotionStyle:
-    """The habits of a person over clips: means weighted by their length, ranges those within clips."""
+    """Style of a person over clips, weighted by duration."""
     weight = np.asarray(seconds) / np.sum(seconds)
     mean = {name: weight @ np.array([getattr(each, name) for each in styles]) for name in asdict(styles[0])}
     return MotionStyle(
@@ -77,19 +80,19 @@ def mean_style(styles: Sequence[MotionStyle], seconds: Sequence[float]) -> Motio
 
 
 def save_speakers(path: Path, speakers: Mapping[str, MotionStyle]) -> None:
-    """Keep the habits of speakers, by name, with a model."""
+    """Write the styles of speakers, by name, as JSON."""
     path.write_text(
         json.dumps({name: asdict(motion_style) for name, motion_style in sorted(speakers.items())}, indent=1)
     )
 
 
 def load_speakers(path: Path) -> dict[str, MotionStyle]:
-    """Those kept with a model. Raises InputError if the file is missing or damaged."""
+    """Read the styles of speakers of a model. Raises InputError if the file is missing or damaged."""
     try:
         content = json.loads(path.read_text())
         return {name: TypeAdapter(MotionStyle).validate_python(values) for name, values in content.items()}
     except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: should hold habits of speakers, got {error!r}") from None
+        raise InputError(f"{path}: should hold styles of speakers, got {error!r}") from None
 
 
 def _triple(values: Float[ndarray, " 3"]) -> tuple[float, float, float]:

@@ -1,17 +1,17 @@
-"""Temporal terms for fitted gaze: what becomes of its noise. All work on gaze in space, (yaw, pitch) of both eyes.
+"""Temporal smoothing of fitted gaze. All methods work on gaze in space, (yaw, pitch) of both eyes.
 
-There gaze stands still between saccades (the eyes counter-rotate the head). The eyes are conjugate: their mean
+Gaze in space is still between saccades, because the eyes counter-rotate the head. The eyes are conjugate: their mean
 direction is smoothed by one of
 
-    none        the fit of each frame, as in the paper; white noise of .3 px moves eyes three to seven times too fast
-    gaussian    the paper's remedy, a temporal convolution: halves the peaks of saccades
-    quadratic   sum of |x_t - y_t|^2 + weight |x_t - x_t-1|^2 at its least (Whittaker 1923): the same, sharper
-    steps       the L0 gradient term: steps stay, and each is one frame long (`steps.piecewise_constant`)
-    saccades    the same with a saccade of the main sequence in every step (`steps.with_saccades`)
+    none        no smoothing, as in the paper; white noise of 0.3 px makes eyes move three to seven times too fast
+    gaussian    the paper's remedy, a temporal convolution: halves the peak speed of saccades
+    quadratic   minimises sum of |x_t - y_t|^2 + weight |x_t - x_t-1|^2 (Whittaker 1923): the same, but sharper
+    steps       the L0 gradient term: keeps steps, each one frame long (`fixation_segmentation.piecewise_constant`)
+    saccades    the same with a main-sequence saccade in place of each step (`fixation_segmentation.insert_saccades`)
 
-and their difference (vergence and the eyes' own axes), which is slow, by a wide Gaussian. What steps and saccades leave
-over in the fixations is smoothed by a Gaussian and added back, so that drift and pursuit stay. In frames that show no
-gaze it is held; `saccades` alone lets a shift that a blink hides begin with the blink.
+Their difference (vergence and the axes of the eyes) changes slowly and is smoothed by a wide Gaussian. For steps and
+saccades, the residual within fixations is smoothed by a Gaussian and added back, so that drift and pursuit remain. In
+frames without visible gaze it is held; only `saccades` starts a gaze shift hidden by a blink at the start of the blink.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from talkingeyes.fitting.fixation_segmentation import insert_saccades, noise_var
 from talkingeyes.fitting.gaps import hold_last, interpolate_gaps, runs
 
 Positive = Annotated[float, Field(gt=0)]
-HALF_WINDOW = 7  # frames before and after, between whose medians a frame should lie
+HALF_WINDOW = 7  # frames in each of the two medians, before and after, between which a frame should lie
 
 
 class BurstSettings(Settings):
-    """An excursion of one eye at least `min_amplitude_rad` far and `frames` long at most that comes back: an error."""
+    """Tracking errors: excursions of one eye by at least `min_amplitude_rad` that return within `frames` frames."""
 
     min_amplitude_rad: Positive
     frames: Annotated[int, Field(ge=0, lt=HALF_WINDOW)]
 
 
 class NoSmoothing(Settings):
-    """Every frame as it was fitted."""
+    """No smoothing."""
 
     kind: Literal["none"]
 
@@ -56,7 +56,7 @@ class GaussianSettings(Settings):
 
 
 class QuadraticSettings(Settings):
-    """`weight` of squared differences of adjacent frames, against 1 for squared distances to the fit."""
+    """`weight` of squared differences of adjacent frames, relative to squared distances to the fit."""
 
     kind: Literal["quadratic"]
     weight: Positive
@@ -65,10 +65,10 @@ class QuadraticSettings(Settings):
 
 
 class PiecewiseConstantSettings(Settings):
-    """`step_cost`: what a step costs, in variances of the frame noise; `max_fixation_s`: of a stretch without a step.
+    """`step_cost`: cost of a step in variances of the frame noise; `max_fixation_s`: longest segment without a step.
 
-    `fixation_sigma_s`: sigma of the Gaussian inside fixations; `vergence_sigma_s`: of the one for the difference of the
-    eyes.
+    `fixation_sigma_s`: sigma of the Gaussian inside fixations; `vergence_sigma_s`: of the Gaussian for the difference
+    of the eyes.
     """
 
     kind: Literal["steps", "saccades"]
@@ -87,7 +87,7 @@ SmoothingSettings = Annotated[
 def smooth_gaze(
     gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], fps: float, settings: SmoothingSettings
 ) -> Float[ndarray, "T 2 2"]:
-    """Smoothed (yaw, pitch) of gaze in space of both eyes; in frames where neither is `seen` gaze is held."""
+    """Smooth (yaw, pitch) of gaze in space of both eyes; gaze is held in frames where neither eye is `seen`."""
     if isinstance(settings, NoSmoothing):
         return hold_last(gaze_in_space_rad, np.asarray(seen.any(axis=1)))
     seen = seen & ~bursts(gaze_in_space_rad, seen, settings.burst)
@@ -109,7 +109,7 @@ def smooth_version(
     fps: float,
     settings: GaussianSettings | QuadraticSettings | PiecewiseConstantSettings,
 ) -> Float[ndarray, "T 2"]:
-    """The mean direction of both eyes, smoothed as the settings say."""
+    """Smooth the mean direction of both eyes with the configured method."""
     match settings:
         case GaussianSettings():
             return hold_last(_gaussian(version, known, settings.sigma_s * fps), known)
@@ -130,7 +130,7 @@ def smooth_version(
 
 
 def whittaker_smooth(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], weight: float) -> Float[ndarray, "T 2"]:
-    """The path of least squared distance in known frames + `weight` times its squared steps: one banded system."""
+    """Minimise squared distance in known frames + `weight` times squared steps: one banded system."""
     frames = len(track)
     banded = np.zeros((2, frames))
     banded[1] = known + 1e-9
@@ -143,9 +143,9 @@ def whittaker_smooth(track: Float[ndarray, "T 2"], known: Bool[ndarray, " T"], w
 def bursts(
     gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], settings: BurstSettings
 ) -> Bool[ndarray, "T 2"]:
-    """Frames of an eye that leave the way from the median before to the median after, and soon come back.
+    """Frames in which an eye leaves the line between the medians before and after it, and soon returns.
 
-    A saccade does not (what comes after it is where it went), and no dwell is so short.
+    Neither saccades nor fixations match: gaze stays at the target of a saccade, and fixations last longer.
     """
     flags = np.zeros(seen.shape, bool)
     for eye in range(2):
@@ -165,7 +165,7 @@ def bursts(
 def _half_difference(
     gaze_in_space_rad: Float[ndarray, "T 2 2"], seen: Bool[ndarray, "T 2"], sigma: float
 ) -> Float[ndarray, "T 2"]:
-    """Half of left minus right, heavily smoothed over frames that show both eyes."""
+    """Half of left minus right, smoothed over the frames in which both eyes are visible."""
     both = np.asarray(seen.all(axis=1))
     if not both.any():
         return np.zeros((len(seen), 2))
@@ -173,7 +173,7 @@ def _half_difference(
 
 
 def _gaussian(values: Float[ndarray, "T C"], known: Bool[ndarray, " T"], sigma: float) -> Float[ndarray, "T C"]:
-    """Gaussian smoothing over the known frames (normalised convolution); far from any, the nearest are bridged."""
+    """Normalised Gaussian convolution over the known frames; frames far from any known one are interpolated."""
     weight = gaussian_filter1d(known.astype(np.float64), sigma, mode="constant")
     total = gaussian_filter1d(np.where(known[:, None], values, 0.0), sigma, axis=0, mode="constant")
     reached = weight > 1e-6
