@@ -1,8 +1,8 @@
-"""What the microphone adds: a room's echo and background noise, to the sound alone; motion and times stay.
+"""Simulated acoustics of a recording: room reverberation and background noise; motion and timing do not change.
 
-The room is Polack's model: white noise that decays by 60 dB in the reverberation time, behind the direct sound
-(Jeub et al. 2009, DSP, compare it with measured rooms). The noise has a spectrum of f^-k, k drawn from white (0) to
-brown (2), and a level that wanders. Pure: takes a generator.
+The room follows Polack's model: white noise that decays by 60 dB over the reverberation time, after the direct sound
+(Jeub et al. 2009, DSP, compare it with measured rooms). The noise has a spectrum of f^-k, with k sampled between white
+(0) and brown (2), and a level that varies slowly. Pure functions with an explicit random generator.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ PEAK = 0.97
 
 
 class AcousticsSettings(Settings):
-    """How many of the sounds are heard with noise or in a room, and how much of it."""
+    """Probabilities and ranges of background noise and reverberation."""
 
     noise_probability: float = Field(ge=0, le=1)
-    snr_min_db: float = Field(ge=-10, le=60)  # speech over noise, while speech sounds
+    snr_min_db: float = Field(ge=-10, le=60)  # signal-to-noise ratio while speech sounds
     snr_max_db: float = Field(ge=-10, le=60)
     reverb_probability: float = Field(ge=0, le=1)
-    rt60_min_s: float = Field(gt=0, le=5)  # in which the room's sound falls by 60 dB
+    rt60_min_s: float = Field(gt=0, le=5)  # time in which the reverberation falls by 60 dB
     rt60_max_s: float = Field(gt=0, le=5)
-    drr_min_db: float = Field(ge=-20, le=40)  # direct sound over echo
+    drr_min_db: float = Field(ge=-20, le=40)  # direct-to-reverberant ratio
     drr_max_db: float = Field(ge=-20, le=40)
 
     @model_validator(mode="after")
@@ -47,7 +47,7 @@ class AcousticsSettings(Settings):
 def apply_acoustics(
     sound: Float[ndarray, " N"], settings: AcousticsSettings, rng: np.random.Generator
 ) -> Float[ndarray, " N"]:
-    """The sound as the microphone gets it: as it is, or in a room, with noise, or both."""
+    """Simulate the recording of a sound: unchanged, reverberant, noisy, or both."""
     in_room, with_noise = rng.random(2) < (settings.reverb_probability, settings.noise_probability)
     if not in_room and not with_noise:
         return sound
@@ -64,7 +64,7 @@ def apply_acoustics(
 def add_reverb(
     sound: Float[ndarray, " N"], rt60_s: float, drr_db: float, rng: np.random.Generator
 ) -> Float[ndarray, " N"]:
-    """The sound with the echo of a room, not shifted in time."""
+    """Add the reverberation of a room to a sound without delaying it."""
     times_s = np.arange(round(rt60_s * SAMPLE_RATE)) / SAMPLE_RATE
     echo = rng.standard_normal(len(times_s)) * 10 ** (-3.0 * times_s / rt60_s)
     echo[times_s < FIRST_ECHO_S] = 0.0
@@ -74,7 +74,7 @@ def add_reverb(
 
 
 def coloured_noise(samples: int, rng: np.random.Generator) -> Float[ndarray, " N"]:
-    """Coloured noise of RMS 1, its level wandering by some decibels."""
+    """Coloured noise of RMS 1 whose level varies by some decibels."""
     frequency_hz = np.maximum(np.fft.rfftfreq(samples, 1.0 / SAMPLE_RATE), LOWEST_HZ)
     spectrum = np.fft.rfft(rng.standard_normal(samples)) * frequency_hz ** (
         -rng.uniform(0.0, MAX_SPECTRAL_EXPONENT) / 2
@@ -86,6 +86,6 @@ def coloured_noise(samples: int, rng: np.random.Generator) -> Float[ndarray, " N
 
 
 def _speech_rms(sound: Float[ndarray, " N"]) -> float:
-    """The level while speech sounds: of what is not silence."""
+    """RMS level of the samples that are not silent."""
     loud = sound[np.abs(sound) > 1e-4].astype(np.float64)
     return float(np.sqrt(np.mean(loud**2))) if len(loud) else 1.0

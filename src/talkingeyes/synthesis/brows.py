@@ -1,7 +1,8 @@
-"""When brows rise: with some prominent syllables, at the end of some questions, and now and then for no reason.
+"""Brow raises: on some prominent syllables, at the end of some questions, and occasionally without cause.
 
-A weak tie, tossed anew in every take: brows rise with a minority of accents, a little before them (Cave et al. 1996;
-Flecha-Garcia 2010: 60 ms), more in questions. Sizes and shares are our own [U]. Times are seconds.
+The coupling to speech is weak, and sampled anew in every take: brows rise with a minority of accents, slightly before
+them (Cave et al. 1996; Flecha-Garcia 2010: 60 ms), and more often in questions. Sizes and probabilities are choices of
+this project [U]. Times are in seconds.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ ACCENT_PROBABILITY, QUESTION_PROBABILITY, SPONTANEOUS_PER_S = (
     0.25,
     0.45,
     0.03,
-)  # chances at full prominence, of a question; hazard
+)  # probability at full prominence; of a question; hazard
 LEAD_S = (0.06, 0.08)
 ACCENT_SIZE, QUESTION_SIZE, SPREAD = 0.35, 0.45, 0.4
-QUESTION_S = 0.6  # a question's raise starts so long before its end
+QUESTION_S = 0.6  # how long before the end of a question its raise starts
 
 
 def sample_brow_raises(
     annotation: Annotation, speech_coupling: float, seconds: float, rng: np.random.Generator
 ) -> tuple[BrowRaise, ...]:
-    """Raises in order of onset; `speech_coupling` is how far what is said moves this person at all."""
+    """Sample brow raises in order of onset; `speech_coupling` scales the probability of raises tied to speech."""
     raises = []
     for phoneme in annotation.phonemes:
         if rng.random() < ACCENT_PROBABILITY * phoneme.prominence * speech_coupling:

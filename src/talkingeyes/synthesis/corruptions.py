@@ -1,7 +1,7 @@
-"""What goes wrong between a face and its landmarks: hands and hair before it, dropped frames, coarse pictures.
+"""Corruptions of landmarks: occlusion by hands and hair, dropped frames, coarse coordinates.
 
-Each is off at 0 (resolution and grid: at 1 and 0). What is covered or lost is NaN, as everywhere. Stretches come at
-random moments, at a rate a minute, so longer clips have more of them; lengths are log-normal.
+Each is disabled at 0. Occluded or lost values are NaN, as everywhere. Occlusions start at random times with a constant
+rate per minute, so longer clips have more of them; their durations are log-normal.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from pydantic import Field, model_validator
 from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.head.landmark_definitions import LANDMARK_NAMES
 
-# Where a hand or hair comes: the landmark that its middle lies on.
+# Landmarks at which the centre of an occluding hand or hair lies.
 HAND = ("outline_chin", "upper_lip", "left_outline_jaw", "right_outline_jaw", "nose_tip", "left_eye_outer")
 HAIR = ("left_outline_temple", "right_outline_temple", "left_brow_outer", "right_brow_outer")
 
 
 class OcclusionSettings(Settings):
-    """Hands and hair before the face: a disc, fixed to the face, that covers landmarks and pupils for a while."""
+    """Occlusion by hands and hair: a disc fixed to the face that hides landmarks and pupils for some time."""
 
     rate_per_min: float = Field(ge=0, le=60)
-    hand_probability: float = Field(ge=0, le=1)  # the others are hair
-    median_s: float = Field(gt=0, le=60)  # median length
-    log_std: float = Field(ge=0, le=2)  # of the logarithm of the length
+    hand_probability: float = Field(ge=0, le=1)  # the remaining occlusions are hair
+    median_s: float = Field(gt=0, le=60)  # median duration
+    log_std: float = Field(ge=0, le=2)  # standard deviation of the log duration
     radius_min_px: float = Field(gt=0, le=4096)
     radius_max_px: float = Field(gt=0, le=4096)
 
@@ -39,18 +39,19 @@ class OcclusionSettings(Settings):
 
 
 class FrameDropSettings(Settings):
-    """Frames that a camera loses: shown as the frame before once more, or not at all."""
+    """Frames lost by the camera: the previous frame is repeated, or the frame is empty."""
 
-    dropped_fraction: float = Field(ge=0, lt=1)  # of the frames
-    max_frames: int = Field(ge=1, le=100)  # a gap lasts 1 to so many
-    repeat_probability: float = Field(ge=0, le=1)  # of the gaps repeat the frame before; the others are empty
+    dropped_fraction: float = Field(ge=0, lt=1)  # of all frames
+    max_frames: int = Field(ge=1, le=100)  # a gap lasts 1 to this many frames
+    # of gaps in which the previous frame is repeated; the others are empty
+    repeat_probability: float = Field(ge=0, le=1)
 
 
 def occlusion_mask(
     points: Float[ndarray, "T L 2"], pupils: Float[ndarray, "T 2 2"], fps: float, settings: OcclusionSettings,
     rng: np.random.Generator,
 ) -> Bool[ndarray, "T K"]:  # fmt: skip
-    """Which landmarks, and after them which pupils, something is before at each frame."""
+    """Whether each landmark, followed by each pupil, is occluded in each frame."""
     everything = np.concatenate([points, pupils], axis=1)
     hidden = np.zeros(everything.shape[:2], bool)
     for _ in range(rng.poisson(settings.rate_per_min * len(points) / fps / 60.0)):
@@ -67,7 +68,7 @@ def occlusion_mask(
 
 
 def source_frames(frames: int, settings: FrameDropSettings, rng: np.random.Generator) -> ndarray:
-    """For each frame the frame that is shown in its place: itself, one before it, or -1 where there is none."""
+    """Index of the frame shown in place of each frame: itself, an earlier one, or -1 for an empty frame."""
     source = np.arange(frames)
     per_frame = settings.dropped_fraction / ((1.0 + settings.max_frames) / 2.0)
     for start in np.flatnonzero(rng.random(frames) < per_frame):
@@ -77,5 +78,5 @@ def source_frames(frames: int, settings: FrameDropSettings, rng: np.random.Gener
 
 
 def quantise(points_px: Float[ndarray, "*N 2"], quantisation_px: float) -> Float[ndarray, "*N 2"]:
-    """Coordinates rounded to steps of `quantisation_px`; 0 leaves them."""
+    """Round coordinates to multiples of `quantisation_px`; 0 leaves them unchanged."""
     return np.asarray(np.round(points_px / quantisation_px) * quantisation_px) if quantisation_px else points_px

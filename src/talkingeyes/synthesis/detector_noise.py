@@ -1,10 +1,10 @@
-"""What detectors add to pixels: the raw noise of FACTS section 8.
+"""Noise of landmark and pupil detectors in pixels (FACTS section 8).
 
-Pupil error is slow, not white: a bias per clip that both eyes share in part, a slow part (first-order
-autoregressive), a small white part, a gain below 1 (the lids hide the iris), all larger with the head turned away,
-rare bursts, and nothing at all while the lids hide the pupil. Landmarks have the same parts, smaller, without gain
-and bursts. A picture of low resolution makes all of that larger and coordinates coarser. Hands, hair and lost frames
-are in `mishaps`.
+Pupil error is slow, not white. It consists of a bias per clip, partly shared by the eyes, a first-order autoregressive
+part, a small white part, and a gain below 1 (the lids hide the iris). It grows as the head turns away. There are rare
+bursts, and no detection while the lids hide the pupil. Landmark noise has the same parts but is smaller, and has
+neither gain nor bursts. A low image resolution increases all of these and makes coordinates coarser. Occlusions and
+lost frames are in `corruptions`.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ PUPIL_ERRORS, LANDMARK_ERRORS = ("bias", "ar", "white_min", "white_max"), ("bias
 
 
 class PupilNoiseSettings(Settings):
-    """Noise of the pupil detector, pixels at the scale of the crop; standard deviations where nothing else is said."""
+    """Noise of the pupil detector in pixels at the scale of the crop; standard deviations unless stated otherwise."""
 
-    bias_px: float = Field(ge=0, le=20)  # of a clip and an eye, per axis
-    bias_correlation: float = Field(ge=0, le=1)  # correlation of that bias between the eyes
+    bias_px: float = Field(ge=0, le=20)  # per clip, eye and axis
+    bias_correlation: float = Field(ge=0, le=1)  # between the eyes
     ar_px: float = Field(ge=0, le=20)  # the autoregressive part
-    ar_correlation: float = Field(ge=0, lt=1)  # its correlation over 40 ms
-    white_min_px: float = Field(ge=0, le=20)  # the white part, drawn for each clip between these
+    ar_correlation: float = Field(ge=0, lt=1)  # over 40 ms
+    white_min_px: float = Field(ge=0, le=20)  # the white part, sampled per clip from this range
     white_max_px: float = Field(ge=0, le=20)
-    gain_x_min: float = Field(gt=0, le=2)  # how far the detected pupil follows the true one, drawn for each eye
+    gain_x_min: float = Field(gt=0, le=2)  # motion of the detected pupil relative to the true one, sampled per eye
     gain_x_max: float = Field(gt=0, le=2)
     gain_y_min: float = Field(gt=0, le=2)
     gain_y_max: float = Field(gt=0, le=2)
-    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
-    burst_share: float = Field(ge=0, le=1)  # of frames lie in a burst
-    burst_max_frames: int = Field(gt=0, le=100)  # a burst lasts 1 to so many frames
+    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with a head rotation of 30 degrees
+    burst_share: float = Field(ge=0, le=1)  # fraction of frames in a burst
+    burst_max_frames: int = Field(gt=0, le=100)  # a burst lasts 1 to this many frames
     burst_min_px: float = Field(ge=0, le=100)
     burst_max_px: float = Field(ge=0, le=100)
-    min_aperture: float = Field(ge=0, le=1)  # aperture (1 open) under which there is no pupil
+    min_aperture: float = Field(ge=0, le=1)  # aperture (1 open) below which the pupil is hidden
 
     @model_validator(mode="after")
     def _ordered(self) -> PupilNoiseSettings:
@@ -53,28 +53,28 @@ class PupilNoiseSettings(Settings):
 
 
 class LandmarkNoiseSettings(Settings):
-    """Noise of the face landmarks, pixels at the scale of the crop; standard deviations."""
+    """Noise of the face landmarks in pixels at the scale of the crop; standard deviations."""
 
-    bias_px: float = Field(ge=0, le=20)  # of a clip and a landmark, per axis
+    bias_px: float = Field(ge=0, le=20)  # per clip, landmark and axis
     ar_px: float = Field(ge=0, le=20)  # the autoregressive part
-    ar_correlation: float = Field(ge=0, lt=1)  # its correlation over 40 ms
+    ar_correlation: float = Field(ge=0, lt=1)  # over 40 ms
     white_px: float = Field(ge=0, le=20)  # from frame to frame
-    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with the head turned by 30 degrees
+    yaw_growth: float = Field(ge=0, le=10)  # growth of the noise with a head rotation of 30 degrees
 
 
 class NoiseSettings(Settings):
-    """Noise of what the camera sees."""
+    """Noise and corruptions of the simulated observations."""
 
     pupil: PupilNoiseSettings
     landmark: LandmarkNoiseSettings
-    resolution: float = Field(gt=0, le=1)  # of the picture, as a share of the crop's: noise grows as it falls
-    quantisation_px: float = Field(ge=0, le=16)  # coordinates come in such steps at full resolution; 0: as they are
+    resolution: float = Field(gt=0, le=1)  # of the image, as a fraction of the crop's: noise grows as it falls
+    quantisation_px: float = Field(ge=0, le=16)  # grid of the coordinates at full resolution; 0: none
     occlusion: OcclusionSettings
     frame_drops: FrameDropSettings
 
     @property
     def at_full_resolution(self) -> NoiseSettings:
-        """The same at full resolution: all errors and the grid larger by what the resolution lacks."""
+        """Equivalent settings at full resolution: errors and grid are divided by the resolution."""
         larger = 1.0 / self.resolution
         pupil = {f"{name}_px": larger * getattr(self.pupil, f"{name}_px") for name in PUPIL_ERRORS}
         landmark = {f"{name}_px": larger * getattr(self.landmark, f"{name}_px") for name in LANDMARK_ERRORS}
@@ -97,7 +97,7 @@ def noisy_pupils(
     settings: PupilNoiseSettings,
     rng: np.random.Generator,
 ) -> Float[ndarray, "T 2 2"]:
-    """Detected pupils of both eyes, NaN where hidden. `ahead_px` is where they would be looking straight ahead."""
+    """Detected pupils of both eyes, NaN where hidden. `ahead_px`: their positions for gaze straight ahead."""
     frames = len(exact_px)
     shared, own = rng.standard_normal((1, 2)), rng.standard_normal((2, 2))
     bias = settings.bias_px * (
@@ -145,7 +145,7 @@ def autoregressive(
 
 
 def bursts(frames: int, settings: PupilNoiseSettings, rng: np.random.Generator) -> Float[ndarray, "T 2 2"]:
-    """Outliers of single eyes: constant for a few frames, in any direction."""
+    """Outliers of single eyes: a constant offset in a random direction for a few frames."""
     added = np.zeros((frames, 2, 2))
     per_frame = settings.burst_share / ((1.0 + settings.burst_max_frames) / 2.0)
     starts, eyes = np.nonzero(rng.random((frames, 2)) < per_frame)

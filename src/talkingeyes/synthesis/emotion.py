@@ -1,10 +1,11 @@
-"""How emotions move head, eyes and lids: factors on a person's style at full strength, in one table.
+"""Effects of emotion on head, eyes and lids: factors on the style of a speaker at full intensity, in one table.
 
 Head: range, speed and activation rise in anger and happiness and fall in sadness (Busso et al. 2007, IEEE TASLP 15(3)).
-Gaze: anger and joy look at the partner, fear and sadness away (Adams & Kleck 2005, Emotion 5(1)); disgust and contempt
-turn away; sadness sinks the head, contempt lifts the chin (Ekman & Friesen 1986). Blinks rise with arousal and fall in
-sadness (Maffei & Angrilli 2019, Int J Psychophysiol). The directions are those of the sources; the sizes are choices of
-this project, kept small, so that people still differ more than their moods.
+Gaze: anger and joy increase gaze at the partner, fear and sadness decrease it (Adams & Kleck 2005, Emotion 5(1));
+disgust and contempt avert it; in sadness the head is lowered, in contempt the chin is raised (Ekman & Friesen 1986).
+Blinks rise with arousal and fall in sadness (Maffei & Angrilli 2019, Int J Psychophysiol). The directions of the
+effects are those of the sources. The sizes are choices of this project and small, so that differences between speakers
+exceed those between emotions.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from talkingeyes.synthesis.speakers import SpeakerStyle
 
 @dataclass(frozen=True)
 class EmotionFactors:
-    """Factors of head range, head speed, nods, odds of looking away and blinks; how far the head hangs, degrees."""
+    """Factors on head range, head speed, nods, odds of gaze aversion and blinks; lowering of the head in degrees."""
 
     head_range: float = 1.0
     head_tempo: float = 1.0
@@ -53,7 +54,7 @@ EMOTION_FACTORS: dict[str, EmotionFactors] = {
 
 
 def emotional_style(style: SpeakerStyle, emotion: str, strength: float) -> SpeakerStyle:
-    """The style of somebody in an emotion; `strength` is how much of it shows (0 nothing, 1 its full strength)."""
+    """Apply an emotion to a style; `strength` is 0 for no effect and 1 for the full effect."""
     affect = EMOTION_FACTORS[emotion]
 
     def scaled(factor: float) -> float:
@@ -72,5 +73,5 @@ def emotional_style(style: SpeakerStyle, emotion: str, strength: float) -> Speak
 
 
 def _scaled_odds(look: float, factor: float) -> float:
-    """The share of looking when the odds of looking away are so many times as high."""
+    """Proportion of gaze at the partner after the odds of looking away are multiplied by `factor`."""
     return look / (look + factor * (1.0 - look))

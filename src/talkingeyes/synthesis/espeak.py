@@ -1,7 +1,7 @@
-"""espeak-ng through ctypes (its speak_lib.h): text in, sound with word and phoneme events out, always the same bytes.
+"""Speech synthesis with espeak-ng through ctypes (speak_lib.h): text to sound with word and phoneme events.
 
-espeakng_loader bundles the library and its data (GPL-3, the extra `synthesis`), so it is imported only when something
-is spoken.
+The same text gives the same bytes. espeakng_loader bundles the library and its data (GPL-3, the extra `synthesis`), so
+it is imported only when needed.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes
 
 @dataclass(frozen=True)
 class EspeakEvent:
-    """The start of a word or phoneme: its sample, its place in the text (from 1), its mnemonic with stress mark."""
+    """Onset of a word or phoneme: its sample, its position in the text (from 1), its mnemonic with stress mark."""
 
     kind: int
     sample: int
@@ -62,22 +62,23 @@ class EspeakEvent:
 
 @dataclass(frozen=True)
 class EspeakOutput:
-    """What espeak gave: sound at NATIVE_HZ in -1..1, word and phoneme events in order."""
+    """Output of espeak-ng: sound at ESPEAK_SAMPLE_RATE in -1..1, word and phoneme events in order."""
 
     sound: Float[ndarray, " N"]
     events: tuple[EspeakEvent, ...]
 
 
-# text, rate in words a minute, pitch and pitch range (espeak's 0 to 99) -> sound and events
+# text, words per minute, pitch and pitch range (espeak's 0 to 99) -> sound and events
 SpeakFunction = Callable[[str, int, int, int], EspeakOutput]
 
 
 @contextmanager
 def espeak_engine(espeak_voice: str) -> Iterator[SpeakFunction]:
-    """espeak-ng loaded afresh (0.4 ms), because its flutter and noise go on from what was said before.
+    """Load espeak-ng anew (0.4 ms), because the state of its flutter and noise carries over between utterances.
 
-    Loading it anew and seeding its noise is the one way to the same bytes in any order and process. Its state is global
-    to the process, hence the lock.
+    A fresh load with a seeded noise generator is the only way to the same bytes in any order and in any process. The
+    state of espeak-ng is global to the process, hence the lock. Raises InputError if the voice does not exist or
+    espeak-ng cannot be started.
     """
     import _ctypes
 
@@ -90,10 +91,12 @@ def espeak_engine(espeak_voice: str) -> Iterator[SpeakFunction]:
         try:
             wanted = _PHONEME_EVENTS | _DONT_EXIT
             if library.espeak_Initialize(_SYNCHRONOUS, 0, str(data).encode(), wanted) != ESPEAK_SAMPLE_RATE:
-                raise InputError(f"voices: espeak-ng could not be started with the data in {data}; install it again")
+                raise InputError(
+                    f"voices: espeak-ng should start with the data in {data}, got an error; install it again"
+                )
             library.espeak_ng_SetRandSeed(ctypes.c_long(1))
             if library.espeak_SetVoiceByName(espeak_voice.encode()) != 0:
-                raise InputError(f"voices: espeak-ng does not know the voice {espeak_voice!r}")
+                raise InputError(f"voices: should be a voice of espeak-ng, got {espeak_voice!r}")
             yield partial(_synthesise, library)
         finally:
             library.espeak_Terminate()
@@ -102,7 +105,7 @@ def espeak_engine(espeak_voice: str) -> Iterator[SpeakFunction]:
 
 @cache
 def _check(espeak_voice: str, data: Path) -> None:
-    """espeak-ng falls back to another voice in silence, so the name is looked up in its data first."""
+    """Check the voice name against the data, because espeak-ng silently falls back to another voice."""
     accent, _, variant = espeak_voice.partition("+")
     accents = {path.name.lower() for path in (data / "lang").glob("*/*")}
     variants = {path.name for path in (data / "voices" / "!v").iterdir()}
@@ -135,7 +138,7 @@ def _synthesise(library: ctypes.CDLL, text: str, rate_wpm: int, pitch: int, pitc
 
 
 def _until_end(reported: Any) -> Iterator[Any]:
-    """The events of one callback: an array that ends with an event of type 0."""
+    """Events of one callback: an array terminated by an event of type 0."""
     i = 0
     while reported[i].type:
         yield reported[i]

@@ -1,9 +1,10 @@
-"""When somebody looks at the partner and when away, talking and listening: weakly tied to speech, drawn anew each take.
+"""Timing of gaze at the partner and gaze aversion while talking and listening, sampled anew for each take.
 
-People look away to plan what they say, to hold the floor, and to keep intimacy in bounds (Andrist, Mutlu & Gleicher
-2013, whose times and lengths stand below); talkers look away more than listeners do (Argyle & Cook 1976), start to
-speak with gaze averted and end with it on the partner (Kendon 1967; Ho, Foulsham & Kingstone 2015). Each such tie is a
-coin toss with its own latency, so that sound tells little about gaze, as in life. Times are seconds.
+People avert gaze to plan what they say, to hold the floor, and to regulate intimacy (Andrist, Mutlu & Gleicher 2013,
+who give the onsets and durations used below). Speakers avert gaze more than listeners do (Argyle & Cook 1976), start to
+speak with averted gaze and end with gaze at the partner (Kendon 1967; Ho, Foulsham & Kingstone 2015). Each of these
+couplings is a random event with its own latency, so speech predicts gaze only weakly, as in humans. Times are in
+seconds.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ AversionCause = Literal["planning", "floor", "intimacy"]
 
 @dataclass(frozen=True)
 class AversionTiming:
-    """When an aversion about an onset of speech starts and ends, as (mean, standard deviation) from that onset."""
+    """Start and end of an aversion relative to an onset of speech, each as (mean, standard deviation)."""
 
     start_s: tuple[float, float]
     end_s: tuple[float, float]
 
 
-# Andrist et al. mean -1.32 and -1.03 for the starts, measured at onsets after whole turns of the partner.
+# Andrist et al. report means of -1.32 and -1.03 s for the starts, at onsets after whole turns of the partner.
 AVERSION_TIMINGS: dict[AversionCause, AversionTiming] = {
     "planning": AversionTiming((-1.32, 0.60), (1.60, 0.75)),
     "floor": AversionTiming((-0.60, 0.50), (1.00, 0.60)),
@@ -35,21 +36,21 @@ AVERSION_TIMINGS: dict[AversionCause, AversionTiming] = {
 PLANNING_PROBABILITY, FLOOR_PROBABILITY = 1.0, 0.55
 TURN_END_RETURN_PROBABILITY, PAUSE_RETURN_PROBABILITY = 1.0, 0.35
 RETURN_LATENCY_S = (-0.6, 0.1)
-LISTENER_LATENCY_S = (0.1, 0.6)  # whoever listens looks at the partner soon after the turn has passed
-MIN_PAUSE_S = 0.25  # a shorter gap is no end of an utterance
-PLANNED_PAUSE_S = 0.5  # behind a longer pause, what is said next has to be planned
+LISTENER_LATENCY_S = (0.1, 0.6)  # a listener looks at the partner soon after the turn has passed
+MIN_PAUSE_S = 0.25  # shorter gaps do not end an utterance
+PLANNED_PAUSE_S = 0.5  # after longer pauses, the next utterance is planned
 INTIMACY_TALKING_S, INTIMACY_LISTENING_S = (1.96, 0.55), (1.14, 0.27)
 LOOK_SCALE, LOOK_SHAPE = 1.6, 2.0
-LISTENING_SCALE = 2.5  # looks that turns cut short make up for it
+LISTENING_SCALE = 2.5  # compensates for gaze intervals cut short by turns
 AVERAGE_LOOK, AVERSION_STYLE_EXPONENT = 0.55, 0.45
-LISTENING_SPREAD = 0.26  # of the looks of a listener (7.21 +- 1.88 s)
+LISTENING_SPREAD = 0.26  # relative standard deviation of gaze intervals of a listener (7.21 +- 1.88 s)
 MIN_DWELL_S = 0.45
 WARM_UP_S = 6.0
 
 
 @dataclass(frozen=True)
 class GazeInterval:
-    """A stretch of one gaze state; `cause` is why gaze is averted (without meaning at the partner)."""
+    """An interval with one gaze state; `cause` is the cause of an aversion (meaningless otherwise)."""
 
     start_s: float
     end_s: float
@@ -59,14 +60,14 @@ class GazeInterval:
 
 @dataclass(frozen=True)
 class GazeCues:
-    """What the speech asks for: stretches of looking away and moments of looking back, ascending."""
+    """Gaze cues of the speech: intervals of aversion and times of return to the partner, ascending."""
 
     aversions: tuple[GazeInterval, ...]
     returns_s: tuple[float, ...]
 
 
 def sample_gaze_cues(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> GazeCues:
-    """Toss the coins for starts and ends of utterances; speakers of weak coupling or quiet eyes toss fewer."""
+    """Sample cues at starts and ends of utterances; fewer for weak speech coupling or low liveliness."""
     aversions, back = [], []
     lively = style.speech_coupling * min(1.0, style.liveliness)
     spans = annotation.speaking
@@ -89,7 +90,7 @@ def sample_gaze_cues(annotation: Annotation, style: SpeakerStyle, rng: np.random
 def gaze_intervals(
     annotation: Annotation, style: SpeakerStyle, seconds: float, rng: np.random.Generator
 ) -> list[GazeInterval]:
-    """Gaze states from before the clip (so that it starts amid a conversation) to its end, in turns."""
+    """Alternating gaze states from WARM_UP_S before the clip, so that it starts in mid-conversation, to its end."""
     cues = sample_gaze_cues(annotation, style, rng)
     time = -WARM_UP_S
     looking = style.partner_gaze_listening if _listens(annotation.listening, time) else style.look
@@ -105,13 +106,13 @@ def gaze_intervals(
 
 
 def _listens(listening: tuple[Span, ...], time_s: float) -> bool:
-    """Whether the partner has the turn; before the clip whoever has it at its start."""
+    """Whether the partner has the turn; times before the clip count as its start."""
     time_s = max(time_s, 0.0)
     return any(span.start_s <= time_s < span.end_s for span in listening)
 
 
 def _cause_at(cues: GazeCues, time_s: float) -> AversionCause:
-    """Why gaze goes away at a time: as the speech asks, else for no reason in it."""
+    """Cause of an aversion that starts at a time: that of the cue, or intimacy without a cue."""
     for look in cues.aversions:
         if look.start_s <= time_s < look.end_s:
             return look.cause
@@ -119,7 +120,7 @@ def _cause_at(cues: GazeCues, time_s: float) -> AversionCause:
 
 
 def _end_looking(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, rng: np.random.Generator) -> float:
-    """Until the speech asks to look away, or for as long as people of this style hold a look."""
+    """End of an interval of gaze at the partner: the next aversion cue, or a duration sampled for the style."""
     earliest = time_s + MIN_DWELL_S
     if listens:
         odds = style.partner_gaze_listening / (1.0 - style.partner_gaze_listening)
@@ -134,7 +135,7 @@ def _end_looking(time_s: float, cues: GazeCues, listens: bool, style: SpeakerSty
 
 
 def _end_away(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle, rng: np.random.Generator) -> float:
-    """As long as was asked for or as such aversions last, unless the speech asks to look back before."""
+    """End of an aversion: that of its cue or a sampled duration, or an earlier return cue."""
     earliest = time_s + MIN_DWELL_S
     if listens:
         length_s = rng.normal(*INTIMACY_LISTENING_S)
@@ -144,16 +145,16 @@ def _end_away(time_s: float, cues: GazeCues, listens: bool, style: SpeakerStyle,
     for look in cues.aversions:
         if look.start_s <= time_s < look.end_s:
             end = max(earliest, look.end_s)
-        elif time_s < look.start_s <= end < look.end_s:  # one aversion goes over into the next
+        elif time_s < look.start_s <= end < look.end_s:  # consecutive aversions are joined
             end = look.end_s
     return float(min([end, *(back for back in cues.returns_s if back > earliest)]))
 
 
 def _away_odds(style: SpeakerStyle) -> float:
-    """How much more people of a style look away than the average one, who looks 55 % of the time (1: as much)."""
+    """Odds of looking away relative to an average person, who looks at the partner 55 % of the time."""
     return (1.0 - style.look) / style.look * AVERAGE_LOOK / (1.0 - AVERAGE_LOOK)
 
 
 def _aversion_tendency(style: SpeakerStyle) -> float:
-    """How much more readily than the average people of a style look away when the speech gives a reason."""
+    """Factor of the style on the probability that a cue leads to an aversion."""
     return float(np.clip(_away_odds(style) ** 0.7, 0.3, 1.5))

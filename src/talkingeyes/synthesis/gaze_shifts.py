@@ -1,10 +1,11 @@
-"""Where gaze goes: saccades between the partner's face and places away from it, and the head that goes along.
+"""Gaze shifts: saccades between and within the partner's face and averted locations, with head contribution.
 
-Gaze is made in space as a chain of saccades. Inside a state it scans: over the partner's face in small steps, around
-the place of looking away by Eyes Alive's law. Where an aversion goes depends on its cause (Andrist et al. 2013), how
-far is Eyes Alive's law again. Large shifts fall short and are corrected (FACTS, section 1), and take the head along
-beyond the speaker's threshold (section 2). The partner sits at a distance, what lies away is further off, and the eyes
-converge on it. Angles are (yaw, pitch) in radians, times seconds.
+Gaze in space is a chain of saccades. Within a state gaze scans: in small steps over the partner's face, or around the
+averted location with the amplitude distribution of Eyes Alive. The direction of an aversion depends on its cause
+(Andrist et al. 2013), its amplitude is again that of Eyes Alive. Large shifts undershoot and are corrected (FACTS,
+section 1), and beyond the speaker's threshold the head contributes (section 2). The partner is at a fixed distance,
+averted locations are further away, and the eyes converge accordingly. Angles are (yaw, pitch) in radians, times in
+seconds.
 """
 
 from __future__ import annotations
@@ -30,16 +31,16 @@ MIN_INTERSACCADIC_S = 0.15
 MIN_AVERSION_DEG = 4.0
 MAX_SHIFT_RAD = np.radians(27.5)
 MAX_AVERSION_RAD = np.radians(20.0)
-# Room is left for kappa and vergence, which come on top, inside the range of eye_head.
+# Leaves room for kappa and vergence, which are added later, within the range of eye_head.
 EYE_RANGE_RAD = np.radians([[-23.5, -22.0], [23.5, 14.0]])
 SPACE_RANGE_RAD = np.radians([[-27.0, -18.0], [27.0, 15.0]])
 UNDERSHOOT, UNDERSHOOT_FROM_RAD = (0.95, 0.04), np.radians(10.0)
 HEAD_RETURN_PROBABILITY = 0.5
-# The head is cooler in aversions than in looking at things, and a third of them, the small ones first, are eyes alone.
+# The head contributes less to aversions than to looking at objects; a third of them, mostly small, use the eyes alone.
 AVERSION_HEAD_GAIN = 0.9
 EYES_ONLY_PROBABILITY, EYES_ONLY_FALL_PER_DEG, MIN_EYES_ONLY_PROBABILITY = 0.65, 0.03, 0.10
 MIN_HEAD_TURN_RAD = np.radians(0.5)
-# Shares of up, to the side and down (Andrist et al. 2013), each spread over its octants as Eyes Alive has them.
+# Proportions of up, side and down (Andrist et al. 2013), each distributed over its octants as in Eyes Alive.
 DIRECTIONS: dict[AversionCause, tuple[float, float, float]] = {
     "planning": (0.39, 0.32, 0.29),
     "floor": (0.21, 0.49, 0.30),
@@ -50,7 +51,7 @@ OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN = (1, 2, 3), (0, 4), (5, 6, 7)
 
 @dataclass
 class GazeBuilder:
-    """Gaze and the head's part in it, built up shift by shift. `head_space_rad` is where the gesturing head points."""
+    """Gaze and head contribution, built shift by shift. `head_space_rad` is the head direction without contribution."""
 
     style: SpeakerStyle
     head_s: Float[ndarray, " T"]
@@ -66,20 +67,23 @@ class GazeBuilder:
 
     @property
     def earliest_onset_s(self) -> float:
-        """Before this time no further saccade can start."""
+        """Earliest time at which another saccade can start."""
         return (
             self.saccades[-1].onset_s + self.saccades[-1].duration_s + MIN_INTERSACCADIC_S if self.saccades else -np.inf
         )
 
     def enter_interval(self, look: GazeInterval) -> None:
-        """Shift gaze, the head and the distance that the eyes are set to into a new state."""
+        """Shift gaze, head contribution and vergence distance to a new state."""
         onset_s = self.shift(look.start_s, self.aversion_point(look.cause) if look.averted else self.point_on_face())
         distance_m = self.rng.uniform(*AVERSION_DISTANCE_M) if look.averted else self.partner_distance_m
         self.vergence_movements.append(VergenceMovement(onset_s, float(distance_m)))
         self.add_head_contribution(onset_s, look)
 
     def shift(self, onset_s: float, target_rad: Float[ndarray, " 2"]) -> float:
-        """A saccade to a target, as far as eyes and head reach; a long one falls short and is corrected. Its onset."""
+        """Add a saccade towards a target within the range of eyes and head; return its onset.
+
+        A large saccade undershoots and is followed by a corrective one.
+        """
         onset_s = max(onset_s, self.earliest_onset_s)
         target = np.clip(np.clip(target_rad, *SPACE_RANGE_RAD), *(self.head_at(onset_s + 0.2) + EYE_RANGE_RAD))
         step = target - self.gaze_rad
@@ -93,7 +97,7 @@ class GazeBuilder:
         return onset_s
 
     def head_at(self, time_s: float) -> Float[ndarray, " 2"]:
-        """Where the head points once it has come along as far as it does."""
+        """Head direction at a time with the current head contribution completed."""
         return np.asarray(
             [np.interp(time_s, self.head_s, angle) for angle in self.head_space_rad.T] + self.head_contribution_rad
         )
@@ -103,7 +107,7 @@ class GazeBuilder:
         self.gaze_rad = np.array(self.saccades[-1].end_rad)
 
     def add_head_contribution(self, onset_s: float, look: GazeInterval) -> None:
-        """The head's share of a shift that starts at `onset_s`: towards what is averted to, or back."""
+        """Add the head contribution to a shift that starts at `onset_s`: towards an averted location, or back."""
         onset = onset_s + eye_head.sample_onset_lag_s(self.rng)
         if not look.averted:
             self._turn(onset, -self.rng.uniform(0.7, 1.0) * self.head_contribution_rad)
@@ -129,7 +133,7 @@ class GazeBuilder:
         )
 
     def scan(self, look: GazeInterval) -> None:
-        """Saccades inside a state until it ends."""
+        """Add saccades within a state until it ends."""
         rng = self.rng
         median_s = SCAN_MEDIAN_S / (self.style.saccade_rate * self.style.liveliness)
         while True:
@@ -143,7 +147,7 @@ class GazeBuilder:
             self.shift(onset, self._near(targets, look))
 
     def _near(self, targets: Float[ndarray, "K 2"], look: GazeInterval) -> Float[ndarray, " 2"]:
-        """The first candidate that stays where the state wants it: on the face, or off it."""
+        """The first candidate that is valid in the state: on the partner's face, or off it."""
         away = targets - self.partner_rad
         on_face = np.hypot(*(away / FACE_RADIUS_RAD).T) < 1.0
         off_face = np.hypot(*(away / (1.4 * FACE_RADIUS_RAD)).T) > 1.0
@@ -153,11 +157,11 @@ class GazeBuilder:
         return self.aversion_point(look.cause) if look.averted else self.point_on_face()
 
     def point_on_face(self) -> Float[ndarray, " 2"]:
-        """Somewhere on the partner's face."""
+        """Sample a location on the partner's face."""
         return np.asarray(self.partner_rad + FACE_RADIUS_RAD * self.rng.normal(0.0, 0.4, 2))
 
     def aversion_point(self, cause: AversionCause) -> Float[ndarray, " 2"]:
-        """Somewhere off it: in the directions of the cause, in Eyes Alive's amplitudes, with the speaker's side."""
+        """Sample an averted location: direction by cause and preferred side, amplitude of Eyes Alive."""
         min_deg = max(MIN_AVERSION_DEG, 1.5 * float(np.degrees(FACE_RADIUS_RAD.max())))
         amplitude = saccades.sample_amplitudes_rad(1, self.rng, min_deg=min_deg)
         direction = saccades.sample_directions(1, self.rng, octant_probabilities(cause))[0]
@@ -168,7 +172,7 @@ class GazeBuilder:
 
 
 def octant_probabilities(cause: AversionCause) -> Float[ndarray, " 8"]:
-    """How likely an aversion of this cause goes to 0, 45, ..., 315 degrees (0 to the subject's left, 90 up)."""
+    """Probabilities that an aversion goes to 0, 45, ..., 315 degrees (0 to the subject's left, 90 up)."""
     shares = np.zeros(8)
     groups = (OCTANTS_UP, OCTANTS_SIDE, OCTANTS_DOWN)
     for octants, share in zip(groups, DIRECTIONS[cause], strict=True):
@@ -184,7 +188,7 @@ def generate_gaze(
     head_space_rad: Float[ndarray, "T 2"],
     rng: np.random.Generator,
 ) -> GazeBuilder:
-    """Gaze through all states. `head_space_rad` (yaw, pitch) at `head_s` is where the head points without gaze."""
+    """Sample gaze through all states. `head_space_rad` (yaw, pitch) at `head_s`: head without contribution."""
     partner = rng.normal(0.0, PARTNER_SPREAD_RAD)
     partner_distance_m = float(rng.uniform(*PARTNER_DISTANCE_M))
     gaze_builder = GazeBuilder(style, head_s, head_space_rad, rng, partner, partner_distance_m, gaze_rad=partner)

@@ -1,4 +1,4 @@
-"""The project's own grammars by language: what sentences can be made of. Data for text.py, nothing else."""
+"""Sentence grammars by language, as data for text.py."""
 
 from collections.abc import Mapping
 

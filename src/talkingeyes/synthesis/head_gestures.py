@@ -1,8 +1,8 @@
-"""What the head does with speech: posture, nods and beats on stressed syllables, and its unrest in three bands.
+"""Head gestures with speech: posture shifts, nods, beats on stressed syllables, and continuous motion in bands.
 
-Bands, their link to speaking, postural shifts at the onset of speech and rapid movements at stress are those of Hadar
-et al. (1983, 1984); nods are down- and up-strokes about a stressed vowel, on some syllables only (FACTS, section 3).
-A nod of one take is not a nod of the next. Angles are radians, times seconds.
+The frequency bands, their coupling to speech, posture shifts at the onset of speech and rapid movements at stress
+follow Hadar et al. (1983, 1984). Nods are down- and up-strokes around a stressed vowel, on some syllables only (FACTS,
+section 3), sampled anew for each take. Angles are in radians, times in seconds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from talkingeyes.synthesis.speakers import SpeakerStyle
 
 @dataclass(frozen=True)
 class FrequencyBand:
-    """A band of the head's unrest."""
+    """A frequency band of continuous head motion."""
 
     range_hz: tuple[float, float]
     deviation_deg: tuple[float, float, float]
@@ -31,9 +31,9 @@ class FrequencyBand:
     slope: float
 
 
-# Frequencies, sizes (standard deviation of yaw, pitch, roll in degrees), number of sinusoids, and how amplitude falls
-# with frequency. The drift of posture goes on in silence, the rest comes with speech. Between 1.1 and 3.7 Hz it is the
-# nods, beats and turns towards what is looked at that make most of the power.
+# Frequencies, standard deviations (yaw, pitch, roll in degrees), number of sinusoids, and decay of amplitude with
+# frequency. Postural drift continues in silence; the other bands scale with speech activity. Between 1.1 and 3.7 Hz,
+# most power comes from nods, beats and head contributions to gaze shifts.
 FREQUENCY_BANDS = {
     "drift": FrequencyBand((0.1, 0.42), (3.2, 1.6, 1.6), 8, 0.8),
     "slow": FrequencyBand((0.45, 1.1), (2.1, 1.3, 1.3), 7, 0.4),
@@ -42,43 +42,43 @@ FREQUENCY_BANDS = {
 }
 SILENT_ACTIVITY, MIN_SILENCE_S, RAMP_SPREAD_S = 0.06, 0.4, 0.15
 POSTURE_SHIFT_PROBABILITY, LONG_PAUSE_S, POSTURE_DEG = 1.0, 0.5, (1.3, 1.0, 1.2)  # pitch, yaw, roll
-# Nods and beats: depth, seconds down, slack of the apex about the middle of the stressed vowel.
+# Nods and beats: depth, duration of the down-stroke, jitter of the apex around the middle of the stressed vowel.
 NOD_DEG, NOD_S, NOD_SLACK_S = (1.5, 4.0), (0.44, 0.58), 0.04
 BEAT_DEG, BEAT_S = (1.0, 2.6), (0.30, 0.42)
 UNSTRESSED_NOD_PROBABILITY, DEFAULT_PROMINENCE = 0.02, 0.5
 FINAL_NOD_PROBABILITY, FINAL_NOD_DEG = 0.30, (2.0, 5.0)
 MIN_NOD_DISTANCE_S, MIN_BEAT_DISTANCE_S = 0.7, 0.3
-# How far the head sinks from words of no loudness to the usual one, and when: it is down by the middle of a word.
+# Range of pitch between words of zero and usual loudness, and its timing: complete by the middle of a word.
 LEAN_DEG, LEAN_AFTER_S, LEAN_SLACK_S, LEAN_S = 6.0, -0.15, 0.05, 0.30
-# A listener's nods, one to three of them, after the partner's phrase has ended.
+# One to three nods of a listener after the end of a phrase of the partner.
 BACKCHANNEL_PROBABILITY, BACKCHANNEL_LATENCY_S, BACKCHANNEL_DEG, MAX_BACKCHANNEL_NODS = 0.4, (0.1, 0.5), (1.5, 3.5), 3
 BACKCHANNEL_S = (0.22, 0.32)
 
 
 def idle_motion(band: FrequencyBand, style: SpeakerStyle, rng: np.random.Generator) -> Sinusoids:
-    """Sinusoids of one band, axes independent; slower ones are larger."""
+    """Sample the sinusoids of one band, with independent axes and larger amplitudes at lower frequencies."""
     edges = style.head_tempo * np.geomspace(*band.range_hz, band.sines + 1)
     frequency = rng.uniform(edges[:-1], edges[1:])
     weight = frequency**-band.slope
     yaw, pitch, roll = band.deviation_deg
     deviation = np.radians([pitch, yaw, roll]) * style.head_axes * style.head_scale / np.sqrt((weight**2).sum())
-    # Rayleigh amplitudes make each sinusoid a Gaussian draw: with this scale their variances add up to deviation^2.
+    # Rayleigh amplitudes make each sinusoid Gaussian; with this scale, the variances add up to deviation^2.
     amplitude = weight[:, None] * deviation * rng.rayleigh(1.0, (band.sines, 3))
     return Sinusoids(frequency, amplitude, rng.uniform(0.0, 2.0 * np.pi, (band.sines, 3)))
 
 
 def concatenate_sinusoids(*waves: Sinusoids) -> Sinusoids:
-    """Sinusoids of several bands as one sum."""
+    """Join the sinusoids of several bands."""
     return Sinusoids(
         *(np.concatenate([getattr(w, name) for w in waves]) for name in ("frequency_hz", "amplitude", "phase_rad"))
     )
 
 
 def activity(annotation: Annotation, rng: np.random.Generator) -> PiecewiseLinear:
-    """How far the head is alive with speech: 1 while speaking, less in silence, with ramps.
+    """Speech-dependent scale of head motion: 1 while speaking, less in silence, with ramps.
 
-    In listening it is STILL (Hadar 1983); what is left in a pause inside a turn, and when it falls and rises, is drawn,
-    so that the head does not spell out the pauses.
+    While listening it is SILENT_ACTIVITY (Hadar 1983). The level in a pause within a turn and the times of the ramps
+    are sampled, so that the head does not reveal the pauses exactly.
     """
     knots: list[tuple[float, float]] = []
     end_s, level = -np.inf, SILENT_ACTIVITY
@@ -101,7 +101,7 @@ def activity(annotation: Annotation, rng: np.random.Generator) -> PiecewiseLinea
 
 
 def posture_shifts(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
-    """Wide linear shifts when speech starts after a long pause, lifting the head a little; partly back when it ends."""
+    """Linear shifts of posture when speech starts after a long pause, with a small lift, and partly back at its end."""
     moves: list[HeadMovement] = []
     pose, lift = np.zeros(3), np.array([-style.speaking_lift, 0.0, 0.0])
     spans = annotation.speaking
@@ -124,7 +124,7 @@ def posture_shifts(annotation: Annotation, style: SpeakerStyle, rng: np.random.G
 
 @dataclass(frozen=True)
 class Nod:
-    """A dip of the head: when it is lowest, how deep, and how long the way down takes."""
+    """A nod: time and depth of its lowest point, and duration of the down-stroke."""
 
     apex_s: float
     depth_deg: float
@@ -132,7 +132,7 @@ class Nod:
 
 
 def nods(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
-    """Nods on some stressed syllables, a few on others, some phrase-final ones; small beats on other stressed ones."""
+    """Sample nods on some stressed, few unstressed and some phrase-final syllables; beats on other stressed ones."""
     large = _keep_spaced([], _nods(annotation, style, rng), MIN_NOD_DISTANCE_S)
     moves: list[HeadMovement] = []
     for nod in _keep_spaced(large, _beats(annotation, style, rng), MIN_BEAT_DISTANCE_S):
@@ -161,7 +161,7 @@ def _nods(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator)
 
 
 def _beats(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[Nod]:
-    """Small strokes at stress (Hadar 1984), the more so the more it stands out."""
+    """Small strokes on stressed syllables (Hadar 1984), with depth increasing with prominence."""
     tie = 0.4 + 0.6 * style.speech_coupling
     found = []
     for phoneme in annotation.phonemes:
@@ -172,7 +172,7 @@ def _beats(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator
 
 
 def _emphasis(phoneme: Phoneme) -> float:
-    """How far a stressed syllable stands out; as usual where nobody has measured it."""
+    """Prominence of a stressed syllable; the default where it was not measured."""
     return phoneme.prominence or DEFAULT_PROMINENCE
 
 
@@ -184,7 +184,7 @@ def _make_nod(
 
 
 def _keep_spaced(kept: list[Nod], more: list[Nod], min_distance_s: float) -> list[Nod]:
-    """Strokes that are kept, and of `more` those that keep their distance from all before them, in order of time."""
+    """Add to `kept` the nods of `more` that are far enough from those already included, in order of time."""
     found = list(kept)
     for nod in sorted(more, key=_apex_s):
         place = bisect(found, nod.apex_s, key=_apex_s)
@@ -198,7 +198,7 @@ def _apex_s(nod: Nod) -> float:
 
 
 def leaning(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
-    """The head sinks into loud words and rises in soft ones (Munhall et al. 2004), more in some takes than others."""
+    """Head pitch that follows word loudness, lower on loud words (Munhall et al. 2004), with a gain per take."""
     slope = float(np.radians(LEAN_DEG) * style.speech_coupling * style.head_scale * max(0.0, rng.normal(1.0, 0.5)))
     moves: list[HeadMovement] = []
     pose = 0.0
@@ -217,7 +217,7 @@ def _loudness(word: Span, phonemes: Sequence[Phoneme]) -> float:
 
 
 def backchannels(annotation: Annotation, style: SpeakerStyle, rng: np.random.Generator) -> list[HeadMovement]:
-    """Nods of a listener about the ends of the partner's phrases, each smaller than the one before."""
+    """Nods of a listener around the ends of the partner's phrases, with decreasing depth."""
     moves = []
     for span in annotation.partner:
         if rng.random() > BACKCHANNEL_PROBABILITY:
@@ -233,7 +233,7 @@ def backchannels(annotation: Annotation, style: SpeakerStyle, rng: np.random.Gen
 
 
 def translation(style: SpeakerStyle, rng: np.random.Generator) -> Sinusoids:
-    """Slow sway of the head's joint: a few millimetres, most in depth."""
+    """Slow sway of the head's joint: a few millimetres, largest in depth."""
     frequency = rng.uniform(0.05, 0.5, 5)
     amplitude = style.translation_scale * np.array([0.003, 0.0015, 0.004]) * rng.rayleigh(0.6, (5, 3))
     return Sinusoids(frequency, amplitude, rng.uniform(0.0, 2.0 * np.pi, (5, 3)))

@@ -1,8 +1,8 @@
-"""People who are easy to tell apart by how they move their heads, for models of one person's motion.
+"""Increased differences between speakers in head motion, for models of one person's motion.
 
-The spread over people of the world is that of people in an interview; those whose manner everybody knows (the five
-politicians of Zhang et al., told from 8.5 s of head motion in 92 of 100 cases) differ by more. The factors here are
-chosen, not measured: log-normal, with these deviations at an amount of 1.
+The default spread between speakers is that of people in an interview. Well-known speakers differ more (the five
+politicians of Zhang et al. are identified from 8.5 s of head motion in 92 of 100 cases). The factors are chosen, not
+measured: log-normal, with these standard deviations at an amount of 1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MAX_NOD_PROBABILITY = 0.9
 
 
 def individualise_style(style: SpeakerStyle, amount: float, rng: np.random.Generator) -> SpeakerStyle:
-    """The style, further from the others' by an amount; 0 leaves it as it is."""
+    """Increase the deviation of a style from the others by an amount; 0 leaves it unchanged."""
 
     def factor(deviation: float) -> float:
         return float(np.exp(amount * deviation * rng.standard_normal()))

@@ -1,9 +1,9 @@
-"""What a camera sees of a take: landmarks and pupil centres in pixels, with the detectors' noise.
+"""Simulated camera observations of a take: landmarks and pupil centres in pixels, with detector noise.
 
-The scale is that of a 224 x 224 crop of a face (1.154 pixels a millimetre at the eyes, FACTS section 8), wherever the
-camera stands: its distance changes perspective alone. Landmarks are those of the speaker's own head (weights of the
-open head's identity shapes), expression included. The noiseless pupil is a function of Motion and camera alone
-(`exact_pupils_px`), so nothing more is stored.
+The scale is that of a 224 x 224 face crop (1.154 pixels per millimetre at the eyes, FACTS section 8) at any camera
+distance; the distance affects only perspective. Landmarks are those of the speaker's head (weights of the identity
+shapes of the open head), with expression. The noiseless pupil is a function of Motion and camera (`exact_pupils_px`),
+so it is not stored.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from talkingeyes.head.observation import Observation
 from talkingeyes.synthesis.corruptions import occlusion_mask, quantise, source_frames
 from talkingeyes.synthesis.detector_noise import NoiseSettings, noisy_landmarks, noisy_pupils
 
-IDENTITY_LIMIT = 2.0  # standard deviations: faces beyond are no people
+IDENTITY_LIMIT = 2.0  # standard deviations; faces beyond are not plausible
 
 
 class CameraSettings(Settings):
-    """The camera in front of the speakers, and how different their heads are."""
+    """The camera in front of the speakers, and the variation of their heads."""
 
-    size_px: int = Field(ge=32, le=4096)  # width and height of the picture
+    size_px: int = Field(ge=32, le=4096)  # width and height of the image
     scale_px_per_mm: float = Field(gt=0, le=100)  # at the distance of the eyes
-    distance_min_m: float = Field(ge=0.3, le=10)  # from the head's joint, drawn for each clip
+    distance_min_m: float = Field(ge=0.3, le=10)  # from the head's joint, sampled per clip
     distance_max_m: float = Field(ge=0.3, le=10)
-    identity_std: float = Field(ge=0, le=0.5)  # standard deviation over people of the weights of identity shapes
+    identity_std: float = Field(ge=0, le=0.5)  # standard deviation over speakers of the weights of identity shapes
 
     @model_validator(mode="after")
     def _ordered(self) -> CameraSettings:
@@ -45,7 +45,7 @@ class CameraSettings(Settings):
 
 
 def make_camera(settings: CameraSettings, rng: np.random.Generator) -> Camera:
-    """A pinhole camera at a distance of the band, with the neutral face in the middle of its picture."""
+    """Sample a pinhole camera within the distance range, with the neutral face at the image centre."""
     distance_m = float(rng.uniform(settings.distance_min_m, settings.distance_max_m))
     depth_m = distance_m - float(face.EYE_CENTRES[0, 2])
     focal_px = 1000.0 * settings.scale_px_per_mm * depth_m
@@ -62,17 +62,17 @@ def make_camera(settings: CameraSettings, rng: np.random.Generator) -> Camera:
 
 
 def identity_weights(identity: Sequence[float], settings: CameraSettings) -> tuple[float, ...]:
-    """Weights of the head's identity shapes of somebody drawn as standard normal numbers."""
+    """Weights of the head's identity shapes from standard normal numbers."""
     return tuple(float(settings.identity_std * np.clip(number, -IDENTITY_LIMIT, IDENTITY_LIMIT)) for number in identity)
 
 
 def exact_pupils_px(motion: Motion, camera: Camera) -> Float[ndarray, "T 2 2"]:
-    """Where the pupils truly are in the picture."""
+    """True pupil positions in the image."""
     return camera.project(face.head_to_scene(face.pupils(motion.gaze), motion.head, motion.translation))
 
 
 def exact_landmarks_px(motion: Motion, camera: Camera, identity: Sequence[float] = ()) -> Float[ndarray, "T L 2"]:
-    """Where the landmarks truly are in the picture."""
+    """True landmark positions in the image."""
     return camera.project(face.head_to_scene(face.motion_landmarks(motion, identity), motion.head, motion.translation))
 
 
@@ -83,9 +83,9 @@ def observe(
     rng: np.random.Generator,
     identity: Sequence[float] = (),
 ) -> Observation:
-    """Landmarks and pupils as detectors would give them; confidence falls with what is hidden, down to 0.
+    """Landmarks and pupils as detected; confidence decreases to 0 with the hidden part.
 
-    `identity`: weights of the head's identity shapes, which the observation reports as a tracker of the face would.
+    `identity`: weights of the head's identity shapes, which the observation contains as from a face tracker.
     """
     settings = settings.at_full_resolution
     ahead = np.zeros_like(motion.gaze)

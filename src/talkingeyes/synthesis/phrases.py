@@ -1,7 +1,7 @@
-"""Phrases spoken one by one by espeak-ng: each trimmed to where it sounds, with the times of words and phonemes.
+"""Phrases synthesized one by one with espeak-ng, trimmed to the audible part, with word and phoneme times.
 
-Pauses are not left to espeak: a sentence is cut into runs of words, fillers and silences of exactly the length that
-the script asks for. Pure: nothing is read or written.
+Pauses do not come from espeak: a sentence is split into runs of words, fillers and silences of exactly the length in
+the script. Pure: reads and writes no files.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from talkingeyes.synthesis.voice_profiles import Voice
 
 FADE_S = 0.004
 TRIM_LEVEL = 10 ** (-42 / 20)
-FILLER_RATE = 0.7  # an um is drawn out
+FILLER_RATE = 0.7  # fillers are lengthened
 PUNCTUATION = " .,?!¿"
-PROMINENCE_DB = 12.0  # from half to full prominence are 6 dB above the usual stressed vowel of the phrase
+PROMINENCE_DB = 12.0  # half to full prominence corresponds to 6 dB above the median stressed vowel of the phrase
 NUCLEUS = 0.8
 
 
@@ -37,7 +37,7 @@ class Phrase:
 
 @dataclass(frozen=True)
 class SpokenPhrase:
-    """A spoken run, times counted in seconds from its own start."""
+    """A synthesized phrase; times in seconds from its start."""
 
     sound: Float[ndarray, " N"]
     words: tuple[Span, ...]
@@ -46,7 +46,10 @@ class SpokenPhrase:
 
 
 def split_phrases(parts: Sequence[SpeechUnit]) -> list[Phrase | Pause]:
-    """Runs of words, fillers and pauses. A run broken off gets a comma, so the voice stays up."""
+    """Split a sentence into runs of words, fillers and pauses.
+
+    An interrupted run gets a comma, so that its intonation stays up.
+    """
     found: list[Phrase | Pause] = []
     words: list[str] = []
 
@@ -67,7 +70,7 @@ def split_phrases(parts: Sequence[SpeechUnit]) -> list[Phrase | Pause]:
 
 
 def speak_phrase(say: SpeakFunction, phrase: Phrase, voice: Voice) -> SpokenPhrase:
-    """Speak a run and cut espeak's own padding off by level, so that silence outside it is the script's alone."""
+    """Synthesize a phrase and trim espeak's padding by level, so that all other silence comes from the script."""
     rate_wpm = round(voice.rate_wpm * (FILLER_RATE if phrase.filler else 1))
     raw = say(phrase.text, rate_wpm, voice.pitch, voice.pitch_range)
     level = np.abs(raw.sound)
@@ -86,7 +89,7 @@ def speak_phrase(say: SpeakFunction, phrase: Phrase, voice: Voice) -> SpokenPhra
 
 
 def _with_prominence(phonemes: tuple[Phoneme, ...], sound: Float[ndarray, " N"]) -> tuple[Phoneme, ...]:
-    """Stressed vowels by how loud they are in their phrase; the last one carries its accent, whatever its level."""
+    """Set the prominence of stressed vowels from their level in the phrase; the last one is always accented."""
     stressed = [index for index, phoneme in enumerate(phonemes) if phoneme.stressed]
     if not stressed:
         return phonemes
@@ -105,7 +108,7 @@ def _level_db(phoneme: Phoneme, sound: Float[ndarray, " N"]) -> float:
 
 
 def _timings(raw: EspeakOutput, text: str, start: int, stop: int) -> tuple[tuple[Phoneme, ...], tuple[Span, ...]]:
-    """Phonemes and words in seconds from sample `start`. A word lasts from its first phoneme to its last."""
+    """Phonemes and words in seconds from sample `start`. A word extends from its first to its last phoneme."""
     ends = [*[event.sample for event in raw.events if event.kind == PHONEME][1:], stop]
     phonemes: list[Phoneme] = []
     positions: list[int] = []
@@ -122,7 +125,7 @@ def _timings(raw: EspeakOutput, text: str, start: int, stop: int) -> tuple[tuple
             (min(max(at, start), stop) - start) / ESPEAK_SAMPLE_RATE for at in (event.sample, next(following))
         )
         symbol = event.symbol.lstrip("',%=")
-        if symbol == ";" and phonemes:  # a palatal glide into the next sound: no phoneme of its own
+        if symbol == ";" and phonemes:  # a palatal glide into the next sound, not a phoneme
             phonemes[-1] = Phoneme(phonemes[-1].start_s, end_s, phonemes[-1].symbol, phonemes[-1].stressed)
         elif end_s > begin_s and not symbol.startswith(("_", "|")) and symbol:
             phonemes.append(Phoneme(begin_s, end_s, symbol, event.symbol.startswith("'")))

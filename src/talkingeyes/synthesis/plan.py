@@ -1,7 +1,7 @@
-"""Which sounds a synthetic corpus has, by whom, and the randomness that each is made from.
+"""Plan of a synthetic corpus: its sounds, speakers and random generators.
 
-Every draw has a generator of its own, made from the corpus seed and what it is for, so a sound or a take is the same
-whatever else the corpus holds, and however many processes make it.
+Each sampling step has its own random generator, seeded with the corpus seed and the purpose. A sound or take therefore
+does not depend on the rest of the corpus, nor on the number of processes.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ MIN_LENGTH_RANGE_S = 0.5
 
 
 class SourceSettings(Settings):
-    """People who are alike in how they were recorded: how many, how long, how lively."""
+    """A group of speakers recorded under the same conditions: number, durations, liveliness."""
 
-    clips: int = Field(ge=1, le=10_000_000)  # sounds; further takes of a sound come on top
+    clips: int = Field(ge=1, le=10_000_000)  # sounds; further takes of a sound are additional
     speakers: int = Field(ge=1, le=100_000)
-    shortest_s: float = Field(ge=4, le=600)  # a clip lasts between these (log-uniform)
+    shortest_s: float = Field(ge=4, le=600)  # range of clip durations (log-uniform)
     longest_s: float = Field(ge=4, le=600)
-    dialogue_share: float = Field(ge=0, le=1)  # of the sounds have a partner who speaks by turns
-    liveliness: float = Field(gt=0, le=3)  # of gaze: how often and how far it leaves its place
+    dialogue_share: float = Field(ge=0, le=1)  # fraction of sounds with a partner who takes turns
+    liveliness: float = Field(gt=0, le=3)  # of gaze: rate and amplitude of shifts
 
     @model_validator(mode="after")
     def _source_fits(self) -> SourceSettings:
@@ -53,21 +53,21 @@ class SourceSettings(Settings):
 
 
 class SynthesizeSettings(SourceSettings):
-    """The synthetic corpus: texts, voices, motion, noise. Its own keys are those of its first source."""
+    """The synthetic corpus: texts, voices, motion, noise. Its inherited keys describe the first source."""
 
     seed: int = Field(ge=0)
     clips: int = Field(ge=10, le=10_000_000)
     speakers: int = Field(ge=4, le=100_000)  # 15 % of all are unseen
     source: str = Field(pattern=r"^\w+$")
     further_sources: dict[str, SourceSettings]
-    takes: int = Field(ge=1, le=100)  # of each multi-take sound: same sound, motion drawn again
-    multi_take_sounds: int = Field(ge=0)  # so many sounds of test, and so many of unseen
+    takes: int = Field(ge=1, le=100)  # takes per multi-take sound: same sound, motion sampled anew
+    multi_take_sounds: int = Field(ge=0)  # number in the test split, and number in the unseen split
     fps: float = Field(ge=5, le=500)  # of motion and observations
-    blinks: Literal["physiological", "paper"]  # the profile of blinks
-    individuality: float = Field(ge=0, le=3)  # how far people differ in their heads' motion beyond what is usual
-    languages: tuple[str, ...] = Field(min_length=1)  # speakers take turns in them
-    voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; none: all of these languages
-    neutral_share: float = Field(ge=0, le=1)  # of the sounds; the others are in one of seven emotions
+    blinks: Literal["physiological", "paper"]  # blink profile
+    individuality: float = Field(ge=0, le=3)  # additional differences between speakers in head motion
+    languages: tuple[str, ...] = Field(min_length=1)  # speakers are assigned to them in turn
+    voices: tuple[str, ...]  # of espeak-ng, such as en-us+f3; empty: all of these languages
+    neutral_share: float = Field(ge=0, le=1)  # of sounds; the others have one of seven emotions
     acoustics: AcousticsSettings
     camera: CameraSettings
     noise: NoiseSettings
@@ -90,7 +90,7 @@ class SynthesizeSettings(SourceSettings):
 
     @property
     def blink_profile(self) -> BlinkProfile:
-        """The profile that `blinks` names."""
+        """The blink profile named by `blinks`."""
         return PROFILES[self.blinks]
 
     @property
@@ -101,7 +101,7 @@ class SynthesizeSettings(SourceSettings):
 
 @dataclass(frozen=True)
 class PlannedSound:
-    """A sound of the plan: who says it in which mood, and whether a partner speaks too."""
+    """A planned sound: speaker, emotion, and whether a partner speaks too."""
 
     index: int
     speaker: int
@@ -113,12 +113,12 @@ class PlannedSound:
 
 
 def generator(seed: int, stream: str, index: int, take: int = 0) -> np.random.Generator:
-    """The generator of one draw; motion and sound have streams of their own."""
+    """Random generator of one sampling step; motion and sound have separate streams."""
     return np.random.default_rng([seed, STREAMS[stream], index, take])
 
 
 def sounds(settings: SynthesizeSettings) -> list[PlannedSound]:
-    """All sounds, source by source; speakers take turns."""
+    """All sounds, source by source; speakers of a source alternate."""
     found: list[PlannedSound] = []
     first_speaker = 0
     for source, each in settings.sources.items():
@@ -143,7 +143,7 @@ def speaker_name(number: int) -> str:
 
 
 def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
-    """Who says it: the same person in all sounds of that speaker."""
+    """The speaker of a sound, the same in all sounds of that speaker."""
     rng = generator(settings.seed, "speaker", sound.speaker)
     speaker = sample_speaker(
         speaker_name(sound.speaker),
@@ -158,7 +158,7 @@ def speaker_of(settings: SynthesizeSettings, sound: PlannedSound) -> Speaker:
 
 
 def dialogue_voices(settings: SynthesizeSettings, sound: PlannedSound) -> DialogueVoices:
-    """Whose voices are heard: the speaker's in the mood of the sound, and a partner's, drawn for this sound."""
+    """Voices of a sound: the speaker's, in the emotion of the sound, and a partner's, sampled for this sound."""
     voice = apply_emotion(speaker_of(settings, sound).voice, sound.emotion, sound.intensity)
     if not sound.listening:
         return DialogueVoices(voice)

@@ -1,7 +1,7 @@
-"""A pool of true takes without text or voice: talk sketched as spans of speech, for the validation of measures.
+"""Sketched clips: true takes without text or voice, with speech as spans, for the validation of metrics.
 
-Motion comes from the world's own laws (take.py), so its statistics are those of a synthetic corpus; a pool of an hour
-takes seconds, since nothing is spoken.
+Motion comes from the generator of takes (take.py), so its statistics are those of a synthetic corpus. No speech is
+synthesized, so an hour of clips takes seconds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class SketchedClip:
 
 
 def sketch_clips(speakers: int, sounds: int, takes: int, seconds: float, fps: float, seed: int) -> list[SketchedClip]:
-    """`sounds` of each speaker, `takes` of each sound; speaker and sound have generators of their own."""
+    """Generate `sounds` per speaker and `takes` per sound, with a random generator per speaker and per sound."""
     found = []
     for speaker in range(speakers):
         style = sample_style(np.random.default_rng([seed, speaker]))
@@ -45,7 +45,7 @@ def sketch_clips(speakers: int, sounds: int, takes: int, seconds: float, fps: fl
 
 
 def sketch_annotation(seconds: float, rng: np.random.Generator) -> Annotation:
-    """Spans of speech and gaps; phonemes by turns open and shut, every third syllable stressed."""
+    """Spans of speech and gaps; alternating open and closed phonemes, every third syllable stressed."""
     start_s = rng.uniform(0.2, 1.0)
     speaking: list[Span] = []
     phonemes: list[Phoneme] = []

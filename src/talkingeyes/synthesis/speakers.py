@@ -1,4 +1,4 @@
-"""Who speaks: a voice and a style. Styles are drawn per person and stay the same in all clips (FACTS, section 3)."""
+"""Speakers: a voice and a style, sampled per person and constant over all clips (FACTS, section 3)."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from talkingeyes.physiology.blinks import PHYSIOLOGICAL, BlinkProfile, sample_bl
 from talkingeyes.physiology.lids import sample_eyelids
 from talkingeyes.synthesis.voice_profiles import Voice, sample_voice
 
-LOOK_LISTENING = (9.0, 2.0)  # Beta: mean .82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
-BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean .7; full closure in half to three quarters of blinks (Sforza 2008)
-KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 to the side, 1 to 2 vertically
+LOOK_LISTENING = (9.0, 2.0)  # Beta: mean 0.82 (Argyle & Cook 1976: 75 %; Lee, Badler & Badler 2002: 95 %)
+BLINK_COMPLETENESS = (7.0, 3.0)  # Beta: mean 0.7; full closure in half to three quarters of blinks (Sforza 2008)
+KAPPA_DEG, KAPPA_EYE_DEG, KAPPA_DOWN_DEG = (4.5, 1.2), 0.4, (1.0, 0.7)  # typically 5 temporal, 1 to 2 vertical
 IDENTITY_SHAPES = 6
 
 
 @dataclass(frozen=True)
 class SpeakerStyle:
-    """How one person moves. Angles in radians; scales are factors about 1.
+    """Movement style of one person. Angles are in radians; scales are factors around 1.
 
-    `look` is the share of talking time spent looking at the partner, `partner_gaze_listening` that of listening time,
-    `aversion_side` the preferred side of looking away (yaw), `liveliness` how often and how far gaze leaves its place
-    at all (1 in an interview; a source of quiet eyes has less), `speech_coupling` (0 to 1) how far what is said moves
-    gaze and head at all, `head_tempo` how fast the head moves, `head_axes` how far about each axis (pitch, yaw, roll)
-    and `translation_scale` how far it is carried, `head_threshold` and `head_gain` the eccentricity from which, and the
-    share with which, the head goes along with gaze, `speaking_lift` how far speech raises the head,
-    `blink_completeness` the share of blinks that shut the lids, `kappa` the (yaw, pitch) from the visual to the optical
-    axis of the left and the right eye.
+    `look` is the proportion of talking time with gaze at the partner, `partner_gaze_listening` that of listening time.
+    `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of gaze shifts (1 as
+    in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on gaze and head.
+    `head_tempo` scales the speed of the head, `head_axes` its rotation per axis (pitch, yaw, roll) and
+    `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
+    contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
+    `blink_completeness` the proportion of blinks that close the lids, `kappa` the (yaw, pitch) from the visual to the
+    optical axis of the left and the right eye.
     """
 
     look: float
@@ -62,7 +62,7 @@ class SpeakerStyle:
 
 @dataclass(frozen=True)
 class Speaker:
-    """A person of the synthetic world. `identity` are standard normal numbers: what shape the head has."""
+    """A synthetic speaker. `identity`: standard normal numbers that determine the head shape."""
 
     name: str
     voice: Voice
@@ -73,7 +73,7 @@ class Speaker:
 def sample_style(
     rng: np.random.Generator, blinks: BlinkProfile = PHYSIOLOGICAL, liveliness: float = 1.0
 ) -> SpeakerStyle:
-    """A style from the distributions over people; `blinks` is the profile of blink rates."""
+    """Sample a style from the distributions over people; `blinks` is the profile of blink rates."""
     return SpeakerStyle(
         liveliness=liveliness,
         look=float(np.clip(rng.beta(4.0, 3.3), 0.2, 0.9)),
@@ -105,7 +105,7 @@ def sample_style(
 
 
 def _kappa(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The optical axis points to the temple's side of the visual one, mirrored in the eyes, and a little down."""
+    """The optical axis points temporally of the visual axis, mirrored between the eyes, and slightly down."""
     temporal = np.radians(rng.normal(*KAPPA_DEG) + KAPPA_EYE_DEG * rng.standard_normal(2))
     down = np.radians(rng.normal(*KAPPA_DOWN_DEG, size=2))
     return (float(temporal[0]), float(-down[0])), (float(-temporal[1]), float(-down[1]))
@@ -119,6 +119,6 @@ def sample_speaker(
     liveliness: float = 1.0,
     voices: Sequence[str] = (),
 ) -> Speaker:
-    """A person who speaks `language`, in one of the named voices if any are."""
+    """Sample a speaker of `language`, with one of `voices` if given."""
     voice, style = sample_voice(rng, language, voices), sample_style(rng, blinks, liveliness)
     return Speaker(name, voice, style, tuple(map(float, rng.standard_normal(IDENTITY_SHAPES))))

@@ -1,8 +1,8 @@
-"""How it sounds: scripts in voices, one person alone or two in turns, with the times of all that is said.
+"""Speech synthesis of monologues and conversations, with the times of all words, phonemes and pauses.
 
-The sound is put together at espeak's rate, phrase by phrase, and ends in whole frames of 25 a second. A turn is
-written while it is spoken, so that it ends in time: a sentence is chosen by how long this voice took so far.
-Pure: gives sounds and annotations; nothing is read or written.
+The sound is assembled phrase by phrase at espeak's rate and padded to whole frames of 25 fps. The text of a turn is
+written during synthesis, so that the turn ends on time: sentences are chosen with the pace of the voice so far. Pure:
+returns sounds and annotations; reads and writes no files.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from talkingeyes.synthesis.text import (
 )
 from talkingeyes.synthesis.voice_profiles import Voice
 
-FRAME_SAMPLES = 882  # native samples in a frame of 25 fps; resampled they are exactly 640
+FRAME_SAMPLES = 882  # native samples per frame at 25 fps; exactly 640 after resampling
 LEVEL_RMS = 10 ** (-23 / 20)
 PEAK = 0.97
 EDGE_SILENCE_S = (0.2, 0.6)
 SPEAKING_GAP_S = 0.25
 PHRASE_GAP_S = 0.03
 DEFAULT_RATE_WPM = 170
-# How long espeak takes in a language against text.SECONDS_PER_LETTER, over 30 voices each.
+# Duration of espeak speech relative to text.SECONDS_PER_LETTER, over 30 voices per language.
 LANGUAGE_PACES = {"en": 0.97, "fr": 0.91, "de": 1.02, "es": 1.16, "it": 1.10, "pt": 1.15, "nl": 1.10}
-PACE_PRIOR_S = 2.0  # so much speech at the usual pace a voice's own pace is averaged with
-MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 0.9, 1.12  # the last sentence of a turn is slower or faster, to end in time
+PACE_PRIOR_S = 2.0  # weight of the usual pace in the estimate of a voice's pace, in seconds of speech
+MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 0.9, 1.12  # of the last sentence of a turn, so that it ends on time
 ATTEMPTS = 50
-MARGIN_S = 0.2  # inside the lengths that are asked for, to seldom miss them
-TURN_S = 6.0  # of a conversation, on average
+MARGIN_S = 0.2  # inside the requested range of durations, so that few attempts fail
+TURN_S = 6.0  # mean duration of a turn in a conversation
 TURN_SPREAD = 0.35
-SPEAKER_TURN_WEIGHT = 1.5  # the speaker's turns against the partner's
-# From the end of a turn to the start of the next: median .2 s in ten languages (Stivers et al. 2009, PNAS 106(26)).
+SPEAKER_TURN_WEIGHT = 1.5  # weight of the speaker's turns relative to the partner's
+# From the end of a turn to the start of the next: median 0.2 s in ten languages (Stivers et al. 2009, PNAS 106(26)).
 TURN_GAP_S = (0.2, 0.6, 0.05, 1.2)
 
 
 @dataclass(frozen=True)
 class SynthesizedSpeech:
-    """A sound at 16 kHz (a whole number of frames at 25 fps), what is known about it, and what was said.
+    """A sound at 16 kHz (a whole number of frames at 25 fps), its annotation and script.
 
-    `partner` is what the partner says meanwhile, as long as the sound; None where nobody else speaks.
+    `partner` is the partner's sound, of the same length; None without a partner.
     """
 
     sound: Float[ndarray, " N"]
@@ -74,18 +74,18 @@ class SynthesizedSpeech:
 
     @property
     def text(self) -> str:
-        """What the speaker says, hesitations included."""
+        """The speaker's words, including hesitations."""
         return self.script.text
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All sentences of both, without hesitations."""
+        """All sentences of speaker and partner, without hesitations."""
         return self.script.sentences_text + (self.partner_script.sentences_text if self.partner_script else ())
 
 
 @dataclass(frozen=True)
 class DialogueVoices:
-    """Who is heard: the speaker, and the partner where there is one."""
+    """The voice of the speaker, and of the partner if there is one."""
 
     speaker: Voice
     partner: Voice | None = None
@@ -94,7 +94,7 @@ class DialogueVoices:
 def synthesize_monologue(
     voice: Voice, shortest_s: float, longest_s: float, rng: np.random.Generator
 ) -> tuple[Script, SynthesizedSpeech]:
-    """One person alone, on anything, for a time between two lengths."""
+    """Synthesize random speech of one speaker, with a duration between two limits."""
     spoken = synthesize_conversation(DialogueVoices(voice), shortest_s, longest_s, rng)
     return spoken.script, spoken
 
@@ -106,17 +106,22 @@ def synthesize_conversation(
     rng: np.random.Generator,
     partition: TextPartition = ALL_TEXT,
 ) -> SynthesizedSpeech:
-    """New talk of sentences from a share of all text, between two lengths (what missed them is dropped)."""
+    """Synthesize new speech with sentences from a partition of all text, with a duration between two limits.
+
+    Raises InputError if ATTEMPTS attempts all miss the limits.
+    """
     for _ in range(ATTEMPTS):
         seconds = float(np.exp(rng.uniform(np.log(shortest_s + MARGIN_S), np.log(longest_s - MARGIN_S))))
         spoken = _talk(speaker_voices, seconds, rng, partition)
         if shortest_s <= spoken.seconds <= longest_s:
             return spoken
-    raise InputError(f"voices: no talk of {shortest_s} to {longest_s} s in {ATTEMPTS} draws; widen the range")
+    raise InputError(
+        f"voices: speech should last {shortest_s} to {longest_s} s, got none in {ATTEMPTS} attempts; widen the range"
+    )
 
 
 def synthesize_script(script: Script, voice: Voice) -> SynthesizedSpeech:
-    """The sound of a script. The same script and voice give the same bytes, whatever was said before."""
+    """Synthesize a script. The same script and voice always give the same bytes."""
     edges_s = np.random.default_rng(zlib.crc32(repr((script, voice)).encode())).uniform(*EDGE_SILENCE_S, size=2)
     track = VoiceTrack(voice, round(edges_s[0] * ESPEAK_SAMPLE_RATE))
     with espeak_engine(voice.espeak_voice) as say:
@@ -127,7 +132,7 @@ def synthesize_script(script: Script, voice: Voice) -> SynthesizedSpeech:
 
 @dataclass
 class VoiceTrack:
-    """What one person says, put down piece by piece; `at` is the native sample where the next piece comes."""
+    """The speech of one person, assembled piece by piece; `at` is the native sample of the next piece."""
 
     voice: Voice
     at: int = 0
@@ -151,14 +156,14 @@ class VoiceTrack:
 
     @property
     def pace(self) -> float:
-        """How long this voice takes against the usual rate, by what it said so far."""
+        """Duration of this voice's speech relative to the usual rate, estimated from its speech so far."""
         usual = LANGUAGE_PACES[self.voice.language] * DEFAULT_RATE_WPM / self.voice.rate_wpm
         silent = _seconds(self.pauses)
         written_s = sum(map(estimated_duration_s, self.sentences), 0.0) - silent
         return (usual * PACE_PRIOR_S + _seconds(self.voiced)) / (PACE_PRIOR_S + written_s)
 
     def add_sentence(self, sentence: Sentence, say: SpeakFunction, speed_factor: float = 1.0) -> None:
-        """Speak a sentence, faster than usual by a factor."""
+        """Synthesize a sentence, faster than usual by a factor."""
         start_s, joint = self.at_s, 0
         voice = replace(self.voice, rate_wpm=round(self.voice.rate_wpm * speed_factor))
         for phrase in split_phrases(sentence.parts):
@@ -173,7 +178,7 @@ class VoiceTrack:
         self.sentences.append(sentence)
 
     def add_pause(self, pause: Pause) -> None:
-        """A silence between the sentence just said, whose last part it becomes, and the next."""
+        """Append a silence to the last sentence."""
         last = self.sentences[-1]
         self.sentences[-1] = Sentence(last.text, last.kind, (*last.parts, pause))
         self._silence(pause)
@@ -193,7 +198,7 @@ class VoiceTrack:
         self.fillers += [Span(start_s, self.at_s, phrase.filler)] * bool(phrase.filler)
 
     def waveform(self, samples: int) -> Float[ndarray, " N"]:
-        """The track at 16 kHz and one level while speech sounds, less only where a peak would clip."""
+        """The track at 16 kHz with a fixed RMS level of speech, reduced only to avoid clipping."""
         import soxr
 
         sound = np.zeros(samples)
@@ -214,7 +219,7 @@ def _moved(phoneme: Phoneme, by_s: float) -> Phoneme:
 def _talk(
     speaker_voices: DialogueVoices, seconds: float, rng: np.random.Generator, partition: TextPartition
 ) -> SynthesizedSpeech:
-    """Turns that fill a time; the silence at the end makes up for what is missing."""
+    """Synthesize turns that fill a duration; the final silence adjusts the total."""
     before_s, after_s = rng.uniform(*EDGE_SILENCE_S, size=2)
     track = VoiceTrack(speaker_voices.speaker)
     partner = VoiceTrack(speaker_voices.partner) if speaker_voices.partner else None
@@ -231,7 +236,7 @@ def _talk(
 def _turns(
     track: VoiceTrack, partner: VoiceTrack | None, start_s: float, end_s: float, rng: np.random.Generator
 ) -> list[tuple[VoiceTrack, float]]:
-    """Who speaks until when: alone, or by turns that either may begin."""
+    """Turns and their end times: one speaker, or two alternating with a random first."""
     if partner is None:
         return [(track, end_s)]
     count = max(2, round((end_s - start_s) / TURN_S))
@@ -243,7 +248,7 @@ def _turns(
 
 
 def _turn(track: VoiceTrack, end_s: float, rng: np.random.Generator, partition: TextPartition) -> None:
-    """Sentences until a time, never less than one."""
+    """Add sentences until a time, at least one."""
     start_s = track.at_s
     with espeak_engine(track.voice.espeak_voice) as say:
         while True:
@@ -289,7 +294,7 @@ def _seconds(spans: Sequence[Span]) -> float:
 
 
 def _merged(voiced: Sequence[Span]) -> tuple[Span, ...]:
-    """Runs of speech; gaps below SPEAKING_GAP_S do not end one."""
+    """Merge spans of speech separated by gaps below SPEAKING_GAP_S."""
     spans: list[Span] = []
     for each in voiced:
         if spans and each.start_s - spans[-1].end_s < SPEAKING_GAP_S:

@@ -1,6 +1,7 @@
-"""One take: everything a speaker does while saying one sound, from that speaker's style and the take's own randomness.
+"""A take: the complete motion of a speaker for one sound, sampled from the style of the speaker.
 
-The sound enters only through its annotation, and only through coin tosses: takes of one sound differ in all but jaw.
+Motion depends on the sound only through its annotation, and only through random events. Takes of one sound therefore
+differ in everything except articulation.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from talkingeyes.synthesis.gaze_aversion import WARM_UP_S, GazeInterval, gaze_in
 from talkingeyes.synthesis.gaze_shifts import generate_gaze
 from talkingeyes.synthesis.speakers import SpeakerStyle
 
-LID_DRIFT_RAD = np.radians(1.2)  # with a memory of half a second, up to 5 degrees; the eyes differ by a part of it
+LID_DRIFT_RAD = np.radians(1.2)  # correlation time of half a second, up to 5 degrees; partly different between the eyes
 LID_DRIFT_HZ, LID_WAVES, LID_DIFFERENCE_RAD = (0.04, 1.6), 12, 0.35
 EMOTION_FLUCTUATION, EMOTION_FLUCTUATION_HZ = 0.2, (0.05, 0.3)
-# How much rarer blinks are in shifts back to the partner: suppressed towards what matters (Williamson 2005). FACTS' .4
-# would leave shifts of 20 to 30 degrees, most of them ways back, far below Evinger's share of blinks.
+# Factor on the probability of blinks in shifts back to the partner: blinks are suppressed towards relevant targets
+# (Williamson 2005). With the 0.4 of FACTS, shifts of 20 to 30 degrees, most of which are returns, would have far fewer
+# blinks than in Evinger et al.
 RETURN_BLINK_FACTOR = 0.85
 EVOKED_COMPLETE_PROBABILITY = 0.5
 MIN_SPONTANEOUS_SHARE = 0.25
@@ -39,21 +41,21 @@ BLINK_LAG_S, MAX_BLINK_LAG_S = 0.004, 0.010
 
 @dataclass(frozen=True)
 class Take:
-    """A performance of one sound: for any frame rate: `render.render`. `gaze_intervals` are its gaze states."""
+    """One performance of a sound, with its gaze states; it can be rendered at any frame rate."""
 
     events: Events
     continuous_motion: ContinuousMotion
     gaze_intervals: tuple[GazeInterval, ...]
 
     def motion(self, fps: float, frames: int) -> Motion:
-        """Frames 0 to `frames` at `fps`."""
+        """Render frames 0 to `frames` at `fps`."""
         return render.render_at(self.events, self.continuous_motion, fps, frames)
 
 
 def sample_take(
     annotation: Annotation, style: SpeakerStyle, seconds: float, rng: np.random.Generator, profile: BlinkProfile
 ) -> Take:
-    """Draw a take of a sound that is `seconds` long, in the emotion that it is said in."""
+    """Sample a take of a sound that lasts `seconds`, in the emotion of its annotation."""
     style = emotion.emotional_style(style, annotation.emotion, _emotion_strength(annotation, style))
     continuous_motion = _continuous(annotation, style, seconds, rng)
     gestured = [
@@ -92,7 +94,7 @@ def sample_take(
 
 
 def _from_time_zero(vergence_movements: Sequence[VergenceMovement], seconds: float) -> tuple[VergenceMovement, ...]:
-    """What the eyes are set to from time 0 on: the last change before it, and those that follow."""
+    """Vergence movements from time 0 on: the last one before it, and those after it."""
     before = max((index for index, each in enumerate(vergence_movements) if each.onset_s <= 0), default=0)
     return tuple(each for each in vergence_movements[before:] if each.onset_s < seconds)
 
@@ -122,13 +124,13 @@ def _continuous(
 
 
 def _emotion_fluctuation(rng: np.random.Generator) -> Sinusoids:
-    """How an emotion comes and goes, about 0."""
+    """Fluctuation of the strength of an emotion around 0."""
     amplitude = np.full((3, 1), EMOTION_FLUCTUATION * np.sqrt(2.0 / 3.0))
     return Sinusoids(rng.uniform(*EMOTION_FLUCTUATION_HZ, 3), amplitude, rng.uniform(0, 2 * np.pi, (3, 1)))
 
 
 def _lid_drift(rng: np.random.Generator) -> Sinusoids:
-    """Slow lid motion on still eyes: a spectrum flat up to the memory's corner and falling beyond, both eyes alike."""
+    """Slow lid motion at constant gaze: a first-order low-pass spectrum, similar in both eyes."""
     low, high = np.log(LID_DRIFT_HZ)
     frequency = np.exp(rng.uniform(low, high, LID_WAVES))
     power = frequency / (1.0 + (2.0 * np.pi * 0.5 * frequency) ** 2)
@@ -138,7 +140,7 @@ def _lid_drift(rng: np.random.Generator) -> Sinusoids:
 
 
 def _emotion_strength(annotation: Annotation, style: SpeakerStyle) -> float:
-    """How much of the emotion shows in this face."""
+    """Visible strength of the emotion in this face."""
     return float(min(face.INTENSITY_STRENGTH[annotation.intensity] * style.expressiveness, 1.2))
 
 
@@ -168,7 +170,7 @@ def _blinks(
     rng: np.random.Generator,
     profile: BlinkProfile,
 ) -> tuple[Blink, ...]:
-    """Blinks with large gaze shifts (Evinger 1994), and spontaneous ones that make up the speaker's rate."""
+    """Gaze-evoked blinks of large shifts (Evinger et al. 1994), and spontaneous ones up to the speaker's rate."""
     evoked = []
     for shift in shifts:
         start, end = (np.hypot(*(np.array(place) - partner_rad)) for place in (shift.start_rad, shift.end_rad))

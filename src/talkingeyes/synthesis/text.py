@@ -1,7 +1,7 @@
-"""What is said: sentences of the project's own grammar, with the pauses, fillers and restarts that espeak never makes.
+"""Text generation: sentences of the project's grammars, with pauses, fillers and restarts, which espeak lacks.
 
-Speech without hesitations carries no sign of planning, so gaze could not follow from it (FACTS.md, section 3, TTS
-caveats). Pure: takes a generator, gives a Script; nothing is read or written.
+Speech without hesitations carries no sign of planning, so gaze could not depend on it (FACTS.md, section 3, TTS
+caveats). Pure: takes a random generator and returns a Script; reads and writes no files.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ K = TypeVar("K", bound=str)
 
 @dataclass(frozen=True)
 class Word:
-    """A word as written, with the punctuation that follows it (the voice takes its melody from that)."""
+    """A word as written, with the punctuation that follows it (which determines intonation)."""
 
     text: str
 
@@ -52,7 +52,7 @@ SpeechUnit = Word | Filler | Pause
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence: `text` as it was meant (without hesitations), `parts` as it is spoken."""
+    """A sentence: `text` without hesitations, `parts` as spoken."""
 
     text: str
     kind: SentenceKind
@@ -61,52 +61,52 @@ class Sentence:
 
 @dataclass(frozen=True)
 class Script:
-    """What one speaker says in one sound."""
+    """The sentences of one speaker in one sound."""
 
     language: str
     sentences: tuple[Sentence, ...]
 
     @property
     def sentences_text(self) -> tuple[str, ...]:
-        """The sentences without hesitations: sounds that share one belong to the same split."""
+        """The sentences without hesitations: sounds that have a sentence in common belong to the same split."""
         return tuple(sentence.text for sentence in self.sentences)
 
     @property
     def parts(self) -> tuple[SpeechUnit, ...]:
-        """Everything that is spoken, in order."""
+        """All spoken parts, in order."""
         return tuple(part for sentence in self.sentences for part in sentence.parts)
 
     @property
     def text(self) -> str:
-        """Everything as spoken, hesitations included."""
+        """All spoken text, including hesitations."""
         return " ".join(part.text for part in self.parts if not isinstance(part, Pause))
 
 
 KIND_SHARES: Mapping[SentenceKind, float] = {"statement": 0.45, "question": 0.15, "list": 0.15, "hesitation": 0.25}
 
-# Median, sigma of the logarithm, shortest and longest, in seconds (FACTS.md section 3); the bounds keep
-# a clip of 8 s from being all pause.
+# Median, sigma of the logarithm, minimum and maximum, in seconds (FACTS.md section 3); the bounds prevent a clip of 8 s
+# that consists of pauses.
 PAUSES: Mapping[PauseKind, tuple[float, float, float, float]] = {
     "comma": (0.22, 0.4, 0.08, 0.8),
     "hesitation": (0.5, 0.6, 0.15, 1.8),
     "sentence": (0.5, 0.6, 0.15, 1.8),
 }
 HESITATIONS = {"filler": 0.35, "late filler": 0.2, "silence": 0.2, "restart": 0.25}
-INITIAL_FILLER_PROBABILITY = 0.3  # of hesitating sentences begin with an um
+INITIAL_FILLER_PROBABILITY = 0.3  # fraction of hesitating sentences that begin with a filler
 
-# How long text takes at a usual rate (170 words a minute), measured over the voices of each language.
+# Duration of text at the usual rate (170 words per minute), measured over the voices of each language.
 SECONDS_PER_LETTER = 0.051
 SECONDS_PER_FILLER = 0.54
 CANDIDATES = 8
 SHORTEST_SENTENCE_S = 1.2
-MIN_NEXT_SENTENCE_S = 1.9  # what a short sentence needs
+MIN_NEXT_SENTENCE_S = 1.9  # duration of a short sentence
 END_TOLERANCE_S = 0.2
 SLOT = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True)
 class TextPartition:
-    """A share of all sentences, by a hash of their text: splits that draw from shares apart never say the same."""
+    """A partition of all sentences by a hash of their text: disjoint partitions have no sentence in common."""
 
     start: float = 0.0
     stop: float = 1.0
@@ -124,7 +124,7 @@ def languages() -> tuple[str, ...]:
 
 
 def write_script(language: str, seconds: float, rng: np.random.Generator) -> Script:
-    """Sentences that take about `seconds` at a usual rate, never less than one sentence."""
+    """Write sentences that take about `seconds` at the usual rate, at least one."""
     sentences: list[Sentence] = []
     remaining_s = seconds
     while not sentences or remaining_s > SHORTEST_SENTENCE_S:
@@ -141,11 +141,10 @@ def write_sentence(
     partition: TextPartition = ALL_TEXT,
     pace: float = 1.0,
 ) -> Sentence:
-    """A sentence of a drawn kind that leaves time for another in `remaining_s` seconds, or else comes closest to its
-    end.
+    """Write a sentence that leaves time for another in `remaining_s` seconds, or else ends closest to it.
 
-    `pace` is how long speech takes against the usual rate. The kind is drawn first, so that its share stays; only where
-    none of that kind fits, others are tried.
+    `pace` is the duration of speech relative to the usual rate. The kind of sentence is sampled first, to preserve the
+    proportions of kinds; other kinds are tried only if none of that kind fits.
     """
     grammar = grammar_of(language)
     kind = _sample_name(KIND_SHARES, rng)
@@ -161,7 +160,7 @@ def write_sentence(
 
 
 def estimated_duration_s(sentence: Sentence, pace: float = 1.0) -> float:
-    """About how long a sentence takes, its pauses included."""
+    """Estimated duration of a sentence, including pauses."""
     return sum((_part_s(part, pace) for part in sentence.parts), 0.0)
 
 
@@ -176,19 +175,19 @@ def _part_s(part: SpeechUnit, pace: float) -> float:
 
 
 def without_last_pause(sentence: Sentence) -> Sentence:
-    """The sentence as the last of a turn."""
+    """The sentence without its final pause, as the last of a turn."""
     return Sentence(sentence.text, sentence.kind, sentence.parts[:-1])
 
 
 def grammar_of(language: str) -> Grammar:
     """The grammar of a language. Raises InputError if it has none."""
     if language not in GRAMMARS:
-        raise InputError(f"language should be one of {', '.join(GRAMMARS)}, got {language!r}")
+        raise InputError(f"language: should be one of {', '.join(GRAMMARS)}, got {language!r}")
     return GRAMMARS[language]
 
 
 def count_expansions(language: str, symbol: str) -> int:
-    """How many expansions a rule has (repetitions of a slot inside a sentence counted too)."""
+    """Number of expansions of a rule, including those that repeat a slot value."""
     grammar = grammar_of(language)
 
     @cache
@@ -214,7 +213,7 @@ def _sentence(kind: SentenceKind, grammar: Grammar, rng: np.random.Generator, pa
 
 
 def _capitalised(text: str) -> str:
-    """With its first letter large (Spanish questions begin with a mark)."""
+    """Capitalise the first letter (Spanish questions start with a mark)."""
     first = 1 if text[0] == "¿" else 0
     return text[:first] + text[first].upper() + text[first + 1 :]
 
@@ -228,11 +227,11 @@ def _expand(symbol: str, grammar: Grammar, rng: np.random.Generator, used: set[t
 
 
 def _one_of(choices: Sequence[str], rng: np.random.Generator) -> str:
-    return choices[int(rng.random() * len(choices))]  # a tenth of the time of random.integers
+    return choices[int(rng.random() * len(choices))]  # ten times faster than random.integers
 
 
 def _sample_name(shares: Mapping[K, float], rng: np.random.Generator) -> K:
-    """One of the names, as often as its share says."""
+    """Sample a name with the given probabilities."""
     stops = np.cumsum(list(shares.values()))
     return tuple(shares)[min(int(np.searchsorted(stops, rng.random(), "right")), len(stops) - 1)]
 
@@ -244,7 +243,7 @@ def _pause(kind: PauseKind, rng: np.random.Generator) -> Pause:
 
 
 def _hesitate(parts: list[SpeechUnit], fillers: tuple[str, ...], rng: np.random.Generator) -> list[SpeechUnit]:
-    """One or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
+    """Insert one or two hesitations between words: a filler, a silence, or a restart that repeats the last words."""
     gaps = [i for i in range(1, len(parts)) if isinstance(parts[i - 1], Word) and isinstance(parts[i], Word)]
     count = min(len(gaps), int(rng.integers(1, 3)))
     chosen: list[int] = rng.choice(gaps, size=count, replace=False).tolist()
@@ -259,7 +258,7 @@ def _hesitate(parts: list[SpeechUnit], fillers: tuple[str, ...], rng: np.random.
 def _hesitation(
     form: str, spoken: list[SpeechUnit], gap: int, fillers: tuple[str, ...], rng: np.random.Generator
 ) -> list[SpeechUnit]:
-    """What is put into a gap between words."""
+    """The parts to insert into a gap between words."""
     filler = Filler(_one_of(fillers, rng))
     silence = _pause("hesitation", rng)
     match form:
@@ -274,7 +273,7 @@ def _hesitation(
 
 
 def _repeated(parts: list[SpeechUnit], gap: int) -> list[SpeechUnit]:
-    """The one or two words before a gap, as far back as speech is unbroken."""
+    """The one or two words before a gap that follow each other without a pause."""
     start = gap - 1
     if start > 0 and isinstance(parts[start - 1], Word):
         start -= 1

@@ -1,6 +1,6 @@
-"""Which voices there are: accents of seven languages times variants of espeak-ng, with a rate, a pitch and a range.
+"""Voices: accents of seven languages times variants of espeak-ng, with a rate, a pitch and a pitch range.
 
-A mood bends a voice: rate, pitch, range and loudness go the way that actors' do (Banse & Scherer 1996, J Pers Soc
+Emotions change rate, pitch, range and loudness in the directions found for actors (Banse & Scherer 1996, J Pers Soc
 Psychol 70(3), Table 6; Juslin & Laukka 2003, Psychol Bull 129(5), Table 7; surprise as in Murray & Arnott 1993).
 """
 
@@ -31,7 +31,7 @@ VOICE_NAMES = (
 RATES_WPM = (145, 195)
 PITCHES = (30, 70)
 PITCH_RANGES = (35, 80)
-PITCH_STEPS = 50 / 12  # of espeak's pitch in a semitone: 50 steps double the frequency
+PITCH_STEPS = 50 / 12  # steps of espeak's pitch per semitone: 50 steps double the frequency
 ESPEAK_MAX = 99
 
 
@@ -50,7 +50,7 @@ class Voice:
 
 @dataclass(frozen=True)
 class ProsodyFactors:
-    """How a mood changes a voice: factors of rate and pitch range, semitones of pitch, decibels."""
+    """Effect of an emotion on a voice: factors on rate and pitch range, semitones of pitch, decibels."""
 
     rate: float = 1.0
     pitch_semitones: float = 0.0
@@ -58,7 +58,7 @@ class ProsodyFactors:
     level_db: float = 0.0
 
 
-# At the strongest intensity. Directions are the literature's, sizes are a choice that stays within actors' ranges.
+# At the highest intensity. Directions are from the literature; sizes are choices within the ranges of actors.
 EMOTION_PROSODY = {
     "neutral": ProsodyFactors(),
     "happy": ProsodyFactors(1.10, 3.0, 1.5, 3.0),
@@ -72,7 +72,7 @@ EMOTION_PROSODY = {
 
 
 def sample_voice(rng: np.random.Generator, language: str, among: Sequence[str] = ()) -> Voice:
-    """A new voice for a language, of those named `among` if any are. Raises InputError if there is none."""
+    """Sample a voice for a language, from `among` if given. Raises InputError if there is none."""
     if language not in ACCENTS:
         raise InputError(f"voices: language should be one of {', '.join(ACCENTS)}, got {language!r}")
     named = [each for each in among if each.partition("+")[0] in ACCENTS[language]]
@@ -91,7 +91,7 @@ def is_voice(espeak_voice: str) -> bool:
 
 
 def apply_emotion(voice: Voice, emotion: str, intensity: int) -> Voice:
-    """The voice in an emotion of an intensity from 0 (none) to 3. Raises InputError if there is no such emotion."""
+    """Apply an emotion of intensity 0 (none) to 3 to a voice. Raises InputError for an unknown emotion."""
     if emotion not in EMOTION_PROSODY:
         raise InputError(f"emotion: should be one of {', '.join(EMOTION_PROSODY)}, got {emotion!r}")
     factors, part = EMOTION_PROSODY[emotion], intensity / INTENSITIES[-1]

@@ -1,4 +1,4 @@
-"""What can be said in Dutch: see grammar.py."""
+"""Sentence grammar of Dutch; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

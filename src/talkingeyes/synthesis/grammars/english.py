@@ -1,4 +1,4 @@
-"""What can be said in English: see grammar.py."""
+"""Sentence grammar of English; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

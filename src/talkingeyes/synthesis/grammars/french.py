@@ -1,4 +1,4 @@
-"""What can be said in French: see grammar.py."""
+"""Sentence grammar of French; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

@@ -1,4 +1,4 @@
-"""What can be said in German: see grammar.py."""
+"""Sentence grammar of German; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

@@ -1,4 +1,4 @@
-"""What can be said in Italian: see grammar.py."""
+"""Sentence grammar of Italian; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

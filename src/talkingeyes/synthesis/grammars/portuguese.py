@@ -1,4 +1,4 @@
-"""What can be said in Portuguese: see grammar.py."""
+"""Sentence grammar of Portuguese; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 

@@ -1,7 +1,7 @@
-"""How a grammar is written down: a rule a paragraph, `name: expansion | expansion`, `{slot}` names another rule.
+"""Notation of grammars: one rule per paragraph, `name: expansion | expansion`; `{slot}` refers to another rule.
 
-A rule goes on over lines that are indented further. No slot takes the same expansion twice in a sentence. Every grammar
-has the rules statement, question, list and filler.
+A rule continues on lines that are indented further. A slot does not take the same expansion twice in a sentence, if it
+has others left. Every grammar has the rules statement, question, list and filler.
 """
 
 import re
@@ -12,7 +12,7 @@ Grammar = Mapping[str, tuple[str, ...]]
 
 
 def rules(text: str) -> Grammar:
-    """The rules of a text: name to expansions."""
+    """Parse the rules of a text: name to expansions."""
     found: dict[str, tuple[str, ...]] = {}
     for paragraph in re.split(r"\n(?=\S)", dedent(text).strip()):
         name, _, expansions = paragraph.partition(":")

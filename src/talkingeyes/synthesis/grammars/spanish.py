@@ -1,4 +1,4 @@
-"""What can be said in Spanish: see grammar.py."""
+"""Sentence grammar of Spanish; see grammar.py."""
 
 from talkingeyes.synthesis.grammars.rules import Grammar, rules
 
