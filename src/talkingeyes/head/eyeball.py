@@ -1,7 +1,7 @@
-"""An eyeball: two spheres that meet at the iris circle, the sclera and the bulge of the cornea (Elisei et al., 2.1).
+"""An eyeball mesh: two spheres that meet at the iris circle, sclera and cornea (Elisei et al., 2.1).
 
-Iris and pupil are painted on the cornea, in rings, so that their edges are sharp at any size of picture; the pupil's
-centre is the apex of the cornea, on the optical axis (+z). Millimetres of an adult eye.
+Iris and pupil are vertex colours on rings of the cornea, so that their edges are sharp at any image size. The pupil
+centre is the apex of the cornea, on the optical axis (+z). Dimensions are those of an adult eye.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt
 APEX_M = CORNEA_CENTRE_M + CORNEA_RADIUS_M
 SEGMENTS = 36
 
-# Rings from the apex outwards: distance from the axis in mm, part of the faces inside it, colour (linear).
+# Rings from the apex outwards: distance from the axis in mm, part of the faces inside the ring, linear colour.
 _CORNEA_RINGS = (
     (1.0, "pupil", (0.006, 0.006, 0.007)),
     (1.85, "pupil", (0.006, 0.006, 0.007)),
@@ -30,7 +30,7 @@ _CORNEA_RINGS = (
     (5.4, "iris", (0.03, 0.08, 0.13)),
     (5.9, "iris", (0.03, 0.06, 0.09)),
 )
-# And on the sclera: angle from the axis in degrees.
+# Rings on the sclera: angle from the axis in degrees, linear colour.
 _SCLERA_RINGS = (
     (30.0, (0.62, 0.60, 0.58)),
     (33.0, (0.80, 0.78, 0.75)),
@@ -44,7 +44,7 @@ _SCLERA_RINGS = (
 
 @dataclass(frozen=True)
 class Eyeball:
-    """One eye about its centre, looking along +z. Vertex 0 is the apex; `iris` are the vertices of the iris circle."""
+    """One eye around its centre, looking along +z. Vertex 0 is the apex; `iris` are the vertices of the iris circle."""
 
     vertices: Float[ndarray, "V 3"]
     faces: Int[ndarray, "F 3"]
@@ -54,7 +54,7 @@ class Eyeball:
 
 
 def eyeball() -> Eyeball:
-    """The mesh: an apex, rings of SEGMENTS vertices, the pole behind."""
+    """Build the mesh: an apex, rings of SEGMENTS vertices, the posterior pole."""
     around = np.linspace(0, 2 * np.pi, SEGMENTS, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around)], axis=-1)
     rings, colours, parts = [], [], []
@@ -87,7 +87,7 @@ def _streaks(around_rad: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
 
 
 def _faces(rings: int) -> tuple[Int[ndarray, "F 3"], list[int]]:
-    """Triangles between apex, rings and the pole behind, seen counter-clockwise from outside, and their ring."""
+    """Triangles between apex, rings and posterior pole, counter-clockwise from outside, and the ring of each."""
     here = np.arange(SEGMENTS)
     there = (here + 1) % SEGMENTS
     faces = [np.column_stack([np.zeros(SEGMENTS, int), 1 + here, 1 + there])]

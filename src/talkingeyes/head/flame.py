@@ -1,11 +1,11 @@
-"""FLAME as a head: reads the user's own `generic_model.pkl` (2020), `flame2023.pkl` or `flame2023_Open.pkl`.
+"""FLAME as a head: reads the user's `generic_model.pkl` (2020), `flame2023.pkl` or `flame2023_Open.pkl`.
 
-Li, Bolkart, Black, Li & Romero, "Learning a model of facial shape and expression from 4D scans" (2017). No FLAME data
-comes with this project. The three editions have one layout: 5,023 vertices (skin 0 to 3930, the subject's left eyeball
-3931 to 4476, right 4477 to 5022), 300 shape and 100 expression components, joints root, neck, jaw, left eye, right eye,
-36 pose correctives by the entries of R - I of the last four joints. The file is a pickle of chumpy objects, read
-without chumpy and without running it (`pickles`). Joints follow the identity alone, as in the paper's eq. 2.
-`landmark_embedding.npy`, which FLAME's users have beside the model, places the 68 landmarks; it is optional.
+Li, Bolkart, Black, Li & Romero, "Learning a model of facial shape and expression from 4D scans" (2017). This project
+does not include FLAME data. The three editions have the same layout: 5,023 vertices (skin 0 to 3930, the subject's left
+eyeball 3931 to 4476, right 4477 to 5022), 300 shape and 100 expression components, joints root, neck, jaw, left eye,
+right eye, and 36 pose correctives driven by the entries of R - I of the last four joints. The file is a pickle of
+chumpy objects, read without chumpy and without executing it (`restricted_pickle`). Joints depend on identity only, as
+in the paper's eq. 2. `landmark_embedding.npy`, distributed with FLAME, defines the 68 landmarks; it is optional.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from talkingeyes.head.restricted_pickle import as_array, read_pickle
 VERTICES, FACES, SHAPES, EXPRESSIONS, CORRECTIVES = 5023, 9976, 300, 100, 36
 EYEBALLS = (slice(3931, 4477), slice(4477, 5023))
 PUPILS = (4051, 4597)  # apexes of the corneas, on the optical axis (FACTS, section 7)
-IRIS_RAD, PUPIL_RAD = 0.487, 0.14  # of the iris circle (5.9 mm on a ball of 12.6) and the pupil, from the optical axis
-IRIS_VERTICES = 32  # vertices of one circle around the optical axis
+# angle of the iris circle (5.9 mm on a ball of 12.6) and of the pupil from the optical axis
+IRIS_RAD, PUPIL_RAD = 0.487, 0.14
+IRIS_VERTICES = 32  # number of vertices on a circle around the optical axis
 COLOURS = {"skin": (0.72, 0.47, 0.36), "sclera": (0.86, 0.84, 0.80), "iris": (0.13, 0.26, 0.36), "pupil": (0.01,) * 3}
 
 ARRAY_SHAPES = {
@@ -41,7 +42,7 @@ ARRAY_SHAPES = {
     "kintree_table": (2, 5),
     "f": (FACES, 3),
 }
-# The place in the list of 68 landmarks (Gross et al., Multi-PIE) of every name that this project gives a point.
+# Index among the 68 landmarks (Gross et al., Multi-PIE) of each of our landmark names that has one.
 MULTI_PIE_INDEX = {
     **dict(zip([f"left_eye_{at}" for at in ("outer", "upper_outer", "upper_inner")], (45, 44, 43), strict=True)),
     **dict(zip([f"left_eye_{at}" for at in ("inner", "lower_inner", "lower_outer")], (42, 47, 46), strict=True)),
@@ -68,7 +69,7 @@ class FlameFile:
 
 
 def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
-    """The head in a FLAME file, lids by the Eyelid model. Raises InputError, in one line, if it is not one."""
+    """Load a FLAME head, with lids of the Eyelid model. Raises InputError if the file is not a FLAME model."""
     file = read_flame(path)
     joints = file.regressor @ file.template
     faces = file.faces.astype(np.int64)
@@ -102,7 +103,7 @@ def load_flame(path: Path, embedding: Path | None = None) -> HeadModel:
 
 
 def read_flame(path: Path) -> FlameFile:
-    """The arrays of a FLAME pickle, their shapes, joints and finiteness checked."""
+    """Read and check the arrays of a FLAME pickle: shapes, joints and finite values. Raises InputError."""
     content = read_pickle(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: should be a FLAME model, a dictionary, got {type(content).__name__}")
@@ -124,7 +125,7 @@ def read_flame(path: Path) -> FlameFile:
 
 
 def read_landmarks(path: Path, faces: Int[ndarray, "F 3"]) -> Landmarks:
-    """The named points in FLAME's `landmark_embedding.npy`: a pickled dictionary, read without running it."""
+    """Read the named landmarks from `landmark_embedding.npy`, a pickled dictionary, without executing it."""
     content = as_array(read_pickle(path, skip_bytes=_npy_header_bytes(path)))
     content = content.item() if content.shape == () or content.size == 1 else content
     try:
@@ -146,18 +147,18 @@ def _array(path: Path, content: dict[str, Any], name: str) -> ndarray:
         array = as_array(content[name])
         finite = bool(np.isfinite(array).all())
     except (TypeError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: {name} should be an array of numbers ({error})") from None
+        raise InputError(f"{path}: {name} should be an array of numbers, got {error}") from None
     if array.shape != shape:
         raise InputError(f"{path}: {name} should have shape {shape}, got {array.shape}")
     if not finite:
-        raise InputError(f"{path}: {name} holds NaN or infinite values")
+        raise InputError(f"{path}: {name} should be finite, got NaN or infinite values")
     return array
 
 
 def _parts(
     template: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], centres: Float[ndarray, "2 3"]
 ) -> tuple[Int[ndarray, " F"], Int[ndarray, "2 K"]]:
-    """What each face shows, and the ring of vertices nearest to the iris circle of each eyeball, around its axis."""
+    """Part of each face, and the vertices nearest to the iris circle of each eyeball, ordered around its axis."""
     parts = np.full(len(faces), PARTS.index("skin"))
     irises = []
     for ball, centre in zip(EYEBALLS, centres, strict=True):
@@ -176,7 +177,7 @@ def _parts(
 
 
 def _npy_header_bytes(path: Path) -> int:
-    """Where the pickle in an .npy file of objects begins: magic, version, length of the header, header."""
+    """Offset of the pickle in an .npy file of objects: magic, version, length of the header, header."""
     try:
         with path.open("rb") as file:
             version = np.lib.format.read_magic(file)

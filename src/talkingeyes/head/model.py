@@ -1,6 +1,6 @@
-"""What a head is: one record for the open head (`anny`) and FLAME (`flame`), in head coordinates.
+"""The head model record, for the open head (`anny`) and FLAME (`flame`), in head coordinates.
 
-The origin is the neck joint, about which `Motion.head` turns; +x to the subject's left, y up, +z out of the face, in
+The origin is the neck joint, about which `Motion.head` rotates; +x to the subject's left, y up, +z out of the face, in
 metres. A vertex is template + identity + expression + pose correctives (Loper et al. 2015, eq. 2), then linear blend
 skinning over five joints (`skinning`). Blend shapes are displacements at weight 1. Eyes in the order left, right.
 """
@@ -22,7 +22,8 @@ from talkingeyes.core.npz import save_npz
 
 JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 PARENTS = (-1, 0, 1, 1, 1)
-PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")  # of a face of the mesh
+# parts of the mesh that a face can belong to
+PARTS = ("skin", "lips", "brow", "sclera", "iris", "pupil", "teeth", "tongue", "tissue")
 SCHEMA = "talkingeyes.head/1"
 LANDMARK_SETS = ("landmarks", "brows")
 
@@ -36,7 +37,7 @@ class Landmarks:
     barycentric: Float[ndarray, "L 3"]
 
     def of(self, vertices: Float[ndarray, "*N V C"]) -> Float[ndarray, "*N L C"]:
-        """The points on posed vertices, or what else is known of vertices, at the points."""
+        """Interpolate vertex positions, or other vertex attributes, at the points."""
         return np.asarray(np.einsum("...lkd,lk->...ld", vertices[..., self.corners, :], self.barycentric))
 
 
@@ -47,11 +48,11 @@ NO_LANDMARKS = Landmarks((), np.zeros((0, 3), np.int32), np.zeros((0, 3)))
 class HeadModel:
     """A head that can be posed. `parts` are indices into PARTS; colours are linear albedo from 0 to 1.
 
-    `ambient` is the share of the sky that a vertex of the template sees. `correctives` are FLAME's, by the entries of
-    R - I of neck, jaw and eyes; none elsewhere. `jaw_open_rad` is the angle of the jaw at weight 1 of `jawOpen`, for
-    heads that open their mouth by a blend shape, else 0. `pupils` are the apexes of the corneas, `irises` the vertices
-    of the circle where cornea and sclera meet. `brows` are the points of the skin under the vertices of the part brow,
-    where that is a strip of its own.
+    `ambient` is the fraction of the sky visible from a vertex of the template. `correctives` are FLAME's, driven by the
+    entries of R - I of neck, jaw and eyes; other heads have none. `jaw_open_rad` is the jaw angle at weight 1 of
+    `jawOpen`, for heads that open their mouth by a blend shape, else 0. `pupils` are the apexes of the corneas,
+    `irises` the vertices of the circle where cornea and sclera meet. `brows` are the points of the skin under the
+    vertices of the part brow, if that is a separate strip.
     """
 
     name: str
@@ -100,7 +101,7 @@ class HeadModel:
 
     @property
     def eye_centres(self) -> Float[ndarray, "2 3"]:
-        """Where the eyeballs turn, in head coordinates."""
+        """Rotation centres of the eyeballs, in head coordinates."""
         return self.joints[3:]
 
     def shape(self, name: str) -> int:
@@ -114,7 +115,7 @@ class HeadModel:
 
 
 def save_head(model: HeadModel, path: Path) -> None:
-    """Write as npz without pickles; the file appears whole or not at all."""
+    """Write the head as npz without pickles, atomically."""
     content: dict[str, ndarray] = {"schema": np.str_(SCHEMA)}  # type: ignore[dict-item]
     for field in fields(HeadModel):
         value = getattr(model, field.name)
@@ -131,7 +132,7 @@ def save_head(model: HeadModel, path: Path) -> None:
 
 
 def load_head(path: Path) -> HeadModel:
-    """Read what `save_head` wrote. Raises InputError if it is not a head, or of another schema."""
+    """Read a head written by `save_head`. Raises InputError for other files or another schema."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
@@ -158,7 +159,7 @@ def _texts(array: ndarray) -> tuple[str, ...]:
 
 
 def _plain(array: ndarray) -> Any:
-    """What the record holds: arrays as they are, texts as tuples, single values as themselves."""
+    """Values of the record: arrays unchanged, texts as tuples, scalars as Python values."""
     if array.ndim == 0:
         return array.item()
     return _texts(array) if array.dtype.kind == "U" else array

@@ -1,4 +1,4 @@
-"""Normals of vertices: the mean of the faces around, weighed by their areas."""
+"""Vertex normals: area-weighted means of the normals of adjacent faces."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from scipy.sparse import csr_array
 
 
 def vertex_normals(vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, "T V 3"]:
-    """Unit normals that point out of faces seen counter-clockwise; zero at a vertex without faces."""
+    """Unit normals, outward for faces that are counter-clockwise from outside; zero at a vertex without faces."""
     return normals_from_incidence(vertices, faces, incidence(faces, vertices.shape[1]))
 
 
 def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
-    """The matrix (V, F) that sums what faces have at their vertices."""
+    """The matrix (V, F) that sums face values at vertices."""
     columns = np.repeat(np.arange(len(faces)), 3)
     return csr_array((np.ones(faces.size, np.float32), (faces.ravel(), columns)), shape=(vertices, len(faces)))
 
@@ -22,7 +22,7 @@ def incidence(faces: Int[ndarray, "F 3"], vertices: int) -> csr_array:
 def normals_from_incidence(
     vertices: Float[ndarray, "T V 3"], faces: Int[ndarray, "F 3"], around: csr_array
 ) -> Float[ndarray, "T V 3"]:
-    """`vertex_normals` with the incidence at hand."""
+    """`vertex_normals` with a precomputed incidence matrix."""
     first, second, third = (vertices[:, faces[:, corner]] for corner in range(3))
     of_faces = np.cross(second - first, third - first)
     normals = np.stack([around @ frame for frame in of_faces])

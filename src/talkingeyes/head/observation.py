@@ -1,4 +1,4 @@
-"""What a camera saw of a face: 2D landmarks and pupil centres, as `world` and `tracking` both give them."""
+"""Observation of a face by a camera: 2D landmarks and pupil centres, from `synthesis` or `tracking`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from talkingeyes.head.camera import Camera
 
 @dataclass(frozen=True)
 class Observation:
-    """T frames at `fps`. Pixels, origin top left, y down; NaN where hidden. `landmarks` follow `face_points.NAMES`.
+    """T frames at `fps`, in pixels: origin top left, y down, NaN where hidden.
 
-    `identity`: weights of the head's identity shapes where they are known (a synthetic speaker's); `fit` finds its own.
+    `landmarks` are in the order of LANDMARK_NAMES. `identity`: weights of the head's identity shapes if known (of a
+    synthetic speaker); `fit` estimates its own.
     """
 
     fps: float

@@ -1,7 +1,7 @@
-"""From a Motion to what a head model takes: weights of all its blend shapes, and rotations of its joints.
+"""Converts a Motion to inputs of a head model: weights of all its blend shapes, and rotations of its joints.
 
-Lids follow gaze and close by the shapes of the Eyelid model where the head has them (`eyelid.drive`), else by ARKit's
-(`lid_weights`); the jaw opens by `jawOpen` where the head has it and by its joint elsewhere. Motion carries neither as
+Lids follow gaze and close by the shapes of the Eyelid model if the head has them (`eyelid.blendshapes`), else by
+ARKit's (`lid_weights`). The jaw opens by `jawOpen` if the head has it, else by its joint. A Motion contains neither as
 expression.
 """
 
@@ -40,12 +40,12 @@ class Pose:
 
 
 def expression_shape_names(model: HeadModel) -> tuple[str, ...]:
-    """The shapes that a Motion of this head carries: all but those of gaze, lids and jaw."""
+    """The expression shapes of a Motion of this head: all but those of gaze, lids and jaw."""
     return tuple(name for name in model.expression_names if name not in GAZE_LID_SHAPES + JAW_SHAPES + LID_SHAPES)
 
 
 def motion_to_pose(model: HeadModel, motion: Motion) -> Pose:
-    """The poses of a motion. Raises InputError if its expression is that of another head."""
+    """Convert a motion to poses. Raises InputError if its expression is that of another head."""
     strange = [name for name in motion.expression_names if name not in model.expression_names]
     if strange:
         raise InputError(
@@ -62,14 +62,14 @@ def motion_to_pose(model: HeadModel, motion: Motion) -> Pose:
 def shape_weights(
     model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"], jaw: Float[ndarray, "T 3"]
 ) -> dict[str, Float[ndarray, " T"]]:
-    """Weights of the head's own shapes that lids and jaw move, by name."""
+    """Weights of the head's shapes for lids and jaw, by name."""
     lids = eyelid_weights(model, gaze, lid) if has_eyelids(model) else lid_weights(gaze, lid)
     weights = {**lids, **jaw_weights(jaw, model.jaw_open_rad)}
     return {name: column for name, column in weights.items() if name in model.expression_names}
 
 
 def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> dict[str, Float[ndarray, " T"]]:
-    """Weights of ARKit's lid shapes: what gaze alone gives, times what is left open, plus the blink.
+    """Weights of ARKit's lid shapes: those of gaze times the remaining opening, plus the blink.
 
     Down: the upper lid by eyeLookDown, the lower by a negative eyeSquint; up: by eyeWide, the lower lid by eyeLookUp.
     """
@@ -87,7 +87,7 @@ def lid_weights(gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]) -> di
 
 
 def jaw_weights(jaw: Float[ndarray, "T 3"], open_rad: float) -> dict[str, Float[ndarray, " T"]]:
-    """Weights of ARKit's jaw shapes, for a head that opens its mouth by them; `open_rad` 0 is one that does not."""
+    """Weights of ARKit's jaw shapes, for a head that opens its mouth by them; none if `open_rad` is 0."""
     if not open_rad:
         return {}
     return {

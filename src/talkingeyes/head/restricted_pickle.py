@@ -1,8 +1,8 @@
-"""Reading a pickle that names only harmless things: arrays, sparse matrices, ordered dictionaries, chumpy's values.
+"""Restricted unpickler for arrays, sparse matrices, ordered dictionaries and chumpy values.
 
-A pickle is a program. This reader looks every name that it asks for up in a short list and refuses all others before
-anything is called. Classes of chumpy and scipy are never imported: stand-ins take their state, and the arrays are
-taken out of it.
+A pickle can execute code. This reader accepts only names on a short list and rejects all others before anything is
+called. Classes of chumpy and scipy are not imported: placeholder objects receive their state, and the arrays are
+extracted from it.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ SPARSE = tuple((f"scipy.sparse{at}", f"{kind}_matrix") for kind in ("csc", "csr"
 
 
 class PickledState:
-    """Stands in for an object of a class that is not imported: keeps the state that the pickle gives it."""
+    """Placeholder for an object of a class that is not imported: stores the pickled state."""
 
     def __setstate__(self, state: Any) -> None:
         self.state = state if isinstance(state, dict) else {}
 
 
 class _RestrictedUnpickler(pickle.Unpickler):
-    """Resolves the names of the lists above, and no other."""
+    """Resolves the names in the lists above and no others."""
 
     def __init__(self, file: IO[bytes] | io.BytesIO) -> None:
         super().__init__(file, encoding="latin1")
-        # A class of its own for every file: a hostile pickle can set attributes on what it is given.
+        # A new class per file: a malicious pickle can set attributes on it.
         self._chumpy = type("ChumpyValue", (PickledState,), {})
         self._sparse = type("SparseMatrix", (PickledState,), {})
         self._allowed: dict[tuple[str, str], Any] = {
@@ -70,7 +70,7 @@ class _RestrictedUnpickler(pickle.Unpickler):
         if requested in ARRAYS:
             return super().find_class(requested[0].replace("numpy.core", "numpy._core"), name)
         if requested not in self._allowed:
-            raise pickle.UnpicklingError(f"it names {module}.{name}, which is not on the list of harmless names")
+            raise pickle.UnpicklingError(f"it names {module}.{name}, which is not on the list of allowed names")
         return self._allowed[requested]
 
     def _reconstructed(self, kind: type, _parent: type, _state: Any) -> PickledState:
@@ -80,7 +80,7 @@ class _RestrictedUnpickler(pickle.Unpickler):
 
 
 class _TensorUnpickler(_RestrictedUnpickler):
-    """Knows torch's tensors too, and makes arrays of them."""
+    """Also resolves torch tensors, as arrays."""
 
     def __init__(self, file: io.BytesIO, memory: Callable[[str], bytes]) -> None:
         super().__init__(file)
@@ -92,13 +92,13 @@ class _TensorUnpickler(_RestrictedUnpickler):
         }
 
     def persistent_load(self, pid: Any) -> ndarray:
-        """The memory of a storage: ("storage", its kind, its key, where it was, how many)."""
+        """The memory of a storage: ("storage", type, key, device, size)."""
         _, kind, key, _, count = pid
         return np.frombuffer(self._memory(str(key)), kind, int(count))
 
 
 def _tensor(storage: ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *_: Any) -> ndarray:
-    """A copy of a view into a storage, which checks that the view lies in it."""
+    """Copy a view into a storage, after checking its bounds."""
     last = offset + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
     if 0 in shape:
         return np.zeros(shape, storage.dtype)
@@ -109,7 +109,7 @@ def _tensor(storage: ndarray, offset: int, shape: tuple[int, ...], strides: tupl
 
 
 def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
-    """The content of a pickle, all names in it harmless. Raises InputError in one line for anything else."""
+    """Read a pickle with allowed names only. Raises InputError for anything else."""
     try:
         with path.open("rb") as file:
             file.seek(skip_bytes)
@@ -121,7 +121,7 @@ def read_pickle(path: Path, skip_bytes: int = 0) -> Any:
 
 
 def read_tensors(path: Path, pickled: bytes, memory: Callable[[str], bytes]) -> Any:
-    """The same for the pickle in a file that torch saved; `memory` gives the bytes of a tensor's storage."""
+    """Read the pickle in a file saved by torch; `memory` returns the bytes of a tensor's storage."""
     return _loaded(path, _TensorUnpickler(io.BytesIO(pickled), memory))
 
 
@@ -130,12 +130,12 @@ def _loaded(path: Path, reader: _RestrictedUnpickler) -> Any:
         return reader.load()
     except (EOFError, pickle.UnpicklingError) as error:
         raise InputError(f"{path}: not a readable pickle of arrays ({_line(error)})") from None
-    except Exception as error:  # what a broken pickle raises is not limited: numpy, memory, recursion
+    except Exception as error:  # a broken pickle can raise anything: numpy, memory, recursion
         raise InputError(f"{path}: broken or not a pickle ({type(error).__name__}: {_line(error)})") from None
 
 
 def as_array(value: Any) -> ndarray:
-    """The array in what `read_pickle` gave: an array itself, a chumpy value, a sparse matrix (made dense)."""
+    """The array in a result of `read_pickle`: an array, a chumpy value, or a sparse matrix (made dense)."""
     if isinstance(value, PickledState):
         state = value.state
         if "x" in state:
@@ -148,7 +148,7 @@ def as_array(value: Any) -> ndarray:
 
 
 def _encoded(text: str, encoding: str = "latin1") -> bytes:
-    """How protocol 2 writes bytes."""
+    """Bytes as pickled by protocol 2."""
     if encoding not in ("latin1", "utf-8", "ascii"):
         raise pickle.UnpicklingError(f"it encodes text as {encoding!r}")
     return text.encode(encoding)

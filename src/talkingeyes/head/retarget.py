@@ -1,9 +1,9 @@
-"""Motion made for one head plays on another: expressions by least squares over corresponding points of the face.
+"""Expression transfer between heads: least squares over corresponding points of the faces.
 
-Both faces are laid over each other by a similarity from joints and shared landmarks; each vertex of the source's face
-corresponds to the nearest of the target's. The map M (source shapes x target shapes) minimises the difference of the
-displacements, sum |D_source - M D_target|^2, plus a small ridge, since shapes overlap. Gaze, lids, jaw and head are
-angles and closures, the same on any head: they are carried over as they are. What the target cannot show is reported in
+The faces are aligned by a similarity transform from joints and shared landmarks; each vertex of the source's face
+corresponds to the nearest one of the target's. The map M (source shapes x target shapes) minimises the difference of
+the displacements, sum |D_source - M D_target|^2, plus a small ridge, because shapes overlap. Gaze, lids, jaw and head
+are angles and closures, which are independent of the head and are copied. The residual of the target is reported in
 millimetres.
 """
 
@@ -20,15 +20,15 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.posing import expression_shape_names
 
-RIDGE = 1e-3  # of the mean square of the target's displacements: keeps weights small where shapes overlap
-FACE_RADIUS_M = 0.11  # of the face around the middle between the eyes, on a head with 63 mm between its pupils
-NEAR_M = 0.010  # farther points do not correspond
+RIDGE = 1e-3  # relative to the mean square of the target's displacements: keeps weights small where shapes overlap
+FACE_RADIUS_M = 0.11  # extent of the face around the midpoint of the eyes, for a pupil distance of 63 mm
+NEAR_M = 0.010  # points further apart do not correspond
 PUPIL_DISTANCE_M = 0.063
 
 
 @dataclass(frozen=True)
 class SimilarityTransform:
-    """target point = scale * source point + shift (heads look the same way, so nothing turns)."""
+    """target point = scale * source point + shift (both heads face the same way, so there is no rotation)."""
 
     scale: float
     shift: Float[ndarray, " 3"]
@@ -39,7 +39,7 @@ class SimilarityTransform:
 
 @dataclass(frozen=True)
 class ExpressionMap:
-    """Weights of the target's shapes for each of the source's, and what they miss of a shape at weight 1."""
+    """Weights of the target's shapes for each shape of the source, and their residual at weight 1."""
 
     source: str
     target: str
@@ -47,25 +47,25 @@ class ExpressionMap:
     target_names: tuple[str, ...]
     weights: Float[ndarray, "S T"]
     points: int
-    requested: Float[ndarray, "S C"]  # the displacements of the points that the source asks for, in the target's size
-    residual: Float[ndarray, "S C"]  # and those that the target does not give
+    requested: Float[ndarray, "S C"]  # displacements of the points by the source, at the target's scale
+    residual: Float[ndarray, "S C"]  # displacements that the target cannot reproduce
 
     @property
     def error_mm(self) -> Float[ndarray, " S"]:
-        """Root mean square over the points, of each source shape at weight 1."""
+        """Root mean square residual over the points, of each source shape at weight 1."""
         return _rms_mm(self.residual)
 
     @property
     def requested_mm(self) -> Float[ndarray, " S"]:
-        """How far each source shape moves the points, for comparison."""
+        """Root mean square displacement by each source shape, for comparison."""
         return _rms_mm(self.requested)
 
     def motion_error_mm(self, motion: Motion) -> float:
-        """Root mean square over points and frames of a motion of the source."""
+        """Root mean square residual over points and frames of a motion of the source."""
         return float(np.sqrt((_rms_mm(self._weights_of(motion) @ self.residual) ** 2).mean()))
 
     def motion(self, motion: Motion) -> Motion:
-        """The motion for the target. Raises InputError if it was not made for the source."""
+        """Convert a motion to the target. Raises InputError if it is not a motion of the source."""
         mapped = self._weights_of(motion) @ self.weights
         return replace(motion, expression=mapped, expression_names=self.target_names, head_model=self.target)
 
@@ -81,7 +81,7 @@ class ExpressionMap:
 
 
 def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
-    """How the target shows the expressions of the source. Raises InputError if their faces do not correspond."""
+    """Fit the expression map between two heads. Raises InputError if their faces do not correspond."""
     alignment = align_heads(source, target)
     here, there = corresponding_vertices(source, target, alignment)
     source_names, target_names = expression_shape_names(source), expression_shape_names(target)
@@ -103,7 +103,7 @@ def expression_map(source: HeadModel, target: HeadModel) -> ExpressionMap:
 
 
 def align_heads(source: HeadModel, target: HeadModel) -> SimilarityTransform:
-    """Scale by the distance of the eyes; shift by eyes and jaw, or by the landmarks that both heads have."""
+    """Scale by the eye distance; shift by eyes and jaw, or by the landmarks of both heads."""
     scale = _eye_distance_m(target) / _eye_distance_m(source)
     shared = [name for name in source.landmarks.names if name in target.landmarks.names]
     if len(shared) < 3:
@@ -118,7 +118,10 @@ def align_heads(source: HeadModel, target: HeadModel) -> SimilarityTransform:
 def corresponding_vertices(
     source: HeadModel, target: HeadModel, alignment: SimilarityTransform
 ) -> tuple[Int[ndarray, " K"], Int[ndarray, " K"]]:
-    """Vertices of the source's face, and for each the vertex of the target's skin that lies nearest to it."""
+    """Vertices of the source's face, and the nearest vertex of the target's skin for each.
+
+    Raises InputError if a face is missing or the faces hardly overlap.
+    """
     from scipy.spatial import cKDTree
 
     scale = _eye_distance_m(source) / PUPIL_DISTANCE_M
@@ -148,6 +151,6 @@ def _eye_distance_m(model: HeadModel) -> float:
 
 
 def _rms_mm(displacements: Float[ndarray, "N C"]) -> Float[ndarray, " N"]:
-    """Of points with three coordinates each."""
+    """Root mean square over points with three coordinates each."""
     points = displacements.reshape(len(displacements), -1, 3)
     return np.asarray(1e3 * np.sqrt((points**2).sum(axis=-1).mean(axis=-1)))

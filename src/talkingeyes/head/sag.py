@@ -1,10 +1,10 @@
-"""How a face's shape depends on how the head is held: soft tissue hangs towards the ground.
+"""Pose-dependent face shape: soft tissue sags with gravity.
 
     d_v = SAG_M softness_v (R^T g - g)        g = (0, -1, 0), R the head's rotation, d in head coordinates
 
-The open head is the same under every pose, and so are the faces of the synthetic world; a model of pose-dependent
-shape (PGFace) would have nothing to learn. So the shapes that it learns hang by this law: none at the brow, most at
-jowls and chin. The size is chosen, not measured: 4 mm where the head is turned by 90 degrees, 1.2 mm at 18.
+The open head and the faces of synthetic data have the same shape in every pose, so a model of pose-dependent shape
+(PGFace) would have nothing to learn. Its training shapes therefore sag by this rule: not at the brow, most at jowls and
+chin. The amount is chosen, not measured: 4 mm with the head turned by 90 degrees, 1.2 mm at 18.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from talkingeyes.head.posing import shape_weights
 
 SAG_M = 0.004
 DOWN = np.array([0.0, -1.0, 0.0])
-LOWER_FACE_M = 0.035  # below the eyes: mouth, cheeks, chin
+LOWER_FACE_M = 0.035  # distance below the eyes: mouth, cheeks, chin
 
 
 @dataclass(frozen=True)
 class FaceSurface:
-    """The skin and lips at the front of a head: the V vertices that a face shape has."""
+    """Skin and lips at the front of a head: the V vertices of a face shape."""
 
     model: HeadModel
 
     @cached_property
     def vertices(self) -> Int[ndarray, " V"]:
-        """Where they stand in the head."""
+        """Their indices in the head."""
         found = self.model.vertices_of("skin", "lips")
         eyes = self.model.eye_centres.mean(0)
         place = self.model.template[found]
@@ -43,23 +43,23 @@ class FaceSurface:
 
     @cached_property
     def below_eyes_m(self) -> Float[ndarray, " V"]:
-        """How far each lies below the eyes."""
+        """Distance of each vertex below the eyes."""
         return np.asarray(self.model.eye_centres[:, 1].mean() - self.model.template[self.vertices, 1], np.float64)
 
     @property
     def lower(self) -> ndarray:
-        """Whether it belongs to the lower face."""
+        """Whether each vertex belongs to the lower face."""
         return self.below_eyes_m > LOWER_FACE_M
 
     @cached_property
     def directions(self) -> Float[ndarray, "K V 3"]:
-        """What a factor moves: the head's own shapes, then three directions that tissue may hang in."""
+        """Displacements per factor: the head's shapes, then three directions of sagging."""
         softness = np.clip((self.below_eyes_m + 0.01) / 0.09, 0.0, 1.0)
         hanging = SAG_M * np.eye(3)[:, None] * softness[:, None]
         return np.concatenate([self.model.expression[:, self.vertices].astype(np.float64), hanging])
 
     def factors(self, motion: Motion, head: Float[ndarray, "T 3"]) -> Float[ndarray, "T K"]:
-        """How much of each direction the face of a motion has, as the head is held; eyes ahead, lids open."""
+        """Factors of the face of a motion with a given head pose; gaze ahead, lids open."""
         frames = len(motion)
         ahead, open_lids = np.zeros((frames, 2, 3)), np.zeros((frames, 2))
         weights = np.zeros((frames, len(self.model.expression_names)))

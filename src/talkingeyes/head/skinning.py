@@ -1,8 +1,8 @@
-"""Posing a head: blend shapes, then linear blend skinning over its five joints, for a batch, differentiably, in torch.
+"""Posing a head in torch: blend shapes, then linear blend skinning over five joints; batched and differentiable.
 
     v = LBS(template + identity + expression + correctives (R - I), joints, weights)    FLAME (Li et al. 2017), eq. 2
 
-`head` turns the neck joint; the root, and with it the foot of the neck, stays. `translation` moves everything.
+`head` rotates the neck joint; the root, and with it the base of the neck, stays fixed. `translation` moves everything.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def pose_vertices(
     translation: Float[Tensor, "B 3"],
     identity: Float[Tensor, "B I"] | None = None,
 ) -> Float[Tensor, "B V 3"]:
-    """The vertices of poses; `expression` weighs all shapes of the model, lids and jaw among them (`drive.pose_of`)."""
+    """Vertices of poses; `expression` are weights of all shapes, including lids and jaw (`posing.motion_to_pose`)."""
     joint_rotations = rotation_matrices(
         torch.cat([torch.zeros_like(head)[:, None], head[:, None], jaw[:, None], gaze], dim=1)
     )
@@ -51,7 +51,7 @@ def posed_vertices(model: HeadModel, pose: Pose) -> Float[ndarray, "T V 3"]:
 def add_blend_shapes(
     rest: Float[Tensor, "*B V 3"], shapes: Float[Tensor, "K V 3"], amounts: Float[Tensor, "B K"]
 ) -> Float[Tensor, "B V 3"]:
-    """`rest` plus the shapes by their amounts."""
+    """Add weighted shapes to `rest`."""
     moved: Tensor = (amounts @ shapes.flatten(1)).unflatten(1, shapes.shape[1:])
     return rest + moved
 
@@ -62,7 +62,7 @@ def linear_blend_skinning(
     joint_rotations: Float[Tensor, "B 5 3 3"],
     weights: Float[Tensor, "V 5"],
 ) -> Float[Tensor, "B V 3"]:
-    """Linear blend skinning: each vertex goes with the weighted mean of what its joints do."""
+    """Linear blend skinning: transform each vertex by the weighted mean of its joints' transforms."""
     turned, moved = [joint_rotations[:, 0]], [joints[:, 0]]
     for joint, parent in list(enumerate(PARENTS))[1:]:
         offset = joints[:, joint] - joints[:, parent]
@@ -76,7 +76,7 @@ def linear_blend_skinning(
 
 
 def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]:
-    """Rotation vectors to matrices (Rodrigues), smooth through zero."""
+    """Rotation vectors to matrices (Rodrigues), smooth at zero."""
     squared = vectors.square().sum(-1)[..., None, None].clamp_min(1e-12)
     angle = squared.sqrt()
     x, y, z = vectors.unbind(-1)
@@ -89,5 +89,5 @@ def rotation_matrices(vectors: Float[Tensor, "*N 3"]) -> Float[Tensor, "*N 3 3"]
 
 
 def _tensor(array: Float[ndarray, "*N"], like: Tensor) -> Tensor:
-    """An array of the model in the precision and on the device of the pose; on the CPU without a copy."""
+    """A model array with the precision and device of the pose; on the CPU without a copy."""
     return torch.from_numpy(array).to(like)

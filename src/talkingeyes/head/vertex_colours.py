@@ -1,7 +1,7 @@
-"""Colours of the open head: skin, lips, lash line, brows, short hair, and how much of the sky each point sees.
+"""Vertex colours of the open head: skin, lips, lash line, brows, short hair, and ambient occlusion.
 
-MakeHuman's body brings no colours that may be used here, so they are painted by where a vertex lies at rest. Brows are
-narrow meshes of their own just above the skin: the body's vertices are 5 mm apart, too far for a brow.
+MakeHuman's body has no colours with a usable license, so colours depend on the position of a vertex at rest. Brows are
+separate narrow meshes just above the skin: the body's vertices are 5 mm apart, too coarse for a brow.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ INTERIOR_COLOURS = {
     "tissue": np.array([0.42, 0.16, 0.14]),
 }
 BROW_LIFT_M = 0.0006
-# The left brow from the inner to the outer end: x, y of its middle line and half its width, mm.
+# The left brow from the inner to the outer end: x, y of its centre line and half its width, mm.
 _BROW = np.array(
     [(11.0, 57.0, 2.6), (18.0, 59.6, 3.4), (26.0, 62.2, 3.3), (34.0, 63.8, 2.8), (42.0, 63.0, 2.0), (49.0, 59.4, 0.9)]
 )
@@ -43,7 +43,7 @@ AMBIENT_REACH_M = 0.08
 
 @dataclass(frozen=True)
 class BrowStrip:
-    """A strip on the skin: the points under its vertices, its own triangles and colours."""
+    """A strip on the skin: the points under its vertices, its triangles and colours."""
 
     attachment: Landmarks
     faces: Int[ndarray, "F 3"]
@@ -56,7 +56,7 @@ def skin_colours(
     lash_line: Int[ndarray, " K"],
     inner_rim: Int[ndarray, " K"],
 ) -> Float[ndarray, "V 3"]:
-    """Albedo of the skin by where it lies (head coordinates), the mask of the lips and the rims of the lids."""
+    """Skin albedo from position (head coordinates), the mask of the lips and the rims of the lids."""
     x, y, z = vertices.T * 1000
     flush = (
         0.5 * _spot(np.abs(x) - 42, y - 8, 22.0)
@@ -88,7 +88,7 @@ def _ear(x: Float[ndarray, " V"], y: Float[ndarray, " V"], z: Float[ndarray, " V
 def build_brow(
     vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"], skin: Float[ndarray, "V 3"], sign: float
 ) -> BrowStrip:
-    """The left (sign 1) or right (-1) brow: dark along the middle line, the colour of the skin at the edge."""
+    """The left (sign 1) or right (-1) brow: dark along the centre line, skin-coloured at the edge."""
     along = np.linspace(0, 1, BROW_COLUMNS)
     knots = np.linspace(0, 1, len(_BROW))
     x, y, half = (_smooth(along, knots, column) for column in _BROW.T)
@@ -105,7 +105,7 @@ def build_brow(
 
 
 def ambient(vertices: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Float[ndarray, " V"]:
-    """The share of the hemisphere over each vertex that nothing covers within 8 cm, weighed by the cosine."""
+    """Cosine-weighted fraction of the hemisphere above each vertex without an occluder within 8 cm."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -150,7 +150,7 @@ def _smooth(
 
 
 def _grid(rows: int, columns: int, sign: float) -> Int[ndarray, "F 3"]:
-    """Triangles of a grid of vertices, seen counter-clockwise from the front."""
+    """Triangles of a grid of vertices, counter-clockwise from the front."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     right, above = corner + 1, corner + columns
     faces = np.concatenate([np.stack([corner, right, above + 1], -1), np.stack([corner, above + 1, above], -1)])

@@ -1,10 +1,11 @@
-"""How lids really move, as far as it is known: the world's own lids, from which the Eyelid model is built.
+"""Anatomical lid motion as ground truth, from which the Eyelid model is built.
 
-Lids turn on the eyeball about the axis from corner to corner (Becker & Fuchs 1988; FACTS, section 5): the upper lid
-follows the eye down with gain 1 and up with .8 over the first 15 degrees, saturating, the lower lid with .35; people
-are not symmetric, and a lid moves by itself (1.2 degrees) while the eye is still. A blink brings the upper lid nine
-tenths of the way and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea, wherever it looks,
-lifts them. None of this has the form of the model: gains bend at zero, the lifted lid is no sum of sines.
+Lids rotate on the eyeball about the axis between the eye corners (Becker & Fuchs 1988; FACTS, section 5). The upper lid
+follows the eye downwards with gain 1, and upwards with 0.8 over the first 15 degrees, saturating; the lower lid follows
+with 0.35. People are asymmetric, and a lid varies (1.2 degrees) at constant gaze. In a blink the upper lid covers nine
+tenths of the opening and the lower lid the rest. Lids lie on two spheres, so the bulge of the cornea lifts them
+wherever it points. This is deliberately not of the form of the Eyelid model: gains change at zero, and the lift of a
+lid is not a sum of sines.
 """
 
 from __future__ import annotations
@@ -22,15 +23,18 @@ from talkingeyes.head.eyelid.region import TEMPORAL_AXES, EyelidRegion, elevatio
 SCLERA_RADIUS_M, CORNEA_RADIUS_M, IRIS_RADIUS_M = 0.0125, 0.0078, 0.0059
 CORNEA_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2) - np.sqrt(CORNEA_RADIUS_M**2 - IRIS_RADIUS_M**2))
 IRIS_CENTRE_M = float(np.sqrt(SCLERA_RADIUS_M**2 - IRIS_RADIUS_M**2))
-LID_CLEARANCE_M = 0.0008  # a lid's least distance from the eyeball, where it is not nearer at rest
+LID_CLEARANCE_M = 0.0008  # minimum distance between lid and eyeball, unless the lid is closer at rest
 UPPER_CLOSURE_SHARE = 0.9
 JITTER_RAD = np.radians(1.2)
 
 
 @dataclass(frozen=True)
 class EyelidParameters:
-    """What differs between people, and between the eyes of one: gains by which lids follow small turns of the eye, the
-    angles at which the upper lid's lift and fall saturate, how much lower it rests than the head's."""
+    """Parameters that differ between people and eyes.
+
+    `upper_down`, `upper_up`, `lower`: gains with which lids follow small eye rotations. `droop_rad`: how much lower the
+    upper lid rests than in the head model. `lift_rad`, `fall_rad`: angles at which its lift and fall saturate.
+    """
 
     upper_down: float = 1.0
     upper_up: float = 0.88
@@ -41,7 +45,7 @@ class EyelidParameters:
 
 
 def sample_eyelid_parameters(rng: np.random.Generator) -> EyelidParameters:
-    """An eye of somebody: gains within a tenth of the mean, the upper lid up to a few degrees lower or higher."""
+    """Sample the parameters of an eye: gains within a tenth of the mean, the upper lid up to a few degrees off."""
     down, up, lower = np.clip(rng.normal(1.0, [0.04, 0.06, 0.08]), 0.85, 1.15)
     return EyelidParameters(
         upper_down=float(down),
@@ -56,7 +60,7 @@ def sample_eyelid_parameters(rng: np.random.Generator) -> EyelidParameters:
 def upper_lid_rotation_rad(
     pitch_rad: Float[ndarray, "*N"], eyelid_parameters: EyelidParameters
 ) -> Float[ndarray, "*N"]:
-    """How far the upper lid turns upwards with an eye at a pitch: saturating, less upwards than downwards."""
+    """Upward rotation of the upper lid at an eye pitch: saturating, less upwards than downwards."""
     up, down = np.maximum(pitch_rad, 0.0), np.maximum(-pitch_rad, 0.0)
     lifted = eyelid_parameters.upper_up * eyelid_parameters.lift_rad * np.tanh(up / eyelid_parameters.lift_rad)
     fallen = eyelid_parameters.upper_down * eyelid_parameters.fall_rad * np.tanh(down / eyelid_parameters.fall_rad)
@@ -70,7 +74,7 @@ def lid_points(
     eyelid_parameters: EyelidParameters,
     jitter_rad: Float[ndarray, " T"],
 ) -> Float[ndarray, "T N 3"]:
-    """All points of a region, in its coordinates, at gazes (yaw, pitch in the head) and closures."""
+    """All points of a region in its coordinates, at gaze (yaw, pitch in the head) and closure."""
     upper, lower = _turns(region, angles_rad[:, 1], lid, eyelid_parameters, jitter_rad)
     turned = _turned(region.points, region.upper_share * upper + region.lower_share * lower)
     gaze = angles_to_direction(angles_rad) * TEMPORAL_AXES[region.eye]
@@ -85,7 +89,7 @@ def lid_points(
 
 
 def eyeball_radius_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"]) -> Float[ndarray, "*N"]:
-    """Distance from the centre to the eyeball's surface: the sclera, or the cornea that stands out around the gaze."""
+    """Distance from the centre to the eyeball's surface: the sclera, or the cornea around the gaze direction."""
     cosine = (unit * gaze).sum(axis=-1)
     under = CORNEA_RADIUS_M**2 - CORNEA_CENTRE_M**2 * (1.0 - cosine**2)
     cornea = CORNEA_CENTRE_M * cosine + np.sqrt(np.maximum(under, 0.0))
@@ -95,7 +99,7 @@ def eyeball_radius_m(unit: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*M 3"])
 def iris_contour(
     angles_rad: Float[ndarray, "T 2"], points: int, rng: np.random.Generator, noise_m: float
 ) -> Float[ndarray, "T K 3"]:
-    """The circle of the iris, in head axes around the eye's centre, as somebody draws it."""
+    """Hand-labelled iris circle in head axes around the eye's centre, with noise."""
     around = np.linspace(0, 2 * np.pi, points, endpoint=False)
     gaze = angles_to_direction(angles_rad)
     side = np.cross([0.0, 1.0, 0.0], gaze)
@@ -113,10 +117,10 @@ def _turns(
     eyelid_parameters: EyelidParameters,
     jitter_rad: Float[ndarray, " T"],
 ) -> tuple[Float[ndarray, "T N"], Float[ndarray, "T N"]]:
-    """Angles by which the upper and the lower lid turn at each point's place between the corners."""
+    """Rotation of the upper and the lower lid at each point, by its position between the eye corners."""
     follows = upper_lid_rotation_rad(pitch_rad, eyelid_parameters) + jitter_rad
     inside = np.clip(region.along, 0.0, 1.0)
-    reach = np.sqrt(4.0 * inside * (1.0 - inside))  # the corners are held by their ligaments
+    reach = np.sqrt(4.0 * inside * (1.0 - inside))  # the eye corners are fixed by their ligaments
     place = region.along[UPPER]
     rest = np.interp(inside, place, elevation(region.upper)) - np.interp(
         inside, region.along[LOWER], elevation(region.lower)
@@ -127,7 +131,7 @@ def _turns(
 
 
 def _turned(points: Float[ndarray, "N 3"], angle_rad: Float[ndarray, "T N"]) -> Float[ndarray, "T N 3"]:
-    """Points turned upwards by their angles about the axis from corner to corner."""
+    """Points rotated upwards by their angles about the axis between the eye corners."""
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
     x, y, z = points.T
     return np.stack([np.broadcast_to(x, angle_rad.shape), cosine * y + sine * z, cosine * z - sine * y], axis=-1)

@@ -1,11 +1,11 @@
-"""The Eyelid model as blend shapes: it drives the lids of every head, three parameters an eye.
+"""The Eyelid model as blend shapes: it moves the lids of every head, with three parameters per eye.
 
-Both stages of the model are linear in their inputs, so a head's lids are five shapes an eye: the four predictors of
-gaze, counted from gaze straight ahead, and the blink. What moves beside the curves depends on the head. Where it has
-ARKit's lid shapes, each of the five is the mixture of them that brings the curves nearest to the model's, by least
-squares: the skin folds as its sculptor meant. Elsewhere the skin around the eye is constructed as the curves are.
-Only the weight of the blink is more than a function of gaze or closure: it shuts the opening that the gaze leaves
-(`construction.EyelidModel.component`), measured on four lid landmarks.
+Both stages of the model are linear in their inputs, so the lids of a head need five shapes per eye: the four gaze
+predictors, relative to gaze straight ahead, and the blink. The motion of skin beside the lid curves depends on the
+head. If it has ARKit's lid shapes, each of the five is the least-squares mixture of them that best matches the model's
+curves, so the skin folds as its sculptor intended. Otherwise the skin around the eye moves by construction. Only the
+weight of the blink is not linear: it closes the opening that remains at the current gaze
+(`model.EyelidModel.blink_weight`), measured on four lid landmarks.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LID_SHAPES = tuple(f"lid{what}{side.title()}" for side in SIDES for what in (*PR
 EYE_POINTS = ("outer", "upper_outer", "upper_inner", "inner", "lower_inner", "lower_outer")
 AHEAD = predictors(np.zeros(2))
 SCULPTED = ("eyeBlink", "eyeLookDown", "eyeLookUp", "eyeSquint", "eyeWide")
-RIDGE = 1e-3  # of the mean square of a sculpted shape: they overlap
+RIDGE = 1e-3  # relative to the mean square of a sculpted shape, because the shapes overlap
 
 
 def has_eyelids(model: HeadModel) -> bool:
@@ -38,7 +38,7 @@ def has_eyelids(model: HeadModel) -> bool:
 
 
 def lid_landmarks(model: HeadModel) -> Landmarks:
-    """p1 to p6 of the eye aspect ratio of both eyes, found on a head that has no landmarks: places along its lids."""
+    """p1 to p6 of the eye aspect ratio of both eyes, derived from the lid curves of a head without landmarks."""
     third, two = (UPPER.stop - UPPER.start) // 3, 2 * (UPPER.stop - UPPER.start) // 3
     places = (UPPER.stop - 1, two, third, UPPER.start, LOWER.start + third, LOWER.start + two)
     curves = [eyelid_region(model, eye).curves for eye in range(2)]
@@ -50,7 +50,7 @@ def lid_landmarks(model: HeadModel) -> Landmarks:
 
 
 def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadModel:
-    """The head with the Eyelid model of both eyes, built on its own lids, among its shapes."""
+    """Add the shapes of the Eyelid model of both eyes, built on the head's own lids."""
     shapes = []
     for eye in range(2):
         around = eyelid_region(model, eye)
@@ -70,9 +70,9 @@ def with_eyelids(model: HeadModel, eyelid_parameters: EyelidParameters) -> HeadM
 
 
 def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P 3"]) -> Float[ndarray, "5 V 3"]:
-    """Mixtures of the sculpted lid shapes of an eye whose lid curves rise and fall as `curves` do, in head axes.
+    """Mixtures of the sculpted lid shapes of an eye that match the heights of `curves`, in head axes.
 
-    Heights alone: they open and close the eye, and depth follows from the sculpted skin.
+    Only heights are matched: they determine the opening, and depth follows from the sculpted skin.
     """
     side = SIDES[around.eye].title()
     sculpted = model.expression[[model.shape(f"{name}{side}") for name in SCULPTED]]
@@ -87,7 +87,7 @@ def _mixture(model: HeadModel, around: EyelidRegion, curves: Float[ndarray, "5 P
 def eyelid_weights(
     model: HeadModel, gaze: Float[ndarray, "T 2 3"], lid: Float[ndarray, "T 2"]
 ) -> dict[str, Float[ndarray, " T"]]:
-    """Weights of the ten shapes at gazes and closures (`Motion.gaze`, `Motion.lid`)."""
+    """Weights of the ten shapes for gaze and closure (`Motion.gaze`, `Motion.lid`)."""
     inputs = predictors(gaze_to_angles(gaze)) - AHEAD
     first = model.shape(LID_SHAPES[0])
     weights: dict[str, Float[ndarray, " T"]] = {}
@@ -102,7 +102,7 @@ def eyelid_weights(
 
 
 def _opening(model: HeadModel, vertices: Float[ndarray, "*N V 3"], side: str) -> Float[ndarray, "*N"]:
-    """Height of the upper over the lower lid landmarks of an eye; of a shape, how far it opens the eye."""
+    """Height of the upper above the lower lid landmarks of an eye; for a shape, the change of it."""
     height = model.landmarks.of(vertices)[..., 1]
     names = model.landmarks.names
     upper, lower = (

@@ -1,4 +1,4 @@
-"""Curves drawn on a face: resampling to a constant number of points, and gaze from the contour of the iris.
+"""Curves on a face: resampling to a constant number of points, and gaze from the contour of the iris.
 
 Elisei, Bailly & Casari (AVSP 2007), sections 4.1 and 5.1: curves of lids and brow anchor are resampled at regular
 curvilinear coordinates; the contour of the iris is a plane circle, and gaze is the normal through its centre.
@@ -31,17 +31,23 @@ class Circle:
 
 
 def resample_curve(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]:
-    """`count` points at equal steps of length along a polyline, its ends included."""
+    """Resample a polyline to `count` points at equal arc length, including its ends.
+
+    Raises InputError if the polyline has no length or is not finite.
+    """
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     if not np.isfinite(along[-1]) or along[-1] == 0.0:
-        raise InputError(f"curve: should be finite points along some length, got {len(curve)} points of none")
+        raise InputError(f"curve: should be finite points of a positive length, got {len(curve)} points without")
     at = np.linspace(0.0, along[-1], count)
     return np.stack([np.interp(at, along, channel) for channel in curve.T], axis=-1)
 
 
 def fit_circle(contour: Float[ndarray, "K 3"]) -> Circle:
-    """The circle through a contour: its plane by singular vectors, centre and radius by linear least squares (Kasa)."""
+    """Fit a circle to a contour: plane by SVD, centre and radius by linear least squares (Kasa).
+
+    Raises InputError if there are fewer than 3 finite points.
+    """
     if len(contour) < 3 or not np.isfinite(contour).all():
         raise InputError(f"iris contour: should be at least 3 finite points, got {len(contour)}")
     middle = contour.mean(axis=0)

@@ -1,8 +1,8 @@
-"""From a target in space to the four angles of the two eyes: the geometric controller.
+"""Geometric controller: from a target in space to the four angles of the two eyes.
 
-Elisei, Bailly & Casari (AVSP 2007), section 5.2: a target in homogeneous coordinates (x, y, z, w) is the point
-(x, y, z) / w, and with w = 0 the direction (x, y, z) at optical infinity; one formula serves both, and the eyes
-converge on near targets. People converge less than geometry asks for (FACTS, section 1): `vergence_gain`.
+Elisei, Bailly & Casari (AVSP 2007), section 5.2: a target in homogeneous coordinates (x, y, z, w) is the point (x, y,
+z) / w, and for w = 0 the direction (x, y, z) at optical infinity. One formula covers both cases, and the eyes converge
+on near targets. People converge less than the geometry requires (FACTS, section 1): `vergence_gain`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ def aim_eyes(
 ) -> Float[ndarray, "*N 2 2"]:
     """(yaw, pitch) in the head of the left and right eye that look at a target in space.
 
-    `eyes` are their centres in head coordinates; a point p of the head stands in space at R(head) p + translation.
-    With gain 1 both lines of sight meet in the target; with gain 0 the eyes stay parallel.
+    `eyes` are their centres in head coordinates; a point p of the head is at R(head) p + translation in space. With
+    gain 1 both lines of sight meet at the target; with gain 0 the eyes stay parallel. Raises InputError for invalid
+    targets.
     """
     if not np.isfinite(target).all():
         raise InputError(

@@ -1,10 +1,10 @@
-"""The Eyelid model of one eye: lid curves from two angles of gaze and one blink parameter, built from labelled curves.
+"""The Eyelid model of one eye: lid curves from two gaze angles and one blink parameter, fitted to labelled curves.
 
 Elisei, Bailly & Casari (AVSP 2007), section 5.2. Stage one: linear regression of the centred 3D coordinates on
 sin(a1+a2), sin(a1-a2), cos(a1), cos(a2), with a1 the azimuth and a2 the elevation of gaze. Stage two: the first
-principal component of what is left, which moves as a blink does. The paper leaves the scale of that component open;
-here it is fixed as `Motion.lid` wants it: 0 is the opening of postures held with open eyes, 1 that at which the lids
-meet at the gaze in question, negative is wider.
+principal component of the residual, which corresponds to a blink. The paper leaves the scale of this component open.
+Here it follows `Motion.lid`: 0 is the opening of postures held with open eyes, 1 the closure at which the lids meet at
+the current gaze, and negative values are wider.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
 
-UPPER = slice(0, 15)  # points of the curves that a posture joins, each from the inner to the outer corner
+UPPER = slice(0, 15)  # points of the joined curves of a posture, each from the inner to the outer corner
 LOWER = slice(15, 30)
 ANCHOR = slice(30, 39)
 POINTS = 39
-MIDDLE = slice(4, 11)  # of a lid: where its opening is measured, away from the corners
+MIDDLE = slice(4, 11)  # of a lid: the points at which the opening is measured, away from the corners
 
 
 @dataclass(frozen=True)
 class LabelledPostures:
-    """N postures of one eye: gaze from the iris contour, and the upper, lower and brow-anchor curve joined.
+    """N postures of one eye: gaze from the iris contour, and the joined upper, lower and brow-anchor curves.
 
-    `held` are postures of a gaze held with open eyes, `shut` those with closed lids; the others are anything.
+    `held` marks postures of a gaze held with open eyes, `shut` those with closed lids; the others are arbitrary.
     """
 
     angles_rad: Float[ndarray, "N 2"]
@@ -37,13 +37,13 @@ class LabelledPostures:
     shut: Bool[ndarray, " N"]
 
     def at(self, rows: ndarray) -> LabelledPostures:
-        """The postures of a mask or of indices."""
+        """Select postures by a mask or by indices."""
         return LabelledPostures(self.angles_rad[rows], self.curves[rows], self.held[rows], self.shut[rows])
 
 
 @dataclass(frozen=True)
 class ExplainedVariance:
-    """Share of the variance of the coordinates that stage one, and both stages, reconstruct."""
+    """Fraction of the variance of the coordinates explained by stage one, and by both stages."""
 
     stage_one: float
     both_stages: float
@@ -57,10 +57,10 @@ class EyelidModel:
     centre: Float[ndarray, " 4"]
     weights: Float[ndarray, "4 P 3"]
     blink: Float[ndarray, "P 3"]
-    mean_blink: float  # v of the mean of the labels: what stage one, which knows no blinks, reconstructs
+    mean_blink: float  # mean v of the labels: the constant in stage one, which does not model blinks
 
     def gaze_only_curves(self, angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N P 3"]:
-        """Stage one: the curves that gaze alone gives."""
+        """Stage one: the curves predicted from gaze."""
         return np.asarray(self.rest + np.tensordot(predictors(angles_rad) - self.centre, self.weights, axes=1))
 
     def curves(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N P 3"]:
@@ -69,11 +69,11 @@ class EyelidModel:
         return np.asarray(self.gaze_only_curves(angles_rad) + blink)
 
     def blink_weight(self, angles_rad: Float[ndarray, "*N 2"], lid: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
-        """The weight v of the blink component: less is needed to shut an eye that already looks down."""
+        """Weight v of the blink component for a closure: smaller for an eye that already looks down."""
         return np.asarray(lid * opening(self.gaze_only_curves(angles_rad)) / -opening(self.blink))
 
     def lid(self, angles_rad: Float[ndarray, "*N 2"], curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
-        """The closure that comes nearest to curves at a known gaze; the inverse of `curves`."""
+        """Closure that best fits curves at a known gaze; the inverse of `curves`."""
         left = curves - self.gaze_only_curves(angles_rad)
         weight = (left * self.blink).sum(axis=(-2, -1)) / (self.blink**2).sum()
         return np.asarray(weight / self.blink_weight(angles_rad, np.ones_like(weight)))
@@ -88,13 +88,13 @@ def predictors(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 4"]:
 
 
 def opening(curves: Float[ndarray, "*N P 3"]) -> Float[ndarray, "*N"]:
-    """Height of the upper over the lower lid around their middle, metres."""
+    """Mean height of the upper above the lower lid around their middle, metres."""
     gap = curves[..., UPPER, 1][..., MIDDLE] - curves[..., LOWER, 1][..., MIDDLE]
     return np.asarray(gap.mean(axis=-1))
 
 
 def fit_eyelid_model(labels: LabelledPostures) -> EyelidModel:
-    """Both stages from labelled postures. Raises InputError if they do not determine them."""
+    """Fit both stages to labelled postures. Raises InputError if the postures do not determine them."""
     if len(labels.curves) < 7 or not labels.held.any() or not labels.shut.any():
         raise InputError(
             "eyelid: labels should be at least 7 postures, with held gazes and shut lids among them, got "
@@ -122,7 +122,7 @@ def fit_eyelid_model(labels: LabelledPostures) -> EyelidModel:
 
 
 def explained_variance(model: EyelidModel, labels: LabelledPostures) -> ExplainedVariance:
-    """Variance explained on postures, training or held out. Stage two takes the score that fits each posture best."""
+    """Variance explained on training or held-out postures, with the best-fitting score of each posture in stage two."""
     around = labels.curves - labels.curves.mean(axis=0)
     total = (around**2).sum()
     left = labels.curves - model.gaze_only_curves(labels.angles_rad)

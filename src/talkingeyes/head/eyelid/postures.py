@@ -1,8 +1,8 @@
-"""Labelled postures of an eye, as the Eyelid paper collected them, drawn on a head whose lids move as real ones do.
+"""Labelled postures of an eye as in the Eyelid paper, generated on a head with anatomical lids.
 
-Section 4.1 of the paper: nine gazes held as far as the eyes go, closed lids, and 24 postures of free speech, their
-curves drawn by hand. Here curves are those of a head's own lids (`anatomy`), gaze is read from the drawn iris contour
-as in the paper, and drawing is inexact. `posture_grid` is the same without inexactness, for building a head.
+Section 4.1 of the paper: nine extreme gazes, closed lids, and 24 postures of free speech, with hand-labelled curves.
+Here the curves are those of a head's lids (`anatomy`), gaze is read from the labelled iris contour as in the paper, and
+labels are noisy. `posture_grid` is the same without noise, for building a head.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from talkingeyes.head.eyelid.region import EyelidRegion
 HELD_RAD = np.radians([[yaw, pitch] for pitch in (18.0, 0.0, -28.0) for yaw in (-30.0, 0.0, 30.0)])
 CLOSED_POSTURES, SPEECH_POSTURES = 1, 24
 FREE_SPREAD_RAD, FREE_LIMITS_RAD = np.radians([9.0, 7.0]), np.radians([[-30.0, -25.0], [30.0, 18.0]])
-BLINKS, REST_SPREAD = 0.15, 0.06  # share of speech spent in blinks (26 a minute), spread of the lid's rest
-LABEL_NOISE_M = 0.0003  # how far a hand-drawn curve is off
+BLINKS, REST_SPREAD = 0.15, 0.06  # fraction of speech in blinks (26 per minute), spread of the lid's rest
+LABEL_NOISE_M = 0.0003  # error of a hand-labelled curve
 IRIS_POINTS = 16
 HELD_OUT_DISTANCE_RAD = np.radians(2.0)
 
@@ -33,7 +33,7 @@ LidCurveFunction = Callable[
 
 
 def anatomical_lid_curves(region: EyelidRegion, eyelid_parameters: EyelidParameters) -> LidCurveFunction:
-    """Lids that move as `anatomy` says, with the unrest of a lid on a still eye in each posture."""
+    """Lid curves according to `anatomy`, with the variation of a lid at constant gaze in each posture."""
 
     def curves(angles_rad: Float[ndarray, "N 2"], lid: Float[ndarray, " N"], rng: Random) -> Float[ndarray, "N P 3"]:
         jitter = rng.normal(0.0, JITTER_RAD, len(lid))
@@ -55,7 +55,7 @@ def paper_postures(lid_curves: LidCurveFunction, rng: Random) -> LabelledPosture
 def held_out_postures(
     lid_curves: LidCurveFunction, training_angles_rad: Float[ndarray, "K 2"], count: int, rng: Random
 ) -> LabelledPostures:
-    """Postures of speech whose gaze lies at least APART_RAD from every gaze that was seen in training."""
+    """Postures of speech with gaze at least HELD_OUT_DISTANCE_RAD from every gaze in the training set."""
     angles, lid = _sample_speech_postures(20 * count, rng)
     away = np.linalg.norm(angles[:, None] - training_angles_rad, axis=-1).min(axis=1) >= HELD_OUT_DISTANCE_RAD
     rows = np.flatnonzero(away)[:count]
@@ -64,9 +64,10 @@ def held_out_postures(
 
 
 def posture_grid(region: EyelidRegion, eyelid_parameters: EyelidParameters) -> LabelledPostures:
-    """Gazes in rows and columns with open lids, and closures at gaze ahead, exact, with all points of the region.
+    """A grid of gazes with open lids, and closures at gaze straight ahead, noiseless, with all points of the region.
 
-    What drives a head: half-shut lids follow gaze less, and would weaken the first stage if they were shown with it.
+    Used to build a head. Half-closed lids follow gaze less and would bias the first stage, so they appear at one gaze
+    only.
     """
     yaw, pitch = np.meshgrid(np.radians(np.linspace(-30, 30, 5)), np.radians(np.linspace(-25, 20, 10)), indexing="ij")
     gazes, closing = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), np.linspace(0.25, 1, 4)

@@ -1,8 +1,9 @@
-"""Where the lids of a head are: the contour of the eye's opening, the brow anchor, and the skin between, on any mesh.
+"""The lids of a head on any mesh: the contour of the eye opening, the brow anchor, and the skin between.
 
-No list of vertices is needed: seen along the optical axis, the lids are the skin nearest to it. A ray from the axis in
-each direction meets the edges of the skin; the nearest crossing is a point of the contour. Coordinates of a region are
-those of its eye: origin in the eyeball's centre, +x towards the temple on both sides, y up, +z out of the face.
+No vertex lists are needed: seen along the optical axis, the lids are the skin nearest to it. Rays from the axis in all
+directions intersect the edges of the skin; the nearest intersection of a ray is a point of the contour. Coordinates of
+a region are those of its eye: origin at the eyeball's centre, +x towards the temple on both sides, y up, +z out of the
+face.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.head.eyelid.model import ANCHOR, LOWER, UPPER
 from talkingeyes.head.model import PARTS, HeadModel, Landmarks
 
-MAX_LID_DISTANCE_M = 0.045  # skin farther from the eye than this is none of its lids
-ANCHOR_HEIGHT_M, CHEEK_DEPTH_M = 0.017, 0.015  # from the eye's centre to where the skin no longer follows a lid
+MAX_LID_DISTANCE_M = 0.045  # skin further from the eye does not belong to its lids
+ANCHOR_HEIGHT_M, CHEEK_DEPTH_M = 0.017, 0.015  # distance from the eye's centre at which the skin stops following a lid
 EYEBALL_M = 0.0125
 DIRECTIONS = 180
 SKIN = [PARTS.index("skin"), PARTS.index("brow")]
@@ -27,10 +28,10 @@ TEMPORAL_AXES = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # from head axes 
 
 @dataclass(frozen=True)
 class EyelidRegion:
-    """One eye of a head: its curves as points of the surface, and the vertices around that lids may move.
+    """One eye of a head: its curves as points of the surface, and the vertices around them that lids may move.
 
-    `points` are those of the curves, then those of the vertices; `along` runs from 0 at the inner to 1 at the outer
-    corner; `upper_share` and `lower_share` say how far a point goes with the lid above or below it.
+    `points` are those of the curves, then those of the vertices. `along` runs from 0 at the inner to 1 at the outer
+    corner. `upper_share` and `lower_share` are the weights with which a point follows the upper and the lower lid.
     """
 
     eye: int
@@ -52,7 +53,7 @@ class EyelidRegion:
 
 
 def eyelid_region(model: HeadModel, eye: int) -> EyelidRegion:
-    """The lids of one eye. Raises InputError if the mesh has no skin around it."""
+    """Find the lids of one eye. Raises InputError if the mesh has no skin around it."""
     centre, axes = model.eye_centres[eye], TEMPORAL_AXES[eye]
     local = (model.template - centre) * axes
     skin = model.faces[np.isin(model.parts, SKIN)]
@@ -96,7 +97,7 @@ def _contour(local: Float[ndarray, "V 3"], faces: Int[ndarray, "F 3"]) -> Landma
 
 
 def _curves(local: Float[ndarray, "V 3"], contour: Landmarks, vertices: Int[ndarray, " Q"]) -> Landmarks:
-    """Upper and lower lid and anchor, each resampled from the inner to the outer corner, as points of the surface."""
+    """Upper lid, lower lid and brow anchor, resampled from the inner to the outer corner, as points of the surface."""
     points = contour.of(local)
     outer = int(np.argmax(points[:, 0]))
     order = np.roll(np.arange(len(points)), -outer)  # from the outer corner over the upper lid to the inner one
@@ -116,7 +117,7 @@ def _curves(local: Float[ndarray, "V 3"], contour: Landmarks, vertices: Int[ndar
 
 
 def _evenly(points: Float[ndarray, "K 3"], path: Int[ndarray, " M"], count: int) -> Int[ndarray, " N"]:
-    """The `count` points of a path that come nearest to equal steps of length."""
+    """The `count` points of a path nearest to equal steps of arc length."""
     steps = np.linalg.norm(np.diff(points[path], axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     wanted = np.linspace(0.0, length[-1], count)
@@ -126,7 +127,7 @@ def _evenly(points: Float[ndarray, "K 3"], path: Int[ndarray, " M"], count: int)
 def _shares(
     points: Float[ndarray, "N 3"],
 ) -> tuple[Float[ndarray, " N"], Float[ndarray, " N"], Float[ndarray, " N"]]:
-    """Place between the corners, and how far each point follows the upper and the lower lid."""
+    """Position between the corners, and weights of each point for the upper and the lower lid."""
     inner, outer = points[UPPER][0, 0], points[UPPER][-1, 0]
     along = (points[:, 0] - inner) / (outer - inner)
     height = elevation(points)
@@ -145,7 +146,7 @@ def _shares(
 def _profile(
     curve: Float[ndarray, "U 3"], inner: float, outer: float
 ) -> tuple[Float[ndarray, " U"], Float[ndarray, " U"]]:
-    """Elevation of a lid by its place between the corners, in ascending order."""
+    """Elevation of a lid over its position between the corners, in ascending order."""
     place = (curve[:, 0] - inner) / (outer - inner)
     order = np.argsort(place, kind="stable")
     return place[order], elevation(curve)[order]
