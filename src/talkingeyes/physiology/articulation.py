@@ -1,11 +1,11 @@
-"""Jaw and lips from phonemes by dominance functions (Cohen & Massaro 1993), jaw and lips as separate fields (JALI).
+"""Jaw and lips from phonemes by dominance functions (Cohen & Massaro 1993), with separate jaw and lip fields (JALI).
 
-F_p(t) = sum_s D_sp T_sp / sum_s D_sp with D_sp = alpha_sp exp(-theta_p |t - t_s|): every phoneme s pulls each field p
-(jaw, rounding, spreading, parting) towards its own target, the more so the nearer it is, so neighbours show through.
-Lips close for p, b, m and meet the teeth for f, v whatever the neighbours are; rounding starts earliest (Edwards et al.
-2016). Phonemes are espeak-ng mnemonics, jaw targets radians (FACTS, section 6), the others 0 to 1. A weak pull of the
-resting mouth closes it in silence. All is a function of time, for any frame rate; a moment is reckoned from its nearest
-phonemes alone (those further away weigh less than a ten-thousandth), so long sounds cost what short ones do a second.
+F_p(t) = sum_s D_sp T_sp / sum_s D_sp with D_sp = alpha_sp exp(-theta_p |t - t_s|): every phoneme s has a target for
+each field p (jaw, rounding, spreading, parting), with a weight that decays with distance in time, which models
+coarticulation. Lips close for p, b, m and meet the teeth for f, v regardless of context; rounding starts earliest
+(Edwards et al. 2016). Phonemes are espeak-ng mnemonics, jaw targets are in radians (FACTS, section 6), the others 0 to
+1. A weak resting target closes the mouth in silence. Everything is a function of time, for any frame rate. Each time is
+computed from its nearest phonemes only (others have weights below 1e-4), so cost is linear in duration.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 
 MOUTH_PARAMETERS = ("jaw", "round", "spread", "part")
-THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])  # how fast a phoneme's pull grows before it, and fades after
+# growth rate of a phoneme's weight before it, and decay rate after it
+THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])
 THETA_AFTER_PER_S = np.array([25.0, 15.0, 17.0, 20.0])
 REST_DOMINANCE = np.array([0.06, 0.10, 0.10, 0.10])
-NEAREST_PHONEMES = 17  # phonemes that a moment is reckoned from
-UNDERSHOOT_GAIN = 1.2  # of vowels: between consonants the jaw does not get where they want it
+NEAREST_PHONEMES = 17  # number of phonemes that contribute to each time
+UNDERSHOOT_GAIN = 1.2  # of vowels: compensates the undershoot of the jaw between consonants
 LOUDNESS_EXPONENT, LOUDNESS_GAIN = 0.3, (0.6, 1.45)
 JAW_LIMIT_RAD = 0.30
-APEX = 0.45  # of a phoneme's length; of a diphthong's first and second part:
+APEX = 0.45  # position of the target within a phoneme; below, of the two parts of a diphthong
 DIPHTHONG_APEX = (0.3, 0.8)
-LIP_CONTACT_RAMP_S = 0.055  # lips take so long to meet and to part
-CONTACT_S, CONTACT_SHARE = 0.045, 0.5  # they touch for so long at least, or this share of the phoneme
+LIP_CONTACT_RAMP_S = 0.055  # time in which lips close and part
+CONTACT_S, CONTACT_SHARE = 0.045, 0.5  # minimum duration of contact, as a time and as a fraction of the phoneme
 
-# jaw (radians) and its dominance; rounding, spreading and parting of the lips, and their dominance. By the first
-# letters of a mnemonic; the longest match counts.
+# Jaw (radians) and its dominance; rounding, spreading and parting of the lips, and their dominance. Keys are prefixes
+# of mnemonics; the longest match applies.
 _TARGETS: dict[str, tuple[float, float, float, float, float, float]] = {
     **dict.fromkeys(("p", "b", "m"), (0.0, 1.2, 0.0, 0.0, 0.0, 0.15)),
     **dict.fromkeys(("f", "v"), (0.01, 1.2, 0.0, 0.1, 0.1, 0.4)),
@@ -71,15 +72,15 @@ VOWELS = frozenset("@3IiUuyYWeEoO0VaA&")
 BILABIALS = ("p", "b", "m")
 LABIODENTALS = ("f", "v")
 
-# What the fields do to the lips of a head with ARKit's shapes (a name without its side stands for both). Funnel only as
-# far as the jaw is open: it parts the lips.
+# Effect of the fields on the lips of a head with ARKit's shapes (a name without a side stands for both sides). Funnel
+# scales with jaw opening, because it parts the lips.
 ROUND = {"mouthPucker": 0.8}
 ROUND_OPEN = {"mouthFunnel": 0.35}
 SPREAD = {"mouthStretch": 0.22, "mouthSmile": 0.14, "mouthDimple": 0.10}
 PART = {"mouthLowerDown": 0.45, "mouthUpperUp": 0.28}
 PRESS = {"mouthPress": 0.25, "mouthRollLower": 0.15}
 TUCK = {"mouthRollLower": 0.55, "mouthShrugLower": 0.18, "mouthUpperUp": 0.16}
-LABIODENTAL_CLOSURE = 0.55  # of what the jaw opens
+LABIODENTAL_CLOSURE = 0.55  # as a fraction of the jaw opening
 LATERAL_SHAPES = frozenset(
     ("mouthStretch", "mouthSmile", "mouthDimple", "mouthLowerDown", "mouthUpperUp", "mouthPress")
 )
@@ -87,9 +88,9 @@ LATERAL_SHAPES = frozenset(
 
 @dataclass(frozen=True)
 class ArticulationStyle:
-    """How one person speaks with the mouth: factors about 1 on jaw and lips; how far the jaw goes aside as it opens.
+    """Articulation of one person: factors on jaw and lips around 1, sideways motion of the jaw as it opens.
 
-    `jaw_rest_rad` is where the jaw hangs in silence: 0 but for some emotions.
+    `jaw_rest_rad` is the jaw angle in silence: 0 except in some emotions.
     """
 
     jaw_scale: float = 1.0
@@ -100,7 +101,7 @@ class ArticulationStyle:
 
 @dataclass(frozen=True)
 class MouthMotion:
-    """The mouth at T times: jaw rotation (radians), weights of lip shapes by name, and how far lips are held closed."""
+    """The mouth at T times: jaw rotation (radians), weights of lip shapes by name, degree of lip closure."""
 
     jaw: Float[ndarray, "T 3"]
     shapes: dict[str, Float[ndarray, " T"]]
@@ -135,7 +136,7 @@ def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: Art
 def coarticulated_parameters(
     phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle
 ) -> Float[ndarray, "T 4"]:
-    """The FIELDS: jaw in radians (scaled to the person), the others 0 to 1."""
+    """MOUTH_PARAMETERS over time: jaw in radians (scaled to the person), the others 0 to 1."""
     rest = np.array([style.jaw_rest_rad, 0.0, 0.0, 0.0])
     if not phonemes:
         return np.tile(rest, (len(times_s), 1))
@@ -153,7 +154,7 @@ def coarticulated_parameters(
 def lip_contact(
     phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], kinds: tuple[str, ...]
 ) -> Float[ndarray, " T"]:
-    """How far the lips touch (0 to 1) for the phonemes of some kinds; wholly for a while in each of them."""
+    """Degree of lip contact (0 to 1) for phonemes of some kinds; complete for some time in each."""
     spans = np.array([(p.start_s, p.end_s) for p in phonemes if p.symbol.startswith(kinds)])
     if not len(spans):
         return np.zeros(len(times_s))
@@ -166,14 +167,14 @@ def lip_contact(
 
 
 def nearest_indices(at_s: Float[ndarray, " N"], times_s: Float[ndarray, " T"], count: int) -> Int[ndarray, "T K"]:
-    """Indices of the `count` moments around each time, or of all where there are fewer."""
+    """Indices of the `count` elements around each time, or of all if there are fewer."""
     count = min(count, len(at_s))
     first = np.clip(np.searchsorted(at_s, times_s) - count // 2, 0, len(at_s) - count)
     return np.asarray(first[:, None] + np.arange(count))
 
 
 def _dominance_targets(phoneme: Phoneme) -> Iterator[tuple[float, ...]]:
-    """When, what targets and how strongly: once for a phoneme, twice for a diphthong."""
+    """Time, targets and dominance: one entry per phoneme, two per diphthong."""
     gain = 1.0
     if phoneme.symbol[:1] in VOWELS:
         least, most = LOUDNESS_GAIN

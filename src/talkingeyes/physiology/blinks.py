@@ -1,9 +1,9 @@
-"""Blinks: how often, when, and how the lid runs.
+"""Blinks: rates, timing and lid kinematics.
 
-Rates: `PAPER` is the paper's N(40.10, 15.42) a minute with its 5-frame window (Sect. IV-E); `PHYSIOLOGICAL` is
-log-normal over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, where
-the speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has
-the same form. While the lids shut, the eyes turn down and towards the nose (Collewijn et al. 1985). Times are seconds.
+Rates: `PAPER` is the paper's N(40.10, 15.42) per minute with a 5-frame window (Sect. IV-E). `PHYSIOLOGICAL` is
+log-normal over people with median 23 (Bentivoglio 1997; Doughty 2001), with VanderWerf's (2003) kinematics, and, if the
+speech is known, more blinks at phrase ends and in pauses (Nakano & Kitazawa 2010). A profile fitted to a corpus has the
+same form. During lid closure the eyes rotate downwards and nasally (Collewijn et al. 1985). Times are in seconds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from talkingeyes.core.motion import Blink
 
 RATE_LIMITS_PER_MIN = (6.0, 50.0)
 INTERVAL_SHAPE = 1.5
-# Hazard about the end of one's own phrase, in one's own pauses and phrases; after the partner's phrase, else listening.
+# Hazard around the end of a phrase, in pauses and in phrases of the speaker; after a phrase of the partner, else while
+# listening.
 PHRASE_END_S, PARTNER_END_S = (-0.1, 0.5), (0.25, 0.5)
 PHRASE_END_FACTOR, PAUSE_FACTOR, PHRASE_FACTOR = 3.0, 2.0, 0.7
 PARTNER_END_FACTOR, LISTENING_FACTOR = 3.0, 0.9
@@ -31,23 +32,23 @@ REFRACTORY_S = 0.25
 MEAN_BLINK_S = 0.33
 COMPLETE_PROBABILITY = 0.7
 OPENING_DECAY = 3.0
-# How far a full blink turns each eye: down, and towards the nose (1 to 5 degrees in all).
+# Eye rotation of a full blink: down, and nasal (1 to 5 degrees in all).
 DOWN_RAD, NASAL_RAD = np.radians(1.6), np.radians(0.6)
 
 
 @dataclass(frozen=True)
 class BlinkProfile:
-    """Blinks a minute over people or clips, and how a blink runs.
+    """Distribution of blinks per minute over people or clips, and kinematics of a blink.
 
-    `normal`: mean and standard deviation, cut at 0. `lognormal`: median and standard deviation of the logarithm, cut to
-    what people do. `window_s` is the fixed length of a blink, or None for physiological kinematics.
+    `normal`: mean and standard deviation, truncated at 0. `lognormal`: median and standard deviation of the logarithm,
+    clipped to RATE_LIMITS_PER_MIN. `window_s` is the fixed duration of a blink, or None for physiological kinematics.
     """
 
     distribution: Literal["normal", "lognormal"]
     centre_per_min: float
     spread: float
     window_s: float | None = None
-    # Whether blinks come at the ends of phrases and in pauses, where they are known.
+    # whether the hazard rises at phrase ends and in pauses, if these are known
     speech_dependent: bool = True
 
 
@@ -57,7 +58,7 @@ PROFILES = {"paper": PAPER, "physiological": PHYSIOLOGICAL}
 
 
 def sample_blink_rate(profile: BlinkProfile, rng: np.random.Generator) -> float:
-    """Blinks a minute of one person (or clip)."""
+    """Sample the blinks per minute of one person (or clip)."""
     if profile.distribution == "lognormal":
         return float(
             np.clip(profile.centre_per_min * np.exp(profile.spread * rng.standard_normal()), *RATE_LIMITS_PER_MIN)
@@ -69,10 +70,10 @@ def sample_blink_rate(profile: BlinkProfile, rng: np.random.Generator) -> float:
 
 
 def blink_rate_quantile(profile: BlinkProfile, share: float) -> float:
-    """Blinks a minute than which a share of the people (0 to 1, both left out) of a profile blink less often."""
+    """Quantile of blinks per minute of a profile, for a probability strictly between 0 and 1."""
     if profile.distribution == "lognormal":
         return float(np.clip(profile.centre_per_min * np.exp(profile.spread * ndtri(share)), *RATE_LIMITS_PER_MIN))
-    below = ndtr(-profile.centre_per_min / profile.spread)  # what is cut off at 0
+    below = ndtr(-profile.centre_per_min / profile.spread)  # probability truncated at 0
     return float(profile.centre_per_min + profile.spread * ndtri(below + (1.0 - below) * share))
 
 
@@ -84,10 +85,10 @@ def sample_blinks(
     rate_per_min: float | None = None,
     full: float = COMPLETE_PROBABILITY,
 ) -> tuple[Blink, ...]:
-    """Blinks over `seconds`, at a rate drawn from the profile unless given; `full` is how likely the lids meet.
+    """Sample blinks over `seconds`, at a rate from the profile unless given; `full` is the probability of full closure.
 
-    A renewal process with gamma intervals after a dead time, run in time warped by the hazard that the speech gives, if
-    the profile heeds it.
+    A renewal process with gamma intervals after a refractory time, in time warped by the hazard from speech if the
+    profile is speech-dependent.
     """
     rate = sample_blink_rate(profile, rng) if rate_per_min is None else rate_per_min
     mean_s = 60.0 / max(rate, 1e-6)
@@ -105,7 +106,7 @@ def sample_blinks(
 def sample_blink(
     profile: BlinkProfile, onset_s: float, rng: np.random.Generator, full: float = COMPLETE_PROBABILITY
 ) -> Blink:
-    """One blink; `full` is the probability that the lids meet."""
+    """Sample one blink; `full` is the probability of full closure."""
     if profile.window_s is not None:
         return Blink(float(onset_s), 0.4 * profile.window_s, 0.2 * profile.window_s, 0.4 * profile.window_s, 1.0)
     return Blink(
@@ -118,7 +119,7 @@ def sample_blink(
 
 
 def drop_overlapping(first: Sequence[Blink], others: Sequence[Blink] = ()) -> tuple[Blink, ...]:
-    """Blinks in order of onset: of `first`, and then of `others`, those that no blink already taken overlaps."""
+    """Blinks in order of onset: from `first`, then from `others`, those that do not overlap one already kept."""
     kept: list[Blink] = []
     for group in (first, others):
         for blink in sorted(group, key=_onset_s):
@@ -134,12 +135,12 @@ def _onset_s(blink: Blink) -> float:
 
 
 def end_s(blink: Blink) -> float:
-    """When the lid is back."""
+    """End of a blink."""
     return blink.onset_s + blink.closing_s + blink.hold_s + blink.opening_s
 
 
 def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-    """How far blinks close the lids at ascending times: 0 open, 1 shut."""
+    """Closure by blinks at ascending times: 0 open, 1 shut."""
     total = np.zeros(len(times_s))
     for blink in blinks:
         first, last = np.searchsorted(times_s, [blink.onset_s, end_s(blink)])
@@ -152,18 +153,18 @@ def closure(blinks: Sequence[Blink], times_s: Float[ndarray, " T"]) -> Float[nda
 
 
 def blink_eye_rotation_rad(closed: Float[ndarray, "T 2"]) -> Float[ndarray, "T 2 2"]:
-    """How far (yaw, pitch) blinks that close the left and the right eye so far turn them."""
+    """Eye rotations (yaw, pitch) caused by blinks with these closures of the left and the right eye."""
     nasal = np.stack([-closed[:, 0], closed[:, 1]], axis=-1)
     return np.stack([NASAL_RAD * nasal, -DOWN_RAD * closed], axis=-1)
 
 
 def evoked_blink_probability(amplitude_rad: float) -> float:
-    """Probability that a gaze shift of this amplitude brings a blink (Evinger 1994)."""
+    """Probability that a gaze shift of this amplitude evokes a blink (Evinger et al. 1994)."""
     return float(0.97 * np.clip((np.degrees(amplitude_rad) - 5.0) / 28.0, 0.0, 1.0))
 
 
 def _warp_times(even_s: Float[ndarray, " N"], seconds: float, annotation: Annotation | None) -> Float[ndarray, " N"]:
-    """Times whose share of the summed hazard is that of `even_s` in the whole; the number of blinks stays."""
+    """Warp uniform times by the cumulative hazard; the number of blinks does not change."""
     if annotation is None or len(even_s) == 0:
         return even_s
     grid_s = np.arange(0.0, seconds + 0.02, 0.02)

@@ -1,10 +1,11 @@
-"""The face beside eyes and speech: what eight emotions do to it, and brows that rise; in shapes of the head by name.
+"""Facial expression apart from eyes and speech: eight emotions, and brow raises, as shapes of the head.
 
-Emotions are those of 3DMEAD (ProbTalk3D, section 3.1) at three intensities, as EMFACS describes them (Ekman, Friesen &
-Hager 2002), action units translated to ARKit's shapes: happy 6+12, sad 1+4+15+17, surprised 1+2+5+26, fear
-1+2+4+5+20, disgusted 9+10+15, angry 4+5+7+23, contempt 12+14 of one side. Unit 5, the raised upper lid, is a negative
-`Motion.lid`, unit 26 the jaw's rest. Sizes at full intensity are our own [U]. They come and go by a fifth and leave
-the mouth to speech: whatever would part the lips stays out while they are closed.
+Emotions are those of 3DMEAD (ProbTalk3D, section 3.1) at three intensities, as described by EMFACS (Ekman, Friesen &
+Hager 2002), with action units translated to ARKit's shapes: happy 6+12, sad 1+4+15+17, surprised 1+2+5+26, fear
+1+2+4+5+20, disgusted 9+10+15, angry 4+5+7+23, contempt 12+14 on one side. Unit 5, the raised upper lid, is a negative
+`Motion.lid`; unit 26 is the rest angle of the jaw. Sizes at full intensity are choices of this project [U]. Strength
+fluctuates by a fifth. Speech has priority at the mouth: shapes that part the lips are suppressed while the lips are
+closed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def _both(*names: str) -> tuple[str, ...]:
     return tuple(f"{name}{side}" for name in names for side in ("Left", "Right"))
 
 
-# What a Motion of the open head carries: ARKit's 52 without gaze, blink and jaw (a test holds the head to it).
+# Expression shapes of a Motion of the open head: ARKit's 52 without gaze, blink and jaw (a test compares them).
 FACE_SHAPES: tuple[str, ...] = tuple(
     sorted(
         (
@@ -43,8 +44,11 @@ BROW_RAISE_SHAPES: Mapping[str, float] = {"browInnerUp": 0.8, "browOuterUpLeft":
 
 @dataclass(frozen=True)
 class EmotionExpression:
-    """An emotion in the face at full intensity: weights of shapes (both sides where a name has sides), closure that
-    is added to the lids, the angle at which the jaw rests, and a factor on how far it opens in speech."""
+    """An emotion at full intensity.
+
+    `shapes`: weights of face shapes. `lid`: closure added to the lids. `jaw_rest_rad`: rest angle of the jaw.
+    `jaw_scale`: factor on jaw opening in speech.
+    """
 
     shapes: Mapping[str, float]
     lid: float = 0.0
@@ -53,7 +57,7 @@ class EmotionExpression:
 
 
 def _expand_sides(**weights: float) -> Mapping[str, float]:
-    """Weights by the names of FACE_SHAPES; a name without its side stands for both."""
+    """Weights by the names of FACE_SHAPES; a name without a side stands for both sides."""
     return {
         shape: weight
         for name, weight in weights.items()
@@ -88,7 +92,7 @@ EMOTION_EXPRESSIONS: Mapping[str, EmotionExpression] = MappingProxyType(
 
 @dataclass(frozen=True)
 class BrowRaise:
-    """The brows rise, stay and fall; `size` 1 is as far as they go."""
+    """A raise of the brows with rise, hold and fall; `size` 1 is the maximum."""
 
     onset_s: float
     rise_s: float
@@ -103,7 +107,7 @@ class BrowRaise:
 
 @dataclass(frozen=True)
 class FacialBehaviour:
-    """What the face does in a take beside speech. `share` is how much of the emotion shows (0 to 1)."""
+    """Facial behaviour in a take apart from speech. `share` is the visible strength of the emotion (0 to 1)."""
 
     emotion: str = "neutral"
     share: float = 0.0
@@ -118,7 +122,7 @@ class FacialBehaviour:
 def expression(
     face: FacialBehaviour, mouth: MouthMotion, times_s: Float[ndarray, " T"], strength_over_time: Float[ndarray, " T"]
 ) -> Float[ndarray, "T C"]:
-    """Weights of FACE_SHAPES, 0 to 1. `strength_over_time` is how strongly the emotion shows at each time, about 1."""
+    """Weights of FACE_SHAPES, 0 to 1. `strength_over_time` is a factor on the emotion at each time, around 1."""
     weights = np.zeros((len(times_s), len(FACE_SHAPES)))
     brows = brow_height(face.brows, times_s)
     felt = face.share * strength_over_time
@@ -134,7 +138,7 @@ def expression(
 
 
 def brow_height(raises: Sequence[BrowRaise], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-    """How far the brows are up at ascending times; of raises that overlap, the higher counts."""
+    """Height of the brows at ascending times; of overlapping raises, the higher counts."""
     total = np.zeros(len(times_s))
     for one in raises:
         first, last = np.searchsorted(times_s, [one.onset_s, one.end_s])

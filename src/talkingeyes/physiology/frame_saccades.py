@@ -1,7 +1,8 @@
-"""Saccades as steps of frames: at 25 frames a second, most take one or two of them.
+"""Saccades from frames: at 25 fps, most of them last one or two frames.
 
-Each run of steps of gaze in space is one saccade, whose duration and course follow the main sequence
-(physiology.saccades), its onset placed inside the frames by how the steps are split among them.
+Each run of fast frame steps of gaze in space is one saccade. Its duration and shape follow the main sequence
+(physiology.saccades). Its onset is estimated at sub-frame resolution from the distribution of the amplitude over the
+frames.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from scipy.special import betaincinv
 from talkingeyes.core.motion import Saccade
 from talkingeyes.physiology import saccades
 
-# A step of at least 1 degree a frame (25 degrees a second at 25 fps) is a saccade (Salvucci & Goldberg 2000); smaller
-# steps right before and after it are its slow start and end.
+# A step of at least 1 degree per frame (25 degrees per second at 25 fps) is a saccade (Salvucci & Goldberg 2000);
+# smaller steps directly before and after it are its slow start and end.
 STEP_RAD = np.radians(1.0)
 EDGE_RAD = np.radians(0.2)
 
 
 def find_saccades(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float) -> tuple[Saccade, ...]:
-    """Saccades of gaze in space (yaw, pitch; the mean of the eyes): runs of steps, amplitude their sum."""
+    """Find saccades of gaze in space (yaw, pitch; mean of both eyes): runs of steps, with summed amplitude."""
     found = []
     steps = np.linalg.norm(np.diff(gaze_in_space_rad, axis=0), axis=1)
     for first, last in _runs(steps >= EDGE_RAD):
@@ -43,9 +44,9 @@ def find_saccades(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float) -> tuple
 
 
 def _onset_s(points: Float[ndarray, "K 2"], duration_s: float, skew: float, first_s: float, fps: float) -> float:
-    """When the saccade starts: by the share f that is done at a frame t1 inside it, t0 = t1 - D I^-1(f).
+    """Onset from the completed fraction f at a frame time t1 within the saccade: t0 = t1 - D I^-1(f).
 
-    Of the frames, that which is nearest to half of it: there it is fastest, and drift before or after it tells least.
+    The frame with f nearest to one half is used: there the saccade is fastest, and drift matters least.
     """
     step = points[-1] - points[0]
     shares = (points[1:-1] - points[0]) @ step / np.dot(step, step)

@@ -1,11 +1,11 @@
-"""Lids that follow gaze as a person's do, said in `Motion.lid`: not of the Eyelid model's form, but in its parameter.
+"""Person-specific lids that follow gaze, expressed as `Motion.lid`, the parameter of the Eyelid model.
 
-The upper lid turns with the eye, downwards as far as it, upwards less and less (Becker & Fuchs 1988; the law is
-`head.eyelid.anatomy`): gains bend at zero and saturate, people and their two eyes differ, and lids move slowly by up to
-5 degrees while the eye is still. The Eyelid model of the head (Elisei et al. 2007) is linear in sines of gaze, so it
-cannot do that. What `Motion.lid` holds is therefore what the model's third parameter has to be for the upper lid to
-stand where the person's does: 0 where they agree, 1 shut, negative wider. The lower lid is the model's. A head that is
-given the motion, and landmarks of it, then show this person's lids; a lid of 0 shows the lids of the mean person.
+The upper lid follows the eye fully downwards and increasingly less upwards (Becker & Fuchs 1988; see
+`head.eyelid.anatomy`): gains differ between directions and saturate, people and their two eyes differ, and lids drift
+slowly by up to 5 degrees at constant gaze. The Eyelid model of the head (Elisei et al. 2007) is linear in sines of gaze
+and cannot represent this. `Motion.lid` is therefore the value of the model's third parameter that puts the upper lid
+where the person's is: 0 where both agree, 1 shut, negative wider. The lower lid is the model's. A head animated with
+the motion, and its landmarks, then show this person's lids; a lid of 0 shows the mean person's.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from talkingeyes.head.eyelid.anatomy import EyelidParameters, sample_eyelid_para
 from talkingeyes.head.eyelid.blendshapes import AHEAD, LID_SHAPES, SIDES
 from talkingeyes.head.eyelid.model import predictors
 
-LID_LAG_S = 0.005  # the lid after the eye
-MIN_OPENING_M = 0.002  # openings that gaze leaves are taken to be at least this, in what lids are measured by
-MIN_CLOSURE, MAX_CLOSURE = -0.5, 0.6  # what lids do without a blink, as closure
+LID_LAG_S = 0.005  # delay of the lid after the eye
+MIN_OPENING_M = 0.002  # lower limit of the opening when a lid height is converted to a closure
+MIN_CLOSURE, MAX_CLOSURE = -0.5, 0.6  # limits of closure without a blink
 
 
 MEAN_EYELIDS = (EyelidParameters(), EyelidParameters())
@@ -32,7 +32,7 @@ LID_ASYMMETRY_RAD = np.radians(0.5)
 
 
 def sample_eyelids(rng: np.random.Generator) -> tuple[EyelidParameters, EyelidParameters]:
-    """The lids of somebody's left and right eye: alike, but at rest half a degree apart."""
+    """Sample the lids of the left and right eye: alike, but with slightly different rest positions."""
     person, apart_rad = sample_eyelid_parameters(rng), LID_ASYMMETRY_RAD * rng.standard_normal(2)
     left, right = (replace(person, droop_rad=float(person.droop_rad + each)) for each in apart_rad)
     return left, right
@@ -44,7 +44,7 @@ def lid_closure_by_gaze(
     drift_rad: Float[ndarray, "T 2"],
     eyes: tuple[EyelidParameters, EyelidParameters],
 ) -> Float[ndarray, "T 2"]:
-    """`Motion.lid` without blinks at eye-in-head angles (yaw, pitch). `lid_pitch_rad` is the pitch that lids follow."""
+    """`Motion.lid` without blinks for eye-in-head angles (yaw, pitch). `lid_pitch_rad`: the pitch that lids follow."""
     frame = _lid_frame()
     inputs = predictors(angles_rad) - AHEAD
     modelled_m = np.einsum("tep,ep->te", inputs, frame.upper_by_gaze)
@@ -65,14 +65,18 @@ def add_blinks(
         ),
     ],
 ) -> Float[ndarray, "T 2"]:
-    """Lids during blinks: from wherever they are, `shut` of the way to closed."""
+    """Add blinks to lids: from any position, close the fraction `shut` of the remaining opening."""
     return np.asarray(open_ + (1.0 - open_) * shut)
 
 
 @dataclass(frozen=True)
 class _LidFrame:
-    """Of both eyes of the head: the upper lid's rest angle about the eye's centre and distance from it, how its height
-    and the opening change with the model's predictors (metres), and the share of a closure that the upper lid goes."""
+    """Lid geometry of both eyes of the head.
+
+    `rest_rad`, `radius_m`: angle and distance of the resting upper lid from the eye's centre. `upper_by_gaze`,
+    `opening_by_gaze`: change of lid height and opening with the model's predictors (metres). `upper_share`: fraction of
+    a closure that the upper lid covers.
+    """
 
     rest_rad: Float[ndarray, " 2"]
     radius_m: Float[ndarray, " 2"]

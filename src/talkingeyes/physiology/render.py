@@ -1,8 +1,8 @@
-"""A performance as events and continuous parts, rendered at any frame rate by point sampling.
+"""Renders events and continuous motion at any frame rate by point sampling.
 
-Everything is a closed function of time, so frames at 25 a second are every fourth frame of those at 100; nothing is
-ever filtered or decimated. Continuous parts are sums of sinusoids: the head's slow, ordinary and rapid bands (Hadar
-1983), its small translation, and the unrest of the lids.
+Everything is a closed-form function of time, so frames at 25 fps are every fourth frame of those at 100; nothing is
+filtered or decimated. Continuous parts are sums of sinusoids: the head's slow, ordinary and rapid bands (Hadar 1983),
+its small translation, and the drift of the lids.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ class PiecewiseLinear:
 
 @dataclass(frozen=True)
 class ContinuousMotion:
-    """What moves all the time, beside the events.
+    """Continuous motion apart from events.
 
-    `gaze_rest_rad` is (yaw, pitch) of gaze in space where there is no saccade; `head_speech_motion` is the unrest of
-    the head that grows with `activity` (0 still, 1 speaking); `lid_rest` is a closure beside the blinks, `lid_drift`
-    the slow motion of the lids (radians), `emotion_fluctuation` how much more or less of an emotion shows;
-    `kappa_rad` is what each eye's optical axis (yaw, pitch) has over its line of sight, `blink_lag_s` how much later
-    the right lid moves than the left.
+    `gaze_rest_rad` is (yaw, pitch) of gaze in space without saccades. `head_speech_motion` is head motion that scales
+    with `activity` (0 still, 1 speaking). `lid_rest` is a closure apart from blinks, `lid_drift` the slow motion of the
+    lids (radians), `emotion_fluctuation` the relative change of the emotion's strength. `kappa_rad` is the angle from
+    the line of sight to the optical axis of each eye (yaw, pitch), `blink_lag_s` the delay of the right lid after the
+    left.
     """
 
     gaze_rest_rad: tuple[float, float]
@@ -77,14 +77,14 @@ class ContinuousMotion:
 
 
 def head(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-    """Head rotation vectors: rest, unrest, and the sum of the head movements."""
+    """Head rotation vectors: rest, continuous motion, and the sum of the head movements."""
     speaking = continuous_motion.activity.at(times_s)[:, None] * continuous_motion.head_speech_motion.at(times_s)
     moves = eye_head.head_path(events.head_movements, times_s)
     return np.asarray(continuous_motion.head_rest + continuous_motion.head_drift.at(times_s) + speaking + moves)
 
 
 def render(events: Events, continuous_motion: ContinuousMotion, times_s: Float[ndarray, " T"], fps: float) -> Motion:
-    """The state at each of the ascending times; `fps` is what the Motion says of itself."""
+    """Render the state at ascending times; `fps` is stored in the Motion."""
     turned = head(events, continuous_motion, times_s)
     gaze_space = saccades.path(events.saccades, continuous_motion.gaze_rest_rad, times_s)
     lags_s = (-continuous_motion.blink_lag_s / 2.0, continuous_motion.blink_lag_s / 2.0)
@@ -115,7 +115,7 @@ def _open_lids(
     times_s: Float[ndarray, " T"],
     strength_over_time: Float[ndarray, " T"],
 ) -> Float[ndarray, "T 2"]:
-    """Lids without blinks: they follow the eyes, `behind_rad` late; person and mood say where they rest."""
+    """Lids without blinks: they follow the eyes, delayed by `behind_rad`, plus offsets of person and emotion."""
     angles = rotation.gaze_to_angles(gaze)
     followed = angles[..., 1] - behind_rad[:, None]
     open_ = lids.lid_closure_by_gaze(
@@ -129,5 +129,5 @@ def _open_lids(
 
 
 def render_at(events: Events, continuous_motion: ContinuousMotion, fps: float, frames: int) -> Motion:
-    """Frames 0 to `frames` at `fps`: frame t is the state at t / fps."""
+    """Render frames 0 to `frames` at `fps`: frame t is the state at t / fps."""
     return render(events, continuous_motion, np.arange(frames) / fps, fps)

@@ -1,9 +1,9 @@
-"""The law of saccades, in closed form at any frame rate.
+"""Saccade kinematics in closed form, for any frame rate.
 
-Duration grows linearly with amplitude, position follows the distribution function of a Beta law whose skew falls with
-amplitude: peak velocities then lie on the main sequence (Bahill, Clark & Stark 1975; Collewijn, Erkelens & Steinman
-1988): 116, 226 and 329 degrees a second at 2, 5 and 10 degrees. Amplitudes and directions are those of Eyes Alive
-(Lee, Badler & Badler 2002). Angles are (yaw, pitch) of gaze in space, radians; times are seconds.
+Duration is linear in amplitude. Position follows the distribution function of a Beta distribution whose skew falls with
+amplitude. Peak velocities then lie on the main sequence (Bahill, Clark & Stark 1975; Collewijn, Erkelens & Steinman
+1988): 116, 226 and 329 degrees per second at 2, 5 and 10 degrees. Amplitudes and directions are those of Eyes Alive
+(Lee, Badler & Badler 2002). Angles are (yaw, pitch) of gaze in space in radians; times are in seconds.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ MAX_TALKING_AMPLITUDE_DEG = 27.5
 
 
 def duration_s(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """Seconds that a saccade of this amplitude takes."""
+    """Duration of a saccade of this amplitude, seconds."""
     return np.asarray(INTERCEPT_S + SLOPE_S_PER_DEG * np.degrees(amplitude_rad))
 
 
 def skew(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """Share of a saccade's time that is acceleration: .45 up to 10 degrees, falling to .20 at 50."""
+    """Fraction of the duration spent accelerating: 0.45 up to 10 degrees, falling to 0.20 at 50."""
     return np.asarray(np.clip(0.45 - (np.degrees(amplitude_rad) - 10.0) * 0.25 / 40.0, 0.20, 0.45))
 
 
 def progress(phase: Float[ndarray, "*N"], skewness: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """Share of the amplitude that is done at `phase` (0 to 1 within the saccade, clipped outside)."""
+    """Completed fraction of the amplitude at `phase` (0 to 1 within the saccade, clipped outside)."""
     x = np.clip(phase, 0.0, 1.0)
     return np.asarray(betainc(BETA_SUM * np.asarray(skewness) + 1.0, BETA_SUM * (1.0 - np.asarray(skewness)) + 1.0, x))
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Mean and standard deviation of the Beta law of velocity, as shares of a saccade's duration."""
+    """Mean and standard deviation of the Beta velocity profile, as fractions of the duration."""
 
     mean: Float[ndarray, "*N"]
     deviation: Float[ndarray, "*N"]
 
 
 def progress_moments(amplitude_rad: Float[ndarray, "*N"] | float) -> Moments:
-    """When in an unjittered saccade the movement happens, on average, and how spread."""
+    """Moments of the velocity profile of a saccade without jitter."""
     s = skew(amplitude_rad)
     total = BETA_SUM + 2.0
     mean = (BETA_SUM * s + 1.0) / total
@@ -67,16 +67,16 @@ def progress_moments(amplitude_rad: Float[ndarray, "*N"] | float) -> Moments:
 
 
 def position(saccade: Saccade, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    """Where gaze is during, before and after one saccade."""
+    """Gaze during, before and after one saccade."""
     return path((saccade,), saccade.start_rad, times_s)
 
 
 def path(
     saccades: Sequence[Saccade], rest_rad: tuple[float, float] | Float[ndarray, " 2"], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, "T 2"]:
-    """Gaze in space through a chain of saccades in order of onset; each holds its end until the next one starts.
+    """Gaze in space through a chain of saccades in order of onset; each end is held until the next onset.
 
-    `rest_rad` is where gaze is when there is no saccade at all.
+    `rest_rad` is gaze if there are no saccades.
     """
     if not saccades:
         return np.tile(np.asarray(rest_rad, np.float64), (len(times_s), 1))
@@ -88,7 +88,7 @@ def path(
 
 @dataclass(frozen=True)
 class SaccadeProgress:
-    """At T times: the last saccade that has begun (before the first, the first), its phase, the share that is done."""
+    """At T times: index of the last saccade begun (before the first, the first), its phase, its completed fraction."""
 
     index: Int[ndarray, " T"]
     phase: Float[ndarray, " T"]
@@ -101,7 +101,7 @@ def saccade_progress(
     skewness: Float[ndarray, " K"],
     times_s: Float[ndarray, " T"],
 ) -> SaccadeProgress:
-    """How far a chain of one saccade or more has come, in order of onset."""
+    """Progress through a chain of at least one saccade, in order of onset."""
     index = np.maximum(np.searchsorted(onset_s, times_s, side="right") - 1, 0)
     phase = np.clip((times_s - onset_s[index]) / duration_s[index], 0.0, 1.0)
     completed = phase.copy()
@@ -111,7 +111,7 @@ def saccade_progress(
 
 
 def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """Speed in radians a second at a phase of an unjittered saccade: the Beta density over the duration."""
+    """Speed in radians per second at a phase of a saccade without jitter: the Beta density over the duration."""
     s = skew(amplitude_rad)
     a, b = BETA_SUM * s, BETA_SUM * (1.0 - s)
     total = beta_function(a + 1.0, b + 1.0)
@@ -120,14 +120,14 @@ def speed(amplitude_rad: Float[ndarray, "*N"] | float, phase: Float[ndarray, "*N
 
 
 def peak_speed(amplitude_rad: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """The main sequence: the highest speed of an unjittered saccade, radians a second (at the mode of the Beta law)."""
+    """The main sequence: peak speed of a saccade without jitter, in radians per second (mode of the Beta density)."""
     return speed(amplitude_rad, skew(amplitude_rad))
 
 
 def saccade(
     onset_s: float, start_rad: Float[ndarray, " 2"], end_rad: Float[ndarray, " 2"], rng: np.random.Generator
 ) -> Saccade:
-    """A saccade between two directions, its duration and skew jittered, so that peak speeds vary by about 10 %."""
+    """A saccade between two directions, with jittered duration and skew, so that peak speeds vary by about 10 %."""
     amplitude = float(np.hypot(*(end_rad - start_rad)))
     return Saccade(
         onset_s=float(onset_s),
@@ -141,7 +141,7 @@ def saccade(
 def sample_amplitudes_rad(
     count: int, rng: np.random.Generator, min_deg: float = 0.0, max_deg: float = MAX_TALKING_AMPLITUDE_DEG
 ) -> Float[ndarray, " N"]:
-    """Amplitudes of Eyes Alive's law, .315 + Exp(6.9) degrees, between two bounds (by the inverse of the cut law)."""
+    """Sample amplitudes of Eyes Alive, 0.315 + Exp(6.9) degrees, truncated to two bounds (by the inverse CDF)."""
     low, high = (
         1.0 - np.exp(-max(0.0, bound - AMPLITUDE_MIN_DEG) / AMPLITUDE_MEAN_DEG) for bound in (min_deg, max_deg)
     )
@@ -151,7 +151,7 @@ def sample_amplitudes_rad(
 def sample_directions(
     count: int, rng: np.random.Generator, octants: Float[ndarray, " 8"] = DIRECTION_PERCENT
 ) -> Float[ndarray, "N 2"]:
-    """Steps of unit amplitude; Eyes Alive's directions, cardinals about twice as often as diagonals, unless given."""
+    """Sample unit steps; by default with Eyes Alive's directions, cardinals about twice as frequent as diagonals."""
     octant = rng.choice(8, size=count, p=octants / octants.sum())
     angle = octant * np.pi / 4 + DIRECTION_JITTER_RAD * rng.standard_normal(count)
     return np.stack([np.cos(angle), VERTICAL_SHRINK * np.sin(angle)], axis=-1)

@@ -1,9 +1,9 @@
-"""Two eyes on one target: vergence towards its distance, and each eye's own axis.
+"""Binocular gaze: vergence towards the target distance, and the optical axis of each eye.
 
-Both eyes turn in by atan(half the distance of the eyes / distance of the target); people do so only in part (Malinov
-et al. 2000), slowly (some 200 ms), and every saccade carries a short divergence, as the abducting eye is the faster one
+The eyes converge by atan(half the eye distance / target distance) each. People do so only partly (Malinov et al. 2000)
+and slowly (some 200 ms), and every saccade causes a transient divergence, because the abducting eye is faster
 (Collewijn, Erkelens & Steinman 1988). The pupil does not lie on the line of sight: the optical axis, which pupils, lids
-and cameras follow, stands off the visual axis by kappa, a constant of each eye. Motion.gaze is the optical axis.
+and cameras follow, differs from the visual axis by kappa, a constant of each eye. Motion.gaze is the optical axis.
 """
 
 from __future__ import annotations
@@ -20,23 +20,22 @@ from talkingeyes.core.motion import Saccade, VergenceMovement
 HALF_INTERPUPILLARY_M = 0.03145
 VERGENCE_GAIN = 0.7
 TIME_CONSTANT_S = 0.200
-# Of a saccade's horizontal part: 10 degrees diverge by half a degree in flight, none by more than 3.
+# Relative to a saccade's horizontal component: 10 degrees cause half a degree of divergence, limited to 3 degrees.
 DIVERGENCE_SHARE, DIVERGENCE_LIMIT_RAD = 0.05, np.radians(3.0)
-DIVERGENCE_STRETCH = 1.6  # it is gone somewhat after the saccade
+DIVERGENCE_STRETCH = 1.6  # divergence ends somewhat after the saccade
 
 
 def vergence_rad(distance_m: Float[ndarray, "*N"] | float) -> Float[ndarray, "*N"]:
-    """The angle between the lines of sight of somebody who looks at a distance."""
+    """Angle between the lines of sight for a target at a distance."""
     return np.asarray(VERGENCE_GAIN * 2.0 * np.arctan(HALF_INTERPUPILLARY_M / np.asarray(distance_m)))
 
 
 def vergence_path(
     vergence_movements: Sequence[VergenceMovement], saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, " T"]:
-    """The angle between the lines of sight at ascending times; 0 without a target.
+    """Angle between the lines of sight at ascending times; 0 without a target.
 
-    Each target is approached exponentially from wherever the last one has led until then; the first has been reached
-    long before.
+    Each target is approached exponentially from the vergence at its onset; the first target is already reached.
     """
     path = np.zeros(len(times_s))
     if vergence_movements:
@@ -53,7 +52,7 @@ def vergence_path(
 
 
 def divergence(saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Float[ndarray, " T"]:
-    """How far the eyes diverge for a moment in saccades: a raised cosine over each and shortly after."""
+    """Transient divergence in saccades: a raised cosine over each saccade and shortly after."""
     if not saccades:
         return np.zeros(len(times_s))
     onset, duration, start, end = np.array(
@@ -66,9 +65,9 @@ def divergence(saccades: Sequence[Saccade], times_s: Float[ndarray, " T"]) -> Fl
 
 
 def lines_of_sight(one: Float[ndarray, "T 3"], vergence: Float[ndarray, " T"]) -> Float[ndarray, "T 2 3"]:
-    """Unit vectors from the left and the right eye to a target in direction `one` from between them, in the head.
+    """Unit vectors from the left and the right eye to a target in cyclopean direction `one`, in the head.
 
-    The target's distance is given by the vergence that it would have straight ahead; beyond infinity they diverge.
+    `vergence` gives the target's distance as if it were straight ahead; negative values diverge.
     """
     aside = np.tan(vergence / 2.0)
     both = np.stack([one, one], axis=1)
@@ -78,5 +77,5 @@ def lines_of_sight(one: Float[ndarray, "T 3"], vergence: Float[ndarray, " T"]) -
 
 
 def optical_axes_rad(sight: Float[ndarray, "T 2 3"], kappa_rad: Float[ndarray, "2 2"]) -> Float[ndarray, "T 2 2"]:
-    """(yaw, pitch) of the optical axes of eyes whose lines of sight are given; `kappa_rad` is added to both angles."""
+    """(yaw, pitch) of the optical axes for lines of sight; `kappa_rad` is added to both angles."""
     return np.asarray(rotation.direction_to_angles(sight) + kappa_rad)

@@ -23,8 +23,8 @@ class SpeakerStyle:
     """Movement style of one person. Angles are in radians; scales are factors around 1.
 
     `look` is the proportion of talking time with gaze at the partner, `partner_gaze_listening` that of listening time.
-    `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of gaze shifts (1 as
-    in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on gaze and head.
+    `aversion_side` is the preferred side of aversions (yaw). `liveliness` scales rate and amplitude of gaze shifts (1
+    as in an interview, less for a calm source). `speech_coupling` (0 to 1) is the influence of speech on gaze and head.
     `head_tempo` scales the speed of the head, `head_axes` its rotation per axis (pitch, yaw, roll) and
     `translation_scale` its translation. `head_threshold` and `head_gain` are the eccentricity from which the head
     contributes to gaze shifts, and its gain. `speaking_lift` is the rise of the head while speaking,
