@@ -1,7 +1,7 @@
-"""The head's conditional VAE for streams: its decoder hears no frame ahead, and its codes are drawn one after another.
+"""Conditional VAE of head motion for streaming: a causal decoder, with latent codes sampled one at a time.
 
-Trained as `vae` is (TalkingEyes eq. 8, 11 to 13). A code is drawn from uniform numbers by the inverse of the normal
-distribution, so that the codes of a longer speech begin with those of a shorter one.
+It is trained like `vae` (TalkingEyes eq. 8, 11 to 13). Each code is sampled from uniform numbers through the inverse
+normal CDF, so that the codes of a longer speech start with the codes of a shorter one.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
 class CausalVAEHeadSettings(VAESettings, ComponentSettings):
-    """Size of the VAE of the head."""
+    """Settings of the causal VAE of the head."""
 
     kind: Literal["causal_vae"]
-    # Frames a code stands for; one a clip cannot be streamed.
+    # Frames per latent code. One code per clip cannot be streamed.
     latent_frames: Annotated[int, Field(gt=0)]
 
 
 @dataclass
 class _LatentState:
-    """The codes of a batch so far: the frame that comes next, and the codes from number `first` on."""
+    """Latent codes sampled so far for a batch: the index of the next frame, and the codes from index `first` on."""
 
     generators: Sequence[torch.Generator]
     frame: int = 0
@@ -42,12 +42,12 @@ class _LatentState:
 
     @classmethod
     def of(cls, seeds: Sequence[int]) -> _LatentState:
-        """Before the first frame."""
+        """The state before the first frame."""
         return cls([torch.Generator().manual_seed(seed) for seed in seeds])
 
 
 class CausalVAEHead(nn.Module):
-    """Head rotation vectors of speech features, whole or part by part."""
+    """Generator of head rotation vectors from speech features, for whole clips or for streams."""
 
     settings_class = CausalVAEHeadSettings
 
@@ -62,32 +62,32 @@ class CausalVAEHead(nn.Module):
 
     @property
     def normal(self) -> MotionNormaliser:
-        """The statistics of the head."""
+        """Normalisation statistics of head motion."""
         return self.vae_head.normal
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """Reconstruct true motion under its speech (training)."""
+        """Reconstruct true motion given its speech (training)."""
         return self.vae_head.predict(speech, head)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
-        """Motions from codes drawn from N(0, I), a seed a row."""
+        """Sample head motion with codes from N(0, I), one seed per row."""
         decoder_input = torch.cat(
             [self.interpolate_latents(_LatentState.of(seeds), speech.shape[1]).to(speech), speech], dim=-1
         )
         return self.normal.denormalise(self.vae_head.vae.out(self.decoder(decoder_input)))
 
     def stream(self, seed: int) -> HeadStream:
-        """Part after part what `sample` gives."""
+        """A stream that yields the result of `sample` part by part."""
         return HeadStream(self, seed)
 
     @property
     def decoder(self) -> CausalConvolutionStack:
-        """Of codes and speech."""
+        """The decoder of latent codes and speech."""
         assert isinstance(self.vae_head.vae.decoder, CausalConvolutionStack)
         return self.vae_head.vae.decoder
 
     def interpolate_latents(self, drawn: _LatentState, frames: int) -> Float[Tensor, "B T Z"]:
-        """Codes at their centres, interpolated to the next frames with their variance kept (as ConditionalVAE does)."""
+        """Codes at their centres, interpolated to the next frames at constant variance (as in ConditionalVAE)."""
         span = self.settings.latent_frames
         place = ((torch.arange(drawn.frame, drawn.frame + frames) + 0.5) / span - 0.5).clamp(min=0)
         left = place.floor().long()
@@ -109,13 +109,13 @@ class CausalVAEHead(nn.Module):
 
 
 class HeadStream:
-    """The head of one seed, part after part."""
+    """Head motion of one seed, generated part by part."""
 
     def __init__(self, head: CausalVAEHead, seed: int) -> None:
         self._head, self._codes, self._decoder = head, _LatentState.of([seed]), head.decoder.stream()
 
     def step(self, speech: Float[Tensor, "1 T S"]) -> Float[Tensor, "1 T 3"]:
-        """The head at the next frames."""
+        """Head rotation vectors of the next frames."""
         decoder_input = torch.cat([self._head.interpolate_latents(self._codes, speech.shape[1]), speech], dim=-1)
         decoded = torch.from_numpy(self._decoder.step(decoder_input[0].numpy()))[None]
         return self._head.normal.denormalise(self._head.vae_head.vae.out(decoded))

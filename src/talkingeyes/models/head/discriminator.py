@@ -1,14 +1,15 @@
-"""The discriminator of PoseGAN: does this person's head move like that? (Zhang et al., section 4.1.)
+"""Discriminator of PoseGAN, conditioned on the speaker (Zhang et al., section 4.1).
 
-It judges motion on overlapping parts of a window, given the speaker: a score for motion alone plus its product with the
-speaker's vector (Miyato & Koyama 2018). Motion is what changes in a frame, and in half a second: by the first alone it
-would not miss the slow turns that most of a head's range is made of. Eq. 4 and 5 are missing from the text that we
-have; assumed after Ginosar et al. 2019:
+It scores motion on overlapping parts of a window: a score of the motion alone plus its product with the speaker vector
+(Miyato & Koyama 2018). Motion is the difference over one frame and over half a second. Without the second lag, the
+discriminator would not miss the slow turns that make up most of a head's range. Eq. 4 and 5 are missing from the text
+that we have. We assume, after Ginosar et al. 2019:
 
-    rival       minimise  -log D(motion of y, s) - log(1 - D(motion of G, s))     mean over parts
-    generator   minimise  lambda * -log D(motion of G, s)                         sum over parts
+    discriminator   minimise  -log D(motion of y, s) - log(1 - D(motion of G, s))     mean over parts
+    generator       minimise  lambda * -log D(motion of G, s)                         sum over parts
 
-As a sum over the parts of a window it weighs, with the paper's lambda of 0.01, enough against means over frames.
+The generator's loss is a sum over the parts of a window, so that with the paper's lambda of 0.01 it has enough weight
+beside losses that are means over frames.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ LAGS_FRAMES = (1, 15)
 
 
 class DiscriminatorSettings(Settings):
-    """Its size. It learns at the pace of the generator."""
+    """Size of the discriminator. It uses the learning rate of the generator."""
 
     width: Annotated[int, Field(gt=0)]
-    # Strided convolutions of kernel 5: 4 judge parts of 61 frames, every 16 frames.
+    # Strided convolutions of kernel 5: 4 layers give parts of 61 frames, every 16 frames.
     layers: Annotated[int, Field(gt=0)]
 
 
 class Discriminator(nn.Module):
-    """Scores of parts of motions; `scale` are the deviations of motion, by lag and number."""
+    """Scores parts of a motion. `scale` holds the standard deviations of the differences, by lag and dimension."""
 
     scale: Tensor
 
@@ -52,7 +53,7 @@ class Discriminator(nn.Module):
         self.style_projection = nn.Linear(style_dim, settings.width, bias=False)
 
     def forward(self, pose: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]) -> Float[Tensor, "B P"]:
-        """Scores, above 0 for what seems true."""
+        """Logits, one per part; above 0 means real."""
         h = torch.cat(
             [motion / scale for motion, scale in zip(lagged_differences(pose), self.scale, strict=True)], dim=-1
         )
@@ -64,13 +65,13 @@ class Discriminator(nn.Module):
         return scores
 
     def generator_loss(self, generated: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
-        """What the generator minimises."""
+        """Adversarial loss of the generator."""
         return functional.softplus(-self(generated, style)).sum(-1).mean()
 
     def loss_terms(
         self, true: Float[Tensor, "B T 6"], generated: Float[Tensor, "B T 6"], style: Float[Tensor, "B K"]
     ) -> dict[str, Tensor]:
-        """What the rival minimises, and how it stands: the chance that it gives to true and to made motion."""
+        """Loss of the discriminator, and the mean probabilities that it assigns to real and to generated motion."""
         of_true, of_made = self(true, style), self(generated, style)
         return {
             "total": functional.softplus(-of_true).mean() + functional.softplus(of_made).mean(),
@@ -80,7 +81,7 @@ class Discriminator(nn.Module):
 
 
 def lagged_differences(pose: Float[Tensor, "B T 6"]) -> list[Float[Tensor, "B T 6"]]:
-    """What changes over each lag; until there is one, since the first frame."""
+    """Differences over each lag. The first frames use the difference from frame 0."""
     first = pose[:, :1]
     before = [torch.cat([first.expand(-1, min(lag, pose.shape[1]), -1), pose], dim=1) for lag in LAGS_FRAMES]
     return [pose - each[:, : pose.shape[1]] for each in before]

@@ -1,7 +1,7 @@
-"""What every head generator is: it reconstructs true head motion in training and samples head motion for speech.
+"""Interface of head generators: they reconstruct true head motion in training and sample head motion from speech.
 
-A generator is one file here: `vae` (the paper's), `causal_vae` (for streams), `vqvae` (Table V) or `events`;
-docs/extend.md adds one.
+Each generator is one file of this folder: `vae` (the paper's), `causal_vae` (for streaming), `vqvae` (Table V) or
+`point_process`. docs/extend.md explains how to add one.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ HeadComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValid
 
 @dataclass(frozen=True)
 class HeadPrediction:
-    """The head motion as the generator reconstructs it (radians), and the terms of the loss."""
+    """Head motion as the generator reconstructs it (radians), and the loss terms."""
 
     head: Float[Tensor, "B T 3"]
     loss_terms: dict[str, Tensor]
 
 
 class HeadGenerator(Protocol):
-    """The role: a torch module made as `Class(settings, speech)`, `speech` features a frame."""
+    """Protocol of a torch module `Class(settings, speech)`; `speech` is the number of features per frame."""
 
     settings_class: Any
 
     @property
     def normal(self) -> MotionNormaliser:
-        """Rotation vectors centred on the mean, in units of the scale: what the gaze generator sees of the head. It is
-        set to the statistics of the train split, one scale for all three numbers."""
+        """Normaliser of rotation vectors; its output is the head input of the gaze generator. It is set to the
+        statistics of the train split, with one scale for all three dimensions."""
         ...
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """Named terms of the loss for true motion under its speech."""
+        """Reconstruction and named loss terms for true motion given its speech."""
         ...
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
-        """Rotation vectors, a seed a row; a seed gives the same alone or with others."""
+        """Sample rotation vectors, one seed per row. The result of a seed does not depend on the rest of the batch."""
         ...

@@ -1,9 +1,9 @@
-"""Head motion as movement segments between minima of speed: a point process, with cubics between its events.
+"""Head motion as movement segments: a point process of speed minima, with cubics between its events.
 
-Not in the paper. The head of a speaker never rests, but its speed has minima several times a second (detected as in
+Not in the paper. The head of a speaker never rests, but its speed has several minima per second (detected as in
 evaluation/detectors/head_movements.py). Poses at these minima, joined by cubics that slow down there, reconstruct
-fitted motion within 0.4 degrees an axis, with its spectrum (docs/log.md). An event (models/layers/point_process.py) is
-a speed minimum: its time and its pose.
+fitted motion within 0.4 degrees per axis and with its spectrum (docs/log.md). An event (models/layers/point_process.py)
+is a speed minimum, given by its time and its pose.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings, bin_means
 
 POSE_SPREAD = (1.0, 1.0, 0.6)
-# Strokes are drawn so many bins beyond the end, so that the last frames lie between two of them.
+# Bins sampled beyond the end, so that the last frames lie between two events.
 EXTRA_BINS = 12
-# What is left at a dip of the velocity from the stroke before to the stroke after. With 1, or a spline, heads are
-# smoother than people's (velocity above 1.8 Hz, slope of the spectrum); chosen on val (docs/log.md).
+# Fraction of the mean velocity of the two adjacent segments that remains at a speed minimum. With 1, or with a spline,
+# heads are smoother than those of people (velocity above 1.8 Hz, slope of the spectrum). Chosen on val (docs/log.md).
 VELOCITY_RETENTION = 0.4
 
 
 class PointProcessHeadSettings(ComponentSettings):
-    """The process, and how strictly it is followed."""
+    """Settings of the point process and of its sampling."""
 
     kind: Literal["point_process"]
-    # Of the choice of a pose and of the Gaussians when strokes are drawn; 1: as learnt. Chosen on val by the benchmark.
+    # Sampling temperature of the mixture component and of the Gaussians; 1: as learned. Chosen on val by the benchmark.
     temperature: Annotated[float, Field(ge=0)]
-    # Of the filter that gives drawn heads the spectrum of true ones (layers/equaliser.py); odd, or 0: none.
+    # Length of the filter that matches the spectrum of sampled heads to that of true heads (layers/equaliser.py); odd,
+    # or 0 for none.
     equaliser_frames: Annotated[int, Field(ge=0)]
     process: PointProcessSettings
 
@@ -50,7 +51,7 @@ class PointProcessHeadSettings(ComponentSettings):
 
 
 class PointProcessHead(nn.Module):
-    """Head rotation vectors of speech features."""
+    """Generator of head rotation vectors from speech features."""
 
     settings_class = PointProcessHeadSettings
 
@@ -62,15 +63,15 @@ class PointProcessHead(nn.Module):
         self.equaliser = Equaliser(settings.equaliser_frames)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """The likelihood of the strokes of true motion; nothing is reconstructed: gaze is trained on the true head."""
+        """Likelihood of the segments of true motion. Nothing is reconstructed: gaze is trained on the true head."""
         events = EventSequence.from_frames(speed_minima(head), self.normal(head), self.bin_frames)
         loss_terms = self.process.loss_terms(events, bin_means(speech, self.bin_frames))
         return HeadPrediction(head, {f"head_{name}": value for name, value in loss_terms.items()})
 
     @torch.no_grad()
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
-        """Strokes drawn bin after bin, shown as frames."""
-        unique_speech = speech[:1] if speech.stride(0) == 0 else speech  # one speech for all seeds is heard once
+        """Sample events bin by bin and interpolate them to frames."""
+        unique_speech = speech[:1] if speech.stride(0) == 0 else speech  # encode one speech once for all seeds
         binned_speech = bin_means(unique_speech, self.bin_frames, EXTRA_BINS)
         count, numbers = binned_speech.shape[1], len(POSE_SPREAD) + 3
         uniform = torch.stack(
@@ -84,7 +85,7 @@ class PointProcessHead(nn.Module):
 
 
 def speed_minima(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:
-    """Frames in which the head turns more slowly than just before and no faster than just after."""
+    """Frames where the head turns more slowly than in the frame before and no faster than in the frame after."""
     speed = head.diff(dim=1).norm(dim=-1)
     lower = (speed[:, 1:-1] < speed[:, :-2]) & (speed[:, 1:-1] <= speed[:, 2:])
     return torch.nn.functional.pad(lower, (1, head.shape[1] - 1 - lower.shape[1]))
@@ -93,14 +94,14 @@ def speed_minima(head: Float[Tensor, "B T 3"]) -> Bool[Tensor, "B T"]:
 def interpolate_poses(
     event: Bool[ndarray, "B N"], location: Float[ndarray, "B N 3"], bin_frames: int
 ) -> Float[ndarray, "B T 3"]:
-    """Frames of N bins: cubics (Hermite's) between strokes, of which the first bin has one.
+    """Frames of N bins: Hermite cubics between events. The first bin must hold an event.
 
-    `location` holds the pose since the last stroke. Strokes are in the middle of their bins: at random moments two come
-    close, and what they differ by is a jerk. All rows are one curve, one after the other, for a curve costs more to
-    make than to ask.
+    `location` holds the pose since the last event. Events lie at the centres of their bins: at random times, two could
+    come close together, and their difference would be a jerk. All rows are concatenated into one curve, because
+    building a curve costs more than evaluating it.
     """
     event = event.copy()
-    event[:, -1] = True  # there the last pose
+    event[:, -1] = True  # the last bin repeats the last pose
     row, index = np.nonzero(event)
     frames = event.shape[1] * bin_frames
     knot, pose = row * frames + index * bin_frames + (bin_frames - 1) / 2, location[row, index].astype(float)

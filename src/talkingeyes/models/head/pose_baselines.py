@@ -1,7 +1,7 @@
 """Head poses without a network: the mean pose, a random sequence, the nearest neighbour in speech features.
 
-They are the baselines of Zhang et al., section 5.2. The sequences are windows of 256 true frames of the train split;
-one follows the other, so poses jump where they meet, as in the paper.
+These are the baselines of Zhang et al., section 5.2. The sequences are windows of 256 true frames of the train split.
+They are concatenated, so poses jump at the joins, as in the paper.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from talkingeyes.models.head.pose_generator import PoseInputs, PosePrediction, T
 
 
 class PoseBaselineSettings(ComponentSettings):
-    """Nothing but its kind."""
+    """Settings of the baselines: the kind alone."""
 
 
 class MeanPose(nn.Module):
-    """The mean pose, always: zeros, since poses are centred."""
+    """Constant mean pose: zeros, because poses are centred."""
 
     settings_class = PoseBaselineSettings
     window = None
@@ -29,21 +29,21 @@ class MeanPose(nn.Module):
         super().__init__()
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """It needs nothing."""
+        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """The mean has nothing to learn; its distances are told."""
+        """Distances of the mean from true poses; there are no parameters to train."""
         return _distances(torch.zeros_like(pose), pose)
 
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """Zeros."""
+        """Zeros of shape (B, T, 6)."""
         return torch.zeros(len(generators), inputs.features.shape[1], 6)
 
 
 class RandomPose(nn.Module):
-    """Sequences of the train split, drawn alike."""
+    """Uniformly sampled sequences of the train split."""
 
     pose: Tensor
     speech_statistics: Tensor
@@ -56,18 +56,18 @@ class RandomPose(nn.Module):
         self.register_buffer("speech_statistics", torch.zeros(0, 2 * embedding))
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Keep the windows."""
+        """Store the windows."""
         self.pose, self.speech_statistics = training_windows.pose, training_windows.speech_statistics
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """There is nothing to learn; distances of its draws are told."""
+        """Distances of random sequences from true poses; there are no parameters to train."""
         generators = [torch.Generator().manual_seed(row) for row in range(len(pose))]
         return _distances(self.sample(inputs, pose[:, 0], generators), pose)
 
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """Windows end to end, the last one cut."""
+        """Concatenated windows, the last one cut."""
         frames, length = inputs.standardised.shape[1], self.pose.shape[1]
         parts = [
             self.pose[self._select(inputs.standardised[:, first : first + length], generators)]
@@ -79,14 +79,15 @@ class RandomPose(nn.Module):
         return torch.cat([torch.randint(len(self.pose), (1,), generator=each) for each in generators])
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *others: object) -> None:
-        """A stored memory has a size that the settings do not tell."""
+        """Resize the buffers first: the size of the stored windows is not part of the settings."""
         for name in ("pose", "speech_statistics"):
             setattr(self, name, torch.empty_like(state_dict[prefix + name]))
         super()._load_from_state_dict(state_dict, prefix, *others)
 
 
 class SimilarPose(RandomPose):
-    """The sequence whose sound is nearest, by means and deviations of speech features over the window."""
+    """The sequence with the nearest speech, compared by means and standard deviations of its features over the window.
+    """
 
     def _select(self, standardised: Float[Tensor, "B T H"], generators: list[torch.Generator]) -> Int[Tensor, " B"]:
         return torch.cdist(mean_and_std(standardised), self.speech_statistics).argmin(1)

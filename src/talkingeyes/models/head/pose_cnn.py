@@ -1,7 +1,7 @@
 """Head poses by a convolutional network alone: the baseline "CNN" of Zhang et al., section 5.2.
 
-It minimises pose and motion distances without an adversary, so it tends to the mean of what could have been: a nearly
-static head (their Table 3; docs/posegan.md).
+It minimises pose and motion distances without an adversarial loss, so it tends to the mean of all plausible motions: a
+nearly static head (their Table 3; docs/posegan.md).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class CNNPoseSettings(ComponentSettings):
 
 
 class CNNPose(nn.Module):
-    """Dilated convolutions over speech features; the same for every seed."""
+    """Dilated convolutions over speech features. Deterministic: all seeds give the same poses."""
 
     settings_class = CNNPoseSettings
     window = None
@@ -39,10 +39,10 @@ class CNNPose(nn.Module):
         self.out = nn.Linear(settings.width, 6)
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """It needs nothing."""
+        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """Distances of pose and motion (eq. 3 without the start)."""
+        """Pose and motion distances (eq. 3 without the initial pose)."""
         generated: Tensor = self.out(self.stack(inputs.features))
         loss_terms = {"pose": losses.reconstruction(generated, pose), "motion": losses.velocity(generated, pose)}
         return PosePrediction(generated, loss_terms)
@@ -50,6 +50,6 @@ class CNNPose(nn.Module):
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """The regression."""
+        """The regressed poses, the same for every row's generator."""
         generated: Tensor = self.out(self.stack(inputs.features))
         return generated

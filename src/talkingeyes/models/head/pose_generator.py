@@ -1,11 +1,11 @@
-"""What every generator of head poses is: speech, a start pose and a person's style in, poses of six numbers out.
+"""Interface of pose generators: from speech, an initial pose and a speaker's style to head poses of six dimensions.
 
-These are the head generators that a model of the head alone is made of (`kind: speech_to_pose`), each one file here:
-`mean`, `random`, `similar` (pose_baselines), `cnn`, `vae`, `vqvae`, `posegan`. A model of the head alone drives the
-gaze decoder of any other model (`kind: head_then_gaze`). The generators of `generator.py`, of three numbers, are
-trained together with a gaze decoder.
+They are the generators of models of the head alone (`kind: speech_to_pose`), one file each: `mean`, `random`, `similar`
+(pose_baselines), `cnn`, `vae`, `vqvae`, `posegan`. A model of the head alone drives the gaze decoder of any other model
+(`kind: head_then_gaze`). The generators of `generator.py`, of three dimensions, are trained together with a gaze
+decoder.
 
-Poses are in units of the train split: centred, each number divided by its standard deviation.
+Poses are normalised by the train split: centred, and each dimension divided by its standard deviation.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ PoseComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValid
 
 @dataclass(frozen=True)
 class PoseInputs:
-    """What a generator hears: features that are learnt with it, the style in them and by itself, and the embedding."""
+    """Inputs of a generator: learned speech features with the style added, the style alone, and the standardised
+    embedding."""
 
     features: Float[Tensor, "B T S"]
     style: Float[Tensor, "B S"]
@@ -47,7 +48,7 @@ class PoseInputs:
 
 @dataclass(frozen=True)
 class TrainingWindows:
-    """Training windows, for generators that draw from them: poses, and what their sound is like."""
+    """Training windows for generators that retrieve them: poses, and statistics of their speech."""
 
     pose: Float[Tensor, "N L 6"]
     speech_statistics: Float[Tensor, "N D"]
@@ -55,34 +56,34 @@ class TrainingWindows:
 
 @dataclass(frozen=True)
 class PosePrediction:
-    """Poses as the generator makes them of true ones and their speech, and the terms of its loss."""
+    """Poses that the generator predicts from true poses and their speech, and its loss terms."""
 
     pose: Float[Tensor, "B T P"]
     loss_terms: dict[str, Tensor]
 
 
 class PoseGenerator(Protocol):
-    """The role: a torch module made as `Class(settings, speech, embedding)`, the widths of what it hears."""
+    """Protocol of a torch module constructed as `Class(settings, speech, embedding)`, the input widths."""
 
     settings_class: Any
-    # Frames that are made at once, each window starting at the last pose of the one before; None: any number.
+    # Frames generated at once, each window starting at the last pose of the one before; None: any number.
     window: int | None
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """Take what it draws from of the train split; most take nothing."""
+        """Set the training windows that the generator retrieves from; most generators ignore them."""
         ...
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """Named terms of the loss for true poses under their speech."""
+        """Prediction and named loss terms for true poses given their speech."""
         ...
 
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """Poses, a source of noise a row; a row is the same alone or with others."""
+        """Sample poses, one random generator per row. A row does not depend on the rest of the batch."""
         ...
 
 
 def mean_and_std(standardised: Float[Tensor, "B T H"]) -> Float[Tensor, "B D"]:
-    """What nearest neighbours compare of a sound: means and standard deviations of its features."""
+    """Means and standard deviations of speech features, the descriptor that the nearest-neighbour baseline compares."""
     return torch.cat([standardised.mean(1), standardised.std(1, correction=0)], dim=1)

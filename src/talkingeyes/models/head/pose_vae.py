@@ -1,4 +1,4 @@
-"""Head poses by a conditional VAE, as TalkingEyes moves the head (its eq. 8, 11 to 13), here of six numbers."""
+"""Head poses of six dimensions by the conditional VAE that TalkingEyes uses for the head (its eq. 8, 11 to 13)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESetting
 
 
 class VAEPoseSettings(VAESettings, ComponentSettings):
-    """Size of the VAE."""
+    """Settings of the VAE."""
 
 
 class VAEPose(nn.Module):
-    """Poses of codes drawn from N(0, I) under speech features."""
+    """Generator of poses from latent codes, sampled from N(0, I), and speech features."""
 
     settings_class = VAEPoseSettings
     window = None
@@ -27,10 +27,10 @@ class VAEPose(nn.Module):
         self.vae = ConditionalVAE(settings, 6, speech)
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """It needs nothing."""
+        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """Reconstruct true poses under their speech."""
+        """Reconstruct true poses given their speech."""
         posterior = self.vae.encode(pose, inputs.features)
         generated = self.vae.decode(posterior.rsample(), inputs.features)
         loss_terms = {
@@ -43,7 +43,7 @@ class VAEPose(nn.Module):
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """Poses of drawn codes."""
+        """Poses decoded from sampled codes."""
         shape = (self.vae.latent_count(inputs.features.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=each) for each in generators])
         return self.vae.decode(codes.to(inputs.features), inputs.features)

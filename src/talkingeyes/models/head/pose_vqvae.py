@@ -1,8 +1,8 @@
-"""Head poses by a VQ-VAE: codes of a few frames, drawn one after the other under the speech.
+"""Head poses by a VQ-VAE: codes of a few frames each, sampled autoregressively given speech.
 
-TalkingEyes compares a VQ-VAE of the head with its VAE (section V-E). Here codebook and the network that predicts codes
-are trained at once: reconstruction and commitment (its eq. 7) for the one, cross-entropy for the other, whose gradient
-does not reach the codebook.
+TalkingEyes compares a VQ-VAE of the head with its VAE (section V-E). Here the codebook and the network that predicts
+codes are trained together: the codebook by reconstruction and commitment (its eq. 7), the network by cross-entropy,
+whose gradient does not reach the codebook.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from talkingeyes.models.layers.transformer import CausalTransformer, Transformer
 
 
 class VQVAEPoseSettings(ComponentSettings):
-    """Sizes; a code stands for `frames_per_code` frames."""
+    """Sizes of the networks. A code spans `frames_per_code` frames."""
 
     width: Annotated[int, Field(gt=0)]
     layers: Annotated[int, Field(gt=0)]
@@ -35,7 +35,8 @@ class VQVAEPoseSettings(ComponentSettings):
 
 
 class VQVAEPose(nn.Module):
-    """Encoder, codebook, decoder, and a causal transformer over codes and speech; `pose_dim` a frame (vqvae.py: 3)."""
+    """Encoder, codebook, decoder, and a causal transformer over codes and speech, for `pose_dim` dimensions (vqvae.py:
+    3)."""
 
     settings_class = VQVAEPoseSettings
     window = None
@@ -56,10 +57,10 @@ class VQVAEPose(nn.Module):
         self.scores = nn.Linear(hidden, settings.quantiser.codes)
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """It needs nothing."""
+        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T P"]) -> PosePrediction:
-        """Through the codebook; codes predicted from those before them."""
+        """Reconstruct through the codebook, and predict each code from the codes before it."""
         quantised = self.quantiser(self.to_latent(self._pool(self.encoder(pose))))
         generated = self._decode(quantised.values, pose.shape[1])
         before = shift_right(self.from_code(quantised.indices), self.first.expand(len(pose), 1, -1))
@@ -75,7 +76,7 @@ class VQVAEPose(nn.Module):
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B P"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T P"]:
-        """Codes drawn one after the other."""
+        """Sample codes autoregressively and decode them."""
         speech = self.from_speech(self._pool(inputs.features))
         cache, before = self.transformer.start(), self.first.expand(len(generators), 1, -1)
         drawn: list[Int[Tensor, " B"]] = []
@@ -90,7 +91,7 @@ class VQVAEPose(nn.Module):
         return self._decode(self.quantiser.codebook[torch.stack(drawn, dim=1)], inputs.features.shape[1])
 
     def _pool(self, frames: Float[Tensor, "B T W"]) -> Float[Tensor, "B N W"]:
-        """Means over the frames of a code; the last code may stand for fewer."""
+        """Means over the frames of each code; the last code may span fewer frames."""
         span = self.settings.frames_per_code
         return torch.stack([part.mean(1) for part in frames.split(span, dim=1)], dim=1)
 

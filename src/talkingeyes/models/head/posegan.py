@@ -1,13 +1,13 @@
 """PoseGAN: head poses by a convolutional encoder and a U-Net, from speech and an initial pose (Zhang et al., 4.1).
 
-The initial pose is concatenated to the speech at the input, and to the last features at the output layer. Its losses
-are eq. 3, pose (with the distance of the first frame from the initial pose) and motion; the adversarial loss (eq. 4 and
-5, which the text that we have lacks) comes from the discriminator (discriminator.py). Windows of 256 frames; in longer
-speech the last pose of a window is the initial pose of the next (models/speech_to_pose.py).
+The initial pose is concatenated with the speech at the input, and projected onto the output. The losses are eq. 3: pose
+(with the distance of the first frame from the initial pose) and motion. The adversarial loss (eq. 4 and 5, missing from
+the text that we have) comes from the discriminator (discriminator.py). Windows have 256 frames. In longer speech, the
+last pose of a window is the initial pose of the next (models/speech_to_pose.py).
 
-Ours: the style scales and shifts what the U-Net normalises (Perez et al. 2018), and scales the pose; added to speech
-alone it does not survive the normalisation, and all people move alike (docs/log.md). The distance of the initial pose
-from the first frame is removed over `anchor_frames` (0: as the paper).
+Our additions: the style scales and shifts the normalised features of the U-Net (Perez et al. 2018) and scales the pose.
+Added to speech alone, the style does not survive the normalisation, and all speakers move alike (docs/log.md). The
+distance of the first frame from the initial pose is removed over `anchor_frames` (0: as in the paper).
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class PoseGANSettings(ComponentSettings):
     width: Annotated[int, Field(gt=0, multiple_of=GROUPS)]
     # Dilated convolutions of the encoder before the U-Net.
     layers: Annotated[int, Field(ge=0)]
-    # Halvings of the frame rate in the U-Net: 5 take 256 frames to 8.
+    # Halvings of the frame rate in the U-Net: 5 reduce 256 frames to 8.
     levels: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # Frames of a window (the paper: 256).
     window: Annotated[int, Field(gt=1)]
-    # Whether it is told the initial pose (the ablation is not).
+    # Whether the initial pose is an input (in the ablation it is not).
     initial_pose: bool
-    # Frames over which the first frame's distance from the initial pose is taken back; 0: it is not.
+    # Frames over which the distance of the first frame from the initial pose is removed; 0: never.
     anchor_frames: Annotated[int, Field(ge=0)]
 
 
@@ -63,10 +63,10 @@ class PoseGAN(nn.Module):
         self.pose_projection = nn.Linear(6, 6)
 
     def set_training_windows(self, training_windows: TrainingWindows) -> None:
-        """It needs nothing."""
+        """Do nothing: no training windows are needed."""
 
     def predict(self, inputs: PoseInputs, pose: Float[Tensor, "B T 6"]) -> PosePrediction:
-        """Eq. 3, the first true frame as the initial pose."""
+        """Losses of eq. 3, with the first true frame as the initial pose."""
         generated = self(inputs, pose[:, 0])
         loss_terms = {
             "pose": losses.reconstruction(generated, pose),
@@ -78,7 +78,7 @@ class PoseGAN(nn.Module):
     def sample(
         self, inputs: PoseInputs, start: Float[Tensor, "B 6"], generators: list[torch.Generator]
     ) -> Float[Tensor, "B T 6"]:
-        """One window, anchored at its start."""
+        """Poses of one window, corrected to start at the initial pose."""
         generated: Tensor = self(inputs, start)
         if not self.settings.anchor_frames or not self.settings.initial_pose:
             return generated
@@ -106,13 +106,13 @@ class PoseGAN(nn.Module):
         return generated
 
     def _padded(self, features: Float[Tensor, "B T W"]) -> Float[Tensor, "B U W"]:
-        """A whole number of the U-Net's slowest frames, the last frame repeated."""
+        """Pad to a multiple of the U-Net's total stride by repeating the last frame."""
         missing = -features.shape[1] % 2**self.settings.levels
         return torch.cat([features, features[:, -1:].expand(-1, missing, -1)], dim=1)
 
 
 class _DownBlock(nn.Module):
-    """Half the frame rate."""
+    """Halve the frame rate."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()
@@ -124,7 +124,7 @@ class _DownBlock(nn.Module):
 
 
 class _UpBlock(nn.Module):
-    """Twice the frame rate, between frames by straight lines: repeated frames would step."""
+    """Double the frame rate by linear interpolation; repeated frames would cause steps."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()
@@ -137,7 +137,7 @@ class _UpBlock(nn.Module):
 
 
 class _AdaptiveGroupNorm(nn.Module):
-    """Group normalisation that the style scales and shifts."""
+    """Group normalisation scaled and shifted by the style."""
 
     def __init__(self, width: int, style: int) -> None:
         super().__init__()

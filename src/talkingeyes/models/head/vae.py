@@ -1,4 +1,4 @@
-"""Speech to head motion by a conditional VAE (TalkingEyes eq. 8, 11 to 13)."""
+"""Head motion from speech by a conditional VAE (TalkingEyes eq. 8, 11 to 13)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
 class VAEHeadSettings(VAESettings, ComponentSettings):
-    """Size of the VAE of the head."""
+    """Settings of the VAE of the head."""
 
     kind: Literal["vae"]
 
 
 class VAEHead(nn.Module):
-    """Head rotation vectors of speech features. One mean a number and one scale for all normalise inside."""
+    """Generator of head rotation vectors from speech features. Normalised internally: a mean per dimension, one scale
+    for all."""
 
     settings_class = VAEHeadSettings
 
@@ -32,7 +33,7 @@ class VAEHead(nn.Module):
         self.vae = ConditionalVAE(settings, 3, speech)
 
     def predict(self, speech: Float[Tensor, "B T S"], head: Float[Tensor, "B T 3"]) -> HeadPrediction:
-        """Reconstruct true motion under its speech (training)."""
+        """Reconstruct true motion given its speech (training)."""
         true = self.normal(head)
         posterior = self.vae.encode(true, speech)
         predicted = self.vae.decode(posterior.rsample(), speech)
@@ -44,7 +45,7 @@ class VAEHead(nn.Module):
         return HeadPrediction(self.normal.denormalise(predicted), loss_terms)
 
     def sample(self, speech: Float[Tensor, "B T S"], seeds: list[int]) -> Float[Tensor, "B T 3"]:
-        """Motions from codes drawn from N(0, I), a seed a row."""
+        """Sample head motion with codes from N(0, I), one seed per row."""
         shape = (self.vae.latent_count(speech.shape[1]), self.vae.settings.latent)
         codes = torch.stack([torch.randn(shape, generator=torch.Generator().manual_seed(seed)) for seed in seeds])
         return self.normal.denormalise(self.vae.decode(codes.to(speech), speech))
