@@ -1,7 +1,8 @@
-"""Attention of each frame to a window of frames around it, with rotary relative positions (Su et al. 2021).
+"""Windowed attention with rotary relative positions (Su et al. 2021).
 
-Frame t of the query attends to frames t - back .. t + ahead of the memory. Because positions are relative and the
-window is fixed, a step costs the same however long the sequence is; the cached and the parallel pass agree.
+Frame t of the query attends to frames t - lookback .. t + lookahead of the memory. Positions are relative and the
+window is fixed, so the cost of a step does not depend on the length of the sequence. The cached and the parallel pass
+give the same result.
 """
 
 from __future__ import annotations
@@ -18,31 +19,31 @@ BLOCK_FRAMES = 512  # frames
 
 @dataclass
 class KeysValues:
-    """Projected memory: frames `first` .. first + length - 1."""
+    """Keys and values of a memory, for frames `first` .. first + length - 1."""
 
     keys: Float[Tensor, "B H U D"]
     values: Float[Tensor, "B H U D"]
     first: int
 
     def window(self, start: int, stop: int) -> KeysValues:
-        """Frames start to stop (absolute), as far as they are there."""
+        """Frames start .. stop - 1 (absolute positions), as far as they are stored."""
         low = max(start - self.first, 0)
         high = max(stop - self.first, 0)
         return KeysValues(self.keys[:, :, low:high], self.values[:, :, low:high], self.first + low)
 
     def detached(self) -> KeysValues:
-        """The same without a gradient."""
+        """A copy without gradient."""
         return KeysValues(self.keys.detach(), self.values.detach(), self.first)
 
     def append(self, other: KeysValues) -> KeysValues:
-        """This memory followed by the next frames."""
+        """This memory with the next frames appended."""
         return KeysValues(
             torch.cat([self.keys, other.keys], dim=2), torch.cat([self.values, other.values], dim=2), self.first
         )
 
 
 class WindowAttention(nn.Module):
-    """Multi-head attention to a window of a memory; self-attention when the memory is the query."""
+    """Multi-head attention to a window of a memory; self-attention if the memory is the query."""
 
     frequencies: Tensor
 
@@ -61,20 +62,21 @@ class WindowAttention(nn.Module):
         return KeysValues(self._rotate(keys, first), values, first)
 
     def forward(self, x: Float[Tensor, "B T W"], memory: Float[Tensor, "B U W"]) -> Float[Tensor, "B T W"]:
-        """All frames at once, both sequences starting at position 0; blocks of frames, so that memory stays linear."""
+        """Attend in all frames; both sequences start at position 0. Works in blocks of frames, so that memory stays
+        linear."""
         projected = self.project(memory)
         blocks = range(0, max(x.shape[1], 1), BLOCK_FRAMES)
         return torch.cat([self._block(x[:, start : start + BLOCK_FRAMES], start, projected) for start in blocks], dim=1)
 
     def _block(self, x: Float[Tensor, "B T W"], first: int, memory: KeysValues) -> Float[Tensor, "B T W"]:
-        """Frames from `first` on, with what they may see of the memory."""
+        """Attend in the frames from `first` on, each to its window of the memory."""
         seen = memory.window(first - self.lookback, first + x.shape[1] + self.lookahead)
         offset = torch.arange(seen.keys.shape[2]) + seen.first - (torch.arange(x.shape[1]) + first)[:, None]
         allowed = (offset >= -self.lookback) & (offset <= self.lookahead)
         return self._attend(x, first, seen, allowed.to(x.device))
 
     def step(self, x: Float[Tensor, "B 1 W"], position: int, memory: KeysValues) -> Float[Tensor, "B 1 W"]:
-        """One frame at `position`."""
+        """Attend in a single frame at `position`."""
         return self._attend(x, position, memory.window(position - self.lookback, position + self.lookahead + 1), None)
 
     def _attend(

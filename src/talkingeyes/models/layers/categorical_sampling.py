@@ -1,4 +1,4 @@
-"""One category of a distribution, by a uniform number of its own: the same alone and in a batch."""
+"""Categorical sampling by one uniform number per row, so that a row does not depend on the rest of the batch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torch import Tensor
 def sample_categorical(
     logits: Float[Tensor, "B K"], uniform: Float[Tensor, " B"], temperature: float
 ) -> Int[Tensor, " B"]:
-    """A category by the inverse of the distribution function; temperature 0 takes the most probable."""
+    """Sample a category by inverting the cumulative distribution; temperature 0 returns the most probable one."""
     if temperature == 0:
         return logits.argmax(-1)
     cumulative = (logits.double() / temperature).softmax(-1).cumsum(-1)

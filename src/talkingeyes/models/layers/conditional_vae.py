@@ -1,8 +1,8 @@
-"""A conditional VAE of a motion given a condition a frame (TalkingEyes eq. 8 and 13).
+"""Conditional VAE of a motion given a condition per frame (TalkingEyes eq. 8 and 13).
 
-The latent code c is one a clip (`latent_frames: null`, as the paper has it) or one every `latent_frames` frames.
-Between codes it is interpolated with its variance kept, so that a long motion has no seams; the one-a-clip code is
-drawn again every 20 s in longer speech.
+There is one latent code c per clip (`latent_frames: null`, as in the paper) or one every `latent_frames` frames. Codes
+are interpolated at constant variance, so that a long motion has no seams. A code per clip is resampled every 20 s in
+longer speech.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ class VAESettings(Settings):
     dropout: Annotated[float, Field(ge=0, lt=1)]
     # Width of the latent code c.
     latent: Annotated[int, Field(gt=0)]
-    # Frames a code stands for; null: one a clip.
+    # Frames per latent code; null: one code per clip.
     latent_frames: Annotated[int, Field(gt=0)] | None
-    # How the codes are drawn to their prior.
+    # Weight of the divergence from the prior.
     kl: KLSettings
 
 
 @dataclass(frozen=True)
 class DiagonalGaussian:
-    """Mean and log-variance of the codes of a motion."""
+    """Mean and log-variance of the latent codes of a motion."""
 
     mean: Float[Tensor, "B N Z"]
     log_variance: Float[Tensor, "B N Z"]
 
     def rsample(self) -> Float[Tensor, "B N Z"]:
-        """The reparameterised draw."""
+        """A reparameterised sample."""
         return self.mean + torch.randn_like(self.mean) * (0.5 * self.log_variance).exp()
 
     def divergence(self) -> Float[Tensor, ""]:
-        """KL to N(0, I) (eq. 13), mean over codes and their dimensions."""
+        """KL divergence from N(0, I) (eq. 13), mean over codes and dimensions."""
         return self.divergence_per_dim().mean()
 
     def divergence_per_dim(self) -> Float[Tensor, "B N Z"]:
-        """The same of each number."""
+        """KL divergence from N(0, I) of each dimension, in nats."""
         return -0.5 * (1 + self.log_variance - self.log_variance.exp() - self.mean.square())
 
 
 class ConditionalVAE(nn.Module):
-    """E_VAE and D_VAE of eq. 8 for a motion of `features` numbers a frame, in units of its standard deviation."""
+    """E_VAE and D_VAE of eq. 8 for a standardised motion of `features` numbers per frame."""
 
     def __init__(self, settings: VAESettings, features: int, condition: int) -> None:
         super().__init__()
@@ -71,11 +71,11 @@ class ConditionalVAE(nn.Module):
         self.out = nn.Linear(settings.width, features)
 
     def latent_count(self, frames: int) -> int:
-        """How many codes a motion of `frames` frames has."""
+        """Number of latent codes of a motion of `frames` frames."""
         return max(1, math.ceil(frames / (self.settings.latent_frames or CLIP_LATENT_FRAMES)))
 
     def encode(self, motion: Float[Tensor, "B T F"], condition: Float[Tensor, "B T C"]) -> DiagonalGaussian:
-        """Moments of the codes, each the mean over the frames that it stands for."""
+        """Posterior of the codes; the moments of a code are means over its frames."""
         moments = self.moments(self.encoder(torch.cat([motion, condition], dim=-1))).float()
         span = self.settings.latent_frames or max(CLIP_LATENT_FRAMES, motion.shape[1])
         pooled = torch.stack([part.mean(1) for part in moments.split(span, dim=1)], dim=1)
@@ -83,14 +83,14 @@ class ConditionalVAE(nn.Module):
         return DiagonalGaussian(mean, log_variance.clamp(-10, 10))
 
     def kl_loss(self, posterior: DiagonalGaussian) -> Float[Tensor, ""]:
-        """Eq. 13 as it counts at this point of training: annealed, beyond the free bits."""
+        """KL loss (eq. 13) at the current training step, annealed and with free bits."""
         kl = self.settings.kl
         return annealing_weight(kl.annealing, self.trained_steps) * free_bits_kl(
             posterior.divergence_per_dim(), kl.free_bits
         )
 
     def decode(self, codes: Float[Tensor, "B N Z"], condition: Float[Tensor, "B T C"]) -> Float[Tensor, "B T F"]:
-        """The motion of codes under a condition."""
+        """Motion decoded from codes and a condition."""
         spread = self._interpolate_latents(codes, condition.shape[1])
         out: Tensor = self.out(self.decoder(torch.cat([spread, condition], dim=-1)))
         return out

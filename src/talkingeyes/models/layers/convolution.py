@@ -1,4 +1,4 @@
-"""Residual dilated convolutions over time: any length, linear time, a fixed reach, on both sides or into the past."""
+"""Residual dilated convolutions over time, symmetric or causal: any length, linear time, a fixed receptive field."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from talkingeyes.models.layers.numpy_layers import NumpyCausalConv, NumpyLayerNo
 
 
 class ConvolutionStack(nn.Module):
-    """Layers of kernel 5 with dilation 1, 2, 4, ...: a reach of 2 (2^layers - 1) frames to each side."""
+    """Layers of kernel 5 with dilation 1, 2, 4, ...: a receptive field of 2 (2^layers - 1) frames to each side."""
 
     def __init__(self, channels_in: int, width: int, layers: int, dropout: float) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class ConvolutionStack(nn.Module):
         self.drop = nn.Dropout(dropout)
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
-        """Features a frame."""
+        """Features per frame."""
         h: Tensor = self.input_projection(x)
         for norm, convolution in zip(self.norms, self.convolutions, strict=True):
             h = h + self.drop(convolution(F.gelu(norm(h)).transpose(1, 2)).transpose(1, 2))
@@ -31,10 +31,10 @@ class ConvolutionStack(nn.Module):
 
 
 class CausalConvolutionStack(nn.Module):
-    """The same layers without a look ahead: a frame hears itself and the 4 (2^layers - 1) frames before it.
+    """Causal variant of ConvolutionStack: a frame depends on itself and on the 4 (2^layers - 1) frames before it.
 
-    `lookahead` frames may be heard all the same: what is given for frame t is what the layers say at frame t + ahead,
-    and past the end they hear zeros. `stream` does it part by part.
+    With `lookahead` > 0, the output for frame t is the output of the layers at frame t + lookahead; inputs past the end
+    are zeros. `stream` computes the same part by part.
     """
 
     def __init__(self, channels_in: int, width: int, layers: int, dropout: float, lookahead: int) -> None:
@@ -48,7 +48,7 @@ class CausalConvolutionStack(nn.Module):
         self.drop = nn.Dropout(dropout)
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
-        """Features a frame."""
+        """Features per frame."""
         h: Tensor = self.input_projection(F.pad(x, (0, 0, 0, self.lookahead)))
         for layer, (norm, convolution) in enumerate(zip(self.norms, self.convolutions, strict=True)):
             padded = F.pad(F.gelu(norm(h)), (0, 0, 4 * 2**layer, 0))
@@ -56,12 +56,12 @@ class CausalConvolutionStack(nn.Module):
         return h[:, self.lookahead :]
 
     def stream(self) -> ConvolutionStream:
-        """The layers as they are now, before the first frame of one stream."""
+        """A stream with a copy of the current weights, before its first frame."""
         return ConvolutionStream(self)
 
 
 class ConvolutionStream:
-    """Causal layers that hear part after part."""
+    """Causal convolutions that process a sequence part by part."""
 
     def __init__(self, stack: CausalConvolutionStack) -> None:
         self._enter = NumpyLinear(stack.input_projection)
@@ -69,7 +69,7 @@ class ConvolutionStream:
         self._layers = [(NumpyLayerNorm(norm), NumpyCausalConv(each)) for norm, each in pairs]  # type: ignore[arg-type]
 
     def step(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
-        """What the layers say at the next frames (those of `lookahead` frames ago)."""
+        """Features of the next frames, delayed by `lookahead` frames."""
         h = self._enter(x)
         for norm, convolution in self._layers:
             h = h + convolution(gelu(norm(h)))

@@ -1,8 +1,8 @@
-"""One batch over several processes (torch DDP under torchrun): each computes its rows of the batch that one would draw.
+"""Split one batch over several processes (torch DDP under torchrun), with the results of a single process.
 
-So that several processes learn what one would: every process draws the same batch and the same noise and takes its own
-rows of both, and what is counted over a batch is counted over all processes. What stays is the order of float sums.
-In one process everything here gives back what it was given.
+Every process samples the same batch and the same noise and keeps its own rows of both. Batch statistics are computed
+over all processes. Results differ from those of one process only by the order of floating-point sums. In a single
+process, all functions return their input.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ T = TypeVar("T", bound=Any)  # a list or a tensor
 
 
 def world_size() -> int:
-    """How many processes share a batch."""
+    """Number of processes that share a batch."""
     return dist.get_world_size() if dist.is_available() and dist.is_initialized() else 1
 
 
 def rank() -> int:
-    """Which of them this one is."""
+    """Index of this process."""
     return dist.get_rank() if world_size() > 1 else 0
 
 
 def local_rows(rows: T) -> T:
-    """This process's rows of a batch (whose size is a multiple of the number of processes)."""
+    """This process's rows of a batch, whose size must be a multiple of the number of processes."""
     count = len(rows) // world_size()
     mine: T = rows[rank() * count : (rank() + 1) * count]
     return mine
@@ -38,7 +38,7 @@ def local_rows(rows: T) -> T:
 
 @torch.no_grad()
 def all_reduce_mean(value: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:
-    """The mean over all processes, without a gradient."""
+    """Mean over all processes, without gradient."""
     if world_size() == 1:
         return value
     total = value.detach().clone()
@@ -48,7 +48,7 @@ def all_reduce_mean(value: Float[Tensor, "*N"]) -> Float[Tensor, "*N"]:
 
 @torch.no_grad()
 def all_gather_rows(rows: Float[Tensor, "M C"]) -> Float[Tensor, "N C"]:
-    """The rows of all processes in the order of the batch; each may have another number of them."""
+    """Rows of all processes in batch order. The number of rows may differ between processes."""
     if world_size() == 1:
         return rows
     counts = [torch.zeros(1, dtype=torch.long, device=rows.device) for _ in range(world_size())]
@@ -61,9 +61,11 @@ def all_gather_rows(rows: Float[Tensor, "M C"]) -> Float[Tensor, "N C"]:
 
 
 class BatchNoiseMode(TorchDispatchMode):
-    """Within it, noise a row of the batch (dropout, draws of latent codes) is drawn for the whole batch and cut.
+    """Within this mode, per-row noise (dropout, latent samples) is sampled for the whole batch and cut to the local
+    rows.
 
-    Draws under `no_grad`, such as restarts of codes, are no noise of rows: all processes draw them alike.
+    Random numbers under `no_grad`, such as restarts of codes, are not per-row noise: all processes sample the same
+    ones.
     """
 
     def __torch_dispatch__(
@@ -93,7 +95,7 @@ def _dropout(func: Any, rows: Tensor, *args: Any, **kwargs: Any) -> tuple[Tensor
 
 
 def _whole(rows: Tensor) -> Tensor:
-    """Room for the whole batch, laid out in memory as the rows are: noise is drawn in the order of memory."""
+    """An empty tensor for the whole batch with the memory layout of the rows: noise is sampled in memory order."""
     size = (len(rows) * world_size(), *rows.shape[1:])
     strides = rows.stride()
     outermost_first = sorted(range(rows.dim()), key=lambda axis: -strides[axis])

@@ -1,7 +1,7 @@
-"""Finite scalar quantisation: each number of a latent is rounded to one of a few levels (Mentzer et al. 2023).
+"""Finite scalar quantisation: each latent dimension is rounded to one of a few levels (Mentzer et al. 2023).
 
-The codes are all combinations of levels, so that there is no codebook to learn and none that collapses, and neither
-commitment nor restarts. A latent is bounded by a tanh first, then rounded, straight through.
+The codes are all combinations of levels. There is no codebook to learn that could collapse, so neither commitment nor
+restarts are needed. A latent is bounded by a tanh, then rounded with a straight-through gradient.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings
 from talkingeyes.models.layers.quantiser import QuantiserOutput
 
-BOUND_MARGIN = 1e-3  # the outermost levels are reached by finite latents
+BOUND_MARGIN = 1e-3  # makes the outermost levels reachable by finite latents
 
 
 class FiniteScalarQuantiserSettings(Settings):
-    """Levels of each number of a code; with 8, 5, 5 and 5 there are 1,000 codes."""
+    """Number of levels of each dimension. 8, 5, 5 and 5 levels give 1,000 codes."""
 
     kind: Literal["finite_scalar"]
     levels: Annotated[tuple[Annotated[int, Field(gt=1)], ...], Field(min_length=1)]
@@ -33,17 +33,17 @@ class FiniteScalarQuantiserSettings(Settings):
 
     @property
     def width(self) -> int:
-        """Numbers of a code."""
+        """Dimensions of a code."""
         return len(self.levels)
 
     @property
     def commitment(self) -> float:
-        """Latents cannot run away from codes."""
+        """Zero: latents are bounded, so they cannot drift away from the codes."""
         return 0.0
 
 
 class FiniteScalarQuantiser(nn.Module):
-    """Rounding to levels; nothing in it is learnt."""
+    """Rounding to levels, without learned parameters."""
 
     codebook: Tensor
     reach: Tensor
@@ -55,7 +55,7 @@ class FiniteScalarQuantiser(nn.Module):
         self.settings = settings
         levels = torch.tensor(settings.levels)
         self.register_buffer("reach", (levels // 2).float(), persistent=False)
-        # With an even number of levels there is one more below 0 than above.
+        # With an even number of levels, there is one more level below 0 than above.
         self.register_buffer("offset", torch.where(levels % 2 == 0, 0.5, 0.0), persistent=False)
         steps = [math.prod(settings.levels[place + 1 :]) for place in range(len(levels))]
         self.register_buffer("steps", torch.tensor(steps), persistent=False)
@@ -63,17 +63,17 @@ class FiniteScalarQuantiser(nn.Module):
         self.register_buffer("codebook", (digits - levels // 2) / (levels // 2), persistent=False)
 
     def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """Latents bounded: in the units of codes, whose levels reach from -1 to 1."""
+        """Bounded latents in the units of the codes, whose levels lie between -1 and 1."""
         bound = (self.reach - self.offset) * (1 + BOUND_MARGIN)
         shift = torch.atanh(self.offset / bound)
         return ((latents + shift).tanh() * bound - self.offset) / self.reach
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to every code."""
+        """Squared distances to all codes."""
         return (self.to_code_space(latents)[..., None, :] - self.codebook).square().sum(-1)
 
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
-        """The nearest levels. Latents outside `mask` are told apart from others by nothing here."""
+        """Round to the nearest levels. `mask` has no effect, because nothing is learned here."""
         bounded = self.to_code_space(latents.float())
         rounded = (bounded.detach() * self.reach).round()
         indices: Int[Tensor, "B N"] = ((rounded + self.reach).long() * self.steps).sum(-1)

@@ -1,9 +1,10 @@
-"""How hard the codes of a VAE are drawn to their prior: annealing and free bits (beside TalkingEyes eq. 13).
+"""KL annealing and free bits for VAEs (extensions of TalkingEyes eq. 13).
 
-Early in training a strong divergence empties the codes before the decoder has learnt to read them. Linear annealing
-(Bowman et al. 2016) lets its weight rise from 0; cyclical annealing (Fu et al. 2019) does so again and again: along the
-first half of each cycle it rises, along the second it is whole. Free bits (Kingma et al. 2016, eq. 15) do not count a
-number of the code for less than so much information, so that nothing is gained by emptying it altogether.
+Early in training, a strong divergence empties the codes before the decoder has learned to use them (posterior
+collapse). Linear annealing (Bowman et al. 2016) raises the weight from 0. Cyclical annealing (Fu et al. 2019) repeats
+this: the weight rises over the first half of each cycle and is 1 over the second. Free bits (Kingma et al. 2016, eq.
+15) put a lower bound on the divergence of each dimension, so that emptying a dimension completely does not reduce the
+loss.
 """
 
 from __future__ import annotations
@@ -20,24 +21,24 @@ from talkingeyes.models.layers.schedules import ramp
 
 
 class AnnealingSettings(Settings):
-    """How the weight of the divergence rises."""
+    """Schedule of the weight of the divergence."""
 
     shape: Literal["linear", "cyclical"]
-    # Steps of training until it is whole (linear), or of one cycle.
+    # Training steps until the weight is 1 (linear), or of one cycle.
     steps: Annotated[int, Field(gt=1)]
 
 
 class KLSettings(Settings):
-    """What is made of the divergence."""
+    """Settings of the divergence term."""
 
-    # null: the weight of the loss from the first step on.
+    # null: full weight from the first step on.
     annealing: AnnealingSettings | None
-    # Bits a number of the code that cost nothing; 0: none.
+    # Free bits per latent dimension; 0: none.
     free_bits: Annotated[float, Field(ge=0)]
 
 
 def annealing_weight(settings: AnnealingSettings | None, trained_steps: int) -> float:
-    """The share of its weight that the divergence has, 0 to 1."""
+    """Factor on the weight of the divergence, 0 to 1."""
     if settings is None:
         return 1.0
     if settings.shape == "linear":
@@ -46,7 +47,7 @@ def annealing_weight(settings: AnnealingSettings | None, trained_steps: int) -> 
 
 
 def free_bits_kl(divergence_per_dim: Float[Tensor, "B N Z"], free_bits: float) -> Float[Tensor, ""]:
-    """The mean divergence (nats a number); over the batch, each of the Z numbers counts for its free bits at least."""
+    """Mean divergence (nats per dimension). The batch mean of each of the Z dimensions is at least its free bits."""
     if free_bits == 0:
         return divergence_per_dim.mean()
     return divergence_per_dim.mean(dim=(0, 1)).clamp(min=free_bits * math.log(2)).mean()

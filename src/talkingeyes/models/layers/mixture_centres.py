@@ -1,8 +1,9 @@
 """Centres of the absolute mixture components of a point process: learned, k-means or VQ-VAE.
 
-`learned` moves them by the gradient of the likelihood, with all the rest. The others are codebooks as the gaze of the
-paper has one (eq. 5 to 7; quantiser.py), learnt from the places that true events lead to, which the likelihood does not
-move: `k_means` is clustered online; `vq_vae` clusters latents of places, and stands where its decoder puts its codes.
+`learned` centres are trained by the likelihood with all other parameters. The other kinds are codebooks like that of
+gaze in the paper (eq. 5 to 7; quantiser.py), learned from the locations of true events without gradient from the
+likelihood. `k_means` clusters locations online. `vq_vae` clusters latents of locations, and its centres are the decoded
+codes.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ LATENT, HIDDEN = 8, 32
 
 
 class LearnedCentres(nn.Module):
-    """Parameters like any other."""
+    """Trainable parameters."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
         super().__init__()
         self.locations = nn.Parameter(start)
 
     def forward(self) -> Float[Tensor, "M D"]:
-        """The places."""
+        """The centres."""
         return self.locations
 
     def auxiliary_loss(self, locations: Float[Tensor, "K D"]) -> dict[str, Tensor]:
-        """In training, from the places of true events: terms of the loss of its own."""
+        """Loss terms of the centres from the locations of true events (training)."""
         return {}
 
 
 class KMeansCentres(nn.Module):
-    """Centres of clusters."""
+    """Centres of clusters of locations."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
         super().__init__()
@@ -47,13 +48,13 @@ class KMeansCentres(nn.Module):
         return self.quantiser.codebook
 
     def auxiliary_loss(self, locations: Float[Tensor, "K D"]) -> dict[str, Tensor]:
-        """Centres move to what is nearest to them; no term."""
+        """Update the centres from the locations; there is no loss term."""
         self.quantiser(locations[None])
         return {}
 
 
 class VQVAECentres(nn.Module):
-    """Codes of an autoencoder of places."""
+    """Decoded codes of a VQ-VAE of locations."""
 
     def __init__(self, start: Float[Tensor, "M D"]) -> None:
         super().__init__()
@@ -63,7 +64,7 @@ class VQVAECentres(nn.Module):
         self.decoder = nn.Sequential(nn.Linear(LATENT, HIDDEN), nn.GELU(), nn.Linear(HIDDEN, numbers))
 
     def forward(self) -> Float[Tensor, "M D"]:
-        """What the codes are decoded to; the likelihood of events moves neither."""
+        """The decoded codes, without gradient from the likelihood of events."""
         with torch.no_grad():
             out: Tensor = self.decoder(self.quantiser.codebook)
         return out

@@ -1,4 +1,4 @@
-"""Motion in units of its scale: what a network is centred on and divided by, kept with its weights."""
+"""Normalisation of motion by a mean and a scale that are stored with the weights."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 
 class MotionNormaliser(nn.Module):
-    """Statistics of the numbers of a frame; until they are set nothing changes."""
+    """Mean and scale per dimension; the identity until they are set."""
 
     mean: Tensor
     scale: Tensor
@@ -19,14 +19,14 @@ class MotionNormaliser(nn.Module):
         self.register_buffer("scale", torch.ones(numbers))
 
     def set(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"] | float) -> None:
-        """Take statistics; one scale may be for all numbers."""
+        """Set the statistics; `scale` may be one number for all dimensions."""
         self.mean.copy_(mean)
         self.scale.copy_(torch.as_tensor(scale))
 
     def forward(self, motion: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """In units of the scale."""
+        """Normalise a motion."""
         return (motion - self.mean) / self.scale
 
     def denormalise(self, normal: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """In the motion's own units."""
+        """Undo the normalisation."""
         return normal * self.scale + self.mean

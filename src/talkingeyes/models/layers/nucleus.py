@@ -1,4 +1,4 @@
-"""Nucleus (top-p) sampling: the tail of a distribution is never drawn (Holtzman et al. 2020)."""
+"""Nucleus (top-p) sampling: cuts the tail of a distribution (Holtzman et al. 2020)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def top_p_filter(logits: Float[Tensor, "B K"], top_p: float, temperature: float) -> Float[Tensor, "B K"]:
-    """Logits of the fewest categories whose probabilities, at a temperature, sum to `top_p`; all others barred."""
+    """Keep the fewest categories whose probabilities at the temperature sum to `top_p`; other logits become -inf."""
     if top_p == 1 or temperature == 0:
         return logits
     chances = (logits.double() / temperature).softmax(-1)

@@ -1,4 +1,4 @@
-"""Layers in numpy, for runs of many small steps: there a call of torch costs more than its arithmetic does."""
+"""Inference layers in numpy, for loops of many small steps, where a call of torch costs more than its arithmetic."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from torch import nn
 
 
 def to_numpy(value: torch.Tensor) -> Float[ndarray, "*N"]:
-    """A weight."""
+    """A weight as a numpy array."""
     return np.asarray(value.detach().cpu().numpy())
 
 
 def gelu(x: Float[ndarray, "*N"]) -> Float[ndarray, "*N"]:
-    """By torch, whose error function is ten times as fast as scipy's on rows of bins."""
+    """GELU by torch, whose error function is ten times as fast as scipy's on arrays of this size."""
     return F.gelu(torch.from_numpy(x)).numpy()
 
 
 class NumpyLayerNorm:
-    """A LayerNorm."""
+    """Layer normalisation."""
 
     def __init__(self, norm: nn.LayerNorm) -> None:
         self._weight, self._bias, self._eps = to_numpy(norm.weight), to_numpy(norm.bias), np.float32(norm.eps)
 
     def __call__(self, x: Float[ndarray, "N W"]) -> Float[ndarray, "N W"]:
-        """Rows of mean 0 and variance 1, scaled and moved."""
+        """Normalise rows to mean 0 and variance 1, then scale and shift."""
         width = x.shape[1]
         centred = x - x.sum(axis=1, keepdims=True) / width
         variance = np.einsum("nw,nw->n", centred, centred) / width
@@ -35,20 +35,20 @@ class NumpyLayerNorm:
 
 
 class NumpyLinear:
-    """A linear layer."""
+    """Linear layer."""
 
     def __init__(self, linear: nn.Linear) -> None:
         self._weight, self._bias = np.ascontiguousarray(to_numpy(linear.weight).T), to_numpy(linear.bias)
 
     def __call__(self, x: Float[ndarray, "*N C"]) -> Float[ndarray, "*N W"]:
-        """One product of matrices, whatever the leading axes are."""
+        """Apply the layer to the last axis, as one matrix product."""
         out = x.reshape(-1, len(self._weight)) @ self._weight + self._bias
         return np.asarray(out.reshape(*x.shape[:-1], len(self._bias)))
 
 
 class NumpyGRU:
-    """A linear layer and after it gated recurrent units, a step at a time: nothing lies between the two, so they are
-    one product."""
+    """A linear layer followed by a GRU, one step at a time. The layer and the input weights of the GRU are merged into
+    one matrix."""
 
     def __init__(self, before: nn.Linear, gru: nn.GRU) -> None:
         weights = {name: to_numpy(each) for name, each in gru.named_parameters()}
@@ -66,10 +66,10 @@ class NumpyGRU:
 
 
 class NumpyCausalConv:
-    """A dilated convolution over time that remembers what it has heard; before the first frame, silence."""
+    """Dilated causal convolution that keeps its past input; the input before the first frame is zero."""
 
     def __init__(self, convolution: nn.Conv1d) -> None:
-        weight = to_numpy(convolution.weight)  # output, input, tap
+        weight = to_numpy(convolution.weight)  # axes: output, input, tap
         self._weight = np.ascontiguousarray(weight.transpose(2, 1, 0).reshape(-1, len(weight)))
         self._bias = to_numpy(convolution.bias)  # type: ignore[arg-type]
         (taps,), (dilation,) = convolution.kernel_size, convolution.dilation
@@ -77,7 +77,7 @@ class NumpyCausalConv:
         self._past = np.zeros((self._starts[-1], weight.shape[1]), np.float32)
 
     def __call__(self, x: Float[ndarray, "T C"]) -> Float[ndarray, "T W"]:
-        """The next frames."""
+        """Outputs of the next frames."""
         padded = np.concatenate([self._past, x])
         self._past = padded[len(x) :]
         taps = np.concatenate([padded[start : start + len(x)] for start in self._starts], axis=1)

@@ -1,12 +1,14 @@
-"""Events in time bins: when the next one comes, and where it leads (a marked point process, discretised).
+"""Marked temporal point process in discrete time: hazard and location of the next event, per time bin.
 
-In every bin a hazard says whether an event happens; what one leads to is a mixture of Gaussians, some at places of
-their own, some near the present place but drawn back to the middle, each by its own share (steps that are never drawn
-back lead ever farther off: docs/log.md), some at places that were left (revisit_mixture.py). All follow from the
-past events (a recurrent network over them, not over frames), from how long the last one is ago, from where the longest
-held place is, from the last steps (previous_steps.py) if so many are told, and from a condition around the bin. If they
-are adaptive, the Gaussians near the present place are moved and widened by all that, too. The end of a sequence is
-censoring: a bin without an event is a term of the likelihood like any other.
+In every bin, a hazard gives the probability of an event. The location of an event follows a mixture of Gaussians with
+three kinds of components: absolute components at fixed centres; relative components near the present location, each
+pulled towards the centre by an autoregressive coefficient of its own (steps without such a pull drift ever farther
+away: docs/log.md); and revisits of previous locations (revisit_mixture.py).
+
+Hazard and mixture depend on the past events (an RNN over events, not frames), the time since the last event, the offset
+from the location of the longest dwell, optionally the previous steps (previous_steps.py), and a condition around the
+bin. Adaptive components are also shifted and scaled by these features. The end of a sequence is censoring: a bin
+without an event is a term of the likelihood like any other.
 """
 
 from __future__ import annotations
@@ -28,36 +30,36 @@ from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampl
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations, RevisitMixture
 
-MAX_AGE_BINS = 63  # bins since the last event are told apart up to this many
-INITIAL_AR_COEFFICIENTS = (0.4, 1.0)  # at first, from the Gaussian that is drawn back most to the one that is not
-# How wide Gaussians are at first, of the spread. One in the middle is wide: seldom gone places, to every side, have no
-# other near them that would learn them (docs/log.md).
+MAX_AGE_BINS = 63  # longer times since the last event share an embedding
+INITIAL_AR_COEFFICIENTS = (0.4, 1.0)  # from the strongest pull to the centre to none
+# Initial standard deviations, in units of the spread. One absolute component starts wide: rare locations on all sides
+# have no other component near them that could learn them (docs/log.md).
 INITIAL_SD, INITIAL_BACKGROUND_SD = 0.2, 1.5
 MIN_LOG_SD, MAX_LOG_SD = -5.0, 1.0
-MIN_VARIANCE_RATIO = 0.05  # of the variance of a Gaussian that is left without noise
+MIN_VARIANCE_RATIO = 0.05  # lower bound of denoised to learned variance
 
 
 class PointProcessSettings(Settings):
-    """Size of the process, and what guards it against leaning on its own history."""
+    """Size of the process, and its regularisation against over-reliance on its own history."""
 
     width: Annotated[int, Field(gt=0)]
-    # Frames of a bin; at most one event a bin.
+    # Frames per bin; at most one event per bin.
     bin_frames: Annotated[int, Field(gt=0)]
-    # Gaussians at places of their own, and near the present place.
+    # Number of mixture components at fixed centres, and of those near the present location.
     absolute_components: Annotated[int, Field(ge=0)]
     relative_components: Annotated[int, Field(gt=0)]
     # How the centres of the absolute components are learned (mixture_centres.py).
     mixture_centres: MixtureCentresKind
-    # Whether the features shift and scale the relative components, all alike.
+    # Whether the features shift and scale the relative components, all by the same amount.
     adaptive_components: bool
-    # Number of last steps that the features include.
+    # Number of previous steps in the features.
     previous_steps: Annotated[int, Field(ge=0)]
     # Number of previous locations that can be revisited.
     previous_locations: Annotated[int, Field(gt=0)]
     # Convolutions over the condition, of kernel 5 with dilation 1, 2, ...: 3 layers reach 14 bins to each side.
     layers: Annotated[int, Field(ge=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # In training: share of past events that are hidden, and noise on past places (in units of the scale).
+    # In training: fraction of past events that are hidden, and noise on past locations (in units of the scale).
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
     history_noise: Annotated[float, Field(ge=0)]
 
@@ -72,14 +74,14 @@ class PointProcessSettings(Settings):
 
 
 class CausalPointProcessSettings(PointProcessSettings):
-    """A process for streams: its layers hear the past of the condition and at most `lookahead` bins of what comes."""
+    """A process for streaming: its condition encoder uses past bins and at most `lookahead` future bins."""
 
     lookahead: Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True)
 class EventSequence:
-    """At most K events of each of B sequences, the first in bin 0; `mask` tells them from padding."""
+    """At most K events of each of B sequences, the first in bin 0. `mask` is false for padding."""
 
     bins: Int[Tensor, "B K"]
     locations: Float[Tensor, "B K D"]
@@ -89,7 +91,7 @@ class EventSequence:
     def from_frames(
         cls, event: Bool[Tensor, "B T"], location: Float[Tensor, "B T D"], bin_frames: int
     ) -> EventSequence:
-        """Events at marked frames, each to the place at its frame; the first bin holds the place at frame 0 alone."""
+        """Events at marked frames, with the locations of these frames. The first bin holds only an event at frame 0."""
         event = event.clone()
         event[:, :bin_frames] = False
         event[:, 0] = True
@@ -101,8 +103,8 @@ class EventSequence:
 
 @dataclass(frozen=True)
 class _History:
-    """What is known before bins: features of the events so far, the present place, headings of the steps to it, the age
-    of the last event, home."""
+    """State before each bin: features of past events, present location, encodings of the steps to it, bins since the
+    last event, and the location of the longest dwell."""
 
     state: Float[Tensor, "B N W"]
     location: Float[Tensor, "B N D"]
@@ -113,7 +115,7 @@ class _History:
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Logits, centres and logarithms of the standard deviations of M Gaussians."""
+    """Logits, centres and log standard deviations of M Gaussians."""
 
     logits: Float[Tensor, "*N M"]
     centre: Float[Tensor, "*N M D"]
@@ -121,15 +123,16 @@ class _Mixture:
 
 
 class PointProcess(nn.Module):
-    """Hazard and place of events of D numbers under a condition of C numbers a bin."""
+    """Hazard and location of events of D dimensions, given a condition of C numbers per bin."""
 
-    max_log_scale = 2.5  # that the Gaussians near the present place are widened by, or narrowed
+    max_log_scale = 2.5  # bound on the adaptive scale of the relative components
     observation_noise: Tensor
 
     def __init__(self, settings: PointProcessSettings, condition: int, spread: tuple[float, ...]) -> None:
-        """`spread`: how far places lie from 0, a number each; where the Gaussians start from.
+        """`spread`: standard deviation of locations per dimension; it sets the initial Gaussians.
 
-        Who knows by how much the places to learn from are off (a standard deviation) says so in `observation_noise`.
+        Set the buffer `observation_noise` to the standard deviation of the errors of the training locations, if it is
+        known.
         """
         super().__init__()
         self.settings = settings
@@ -164,11 +167,12 @@ class PointProcess(nn.Module):
         self.revisits = RevisitMixture(settings.previous_locations, width, spread)
 
     def means(self) -> Float[Tensor, "M D"]:
-        """Of the Gaussians: first those at places of their own, then how far from the present place the others lie."""
+        """Centres of the absolute components, followed by the offsets of the relative components from the present
+        location."""
         return torch.cat([self.mixture_centres(), self.offsets])
 
     def loss_terms(self, events: EventSequence, condition: Float[Tensor, "B N C"]) -> dict[str, Tensor]:
-        """Negative log-likelihoods: `time` a bin, `location` an event; and the loss of the mixture centres, if any."""
+        """Negative log-likelihoods (`time` per bin, `location` per event) and any loss of the mixture centres."""
         learnt = self.mixture_centres.auxiliary_loss(events.locations[events.mask])
         encoded_condition = self.condition_encoder(condition)
         past = self._past(events, encoded_condition)
@@ -189,18 +193,18 @@ class PointProcess(nn.Module):
     def sample(
         self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float
     ) -> SampledEvents:
-        """Events drawn from D + 3 uniform numbers a bin, under one condition each or one for all."""
+        """Sample events from D + 3 uniform numbers per bin, for one condition per row or one for all rows."""
         return Sampler(self, temperature).sample(self.condition_encoder(condition).cpu().numpy(), uniform.cpu().numpy())
 
     def clamped_log_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
-        """Of the Gaussians, and of going back."""
+        """Clamped log standard deviations of the Gaussians and of revisits."""
         return (
             self.log_sds.clamp(MIN_LOG_SD, MAX_LOG_SD),
             self.revisits.log_sd.clamp(MIN_LOG_SD, MAX_LOG_SD),
         )
 
     def denoised_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
-        """As wide as the Gaussians would be without the noise, which a place has once and the way between two twice."""
+        """Standard deviations without observation noise, whose variance enters a location once and a step twice."""
         own, back = (log_sd.exp().square() for log_sd in self.clamped_log_sds())
         times = torch.ones_like(own)
         times[self.settings.absolute_components :] = 2
@@ -212,7 +216,7 @@ class PointProcess(nn.Module):
         return own.sqrt(), back.sqrt()
 
     def _past(self, events: EventSequence, encoded_condition: Float[Tensor, "B N W"]) -> _History:
-        """What was known before each bin of true events; in training with noise on places and some events hidden."""
+        """State before each bin of true events; in training with noise on locations and with some events hidden."""
         seen = events.locations
         if self.training:
             seen = seen + self.settings.history_noise * torch.randn_like(seen)
@@ -227,7 +231,7 @@ class PointProcess(nn.Module):
         states = torch.cat([first[0][:, None], self.history_rnn(tokens, first)[0]], dim=1)
         order = torch.arange(encoded_condition.shape[1], device=encoded_condition.device)
         bins = torch.where(events.mask, events.bins, encoded_condition.shape[1]).contiguous()
-        known = torch.searchsorted(bins, order.expand(len(bins), -1).contiguous())  # events before each bin
+        known = torch.searchsorted(bins, order.expand(len(bins), -1).contiguous())  # number of events before each bin
         last = (known - 1).clamp(min=0)
         location = events.locations.gather(1, last[..., None].expand(-1, -1, seen.shape[-1])) * (known > 0)[..., None]
         age = torch.where(known > 0, order - bins.gather(1, last), 0)
@@ -268,7 +272,7 @@ class PointProcess(nn.Module):
     def _mixture(
         self, features: Float[Tensor, "*N W"], location: Float[Tensor, "*N D"], previous_locations: PreviousLocations
     ) -> _Mixture:
-        """The mixture where so much is known."""
+        """The mixture given features, present location and previous locations."""
         log_sd, back = self.clamped_log_sds()
         far = self.mixture_centres().expand(*features.shape[:-1], -1, -1)
         near: Tensor = self.offsets
@@ -306,7 +310,7 @@ def _at(events: Float[Tensor, "B K C"], known: Int[Tensor, "B N"]) -> Float[Tens
 
 
 def bin_means(frames: Float[Tensor, "B T C"], bin_frames: int, extra_bins: int = 0) -> Float[Tensor, "B N C"]:
-    """Means of bins, so many of them beyond the last frame; there, the last frame."""
+    """Means of bins, with `extra_bins` more that repeat the last frame."""
     count = math.ceil(frames.shape[1] / bin_frames) + extra_bins
     filled = torch.cat([frames, frames[:, -1:].expand(-1, count * bin_frames - frames.shape[1], -1)], dim=1)
     out: Tensor = filled.unflatten(1, (count, bin_frames)).mean(2)
@@ -314,7 +318,7 @@ def bin_means(frames: Float[Tensor, "B T C"], bin_frames: int, extra_bins: int =
 
 
 def _quantiles(count: int, numbers: int) -> Float[Tensor, "M D"]:
-    """Points spread evenly under a standard normal law."""
+    """Quasi-random quantiles of a standard normal distribution."""
     points = torch.quasirandom.SobolEngine(numbers, scramble=True, seed=0).draw(count)
     out: Tensor = torch.special.ndtri(points.double().clamp(0.01, 0.99)).float()
     return out

@@ -1,8 +1,8 @@
-"""Free runs of an event process (point_process.py): events drawn one after the other, in numpy.
+"""Free-running sampler of a point process (point_process.py), in numpy.
 
-Every event changes what the next depends on, so a run is a loop of small steps, in which a call of torch costs more
-than its arithmetic does: in numpy a run takes a fraction of the time (docs/log.md). The formulas are those that the
-process learns with; tests/test_point_process_sampler.py holds each draw to them.
+Every event changes the distribution of the next, so sampling is a loop of small steps, in which a call of torch costs
+more than its arithmetic. In numpy, sampling takes a fraction of the time (docs/log.md). The formulas are those of
+training; tests/test_point_process_sampler.py compares each sample with them.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT
 if TYPE_CHECKING:
     from talkingeyes.models.layers.point_process import PointProcess
 
-# Bins that are looked at together, at most, and in mean gaps between events: heads have some three, gaze twelve.
+# Maximum number of bins evaluated together, absolute and in mean gaps between events (about 3 bins for heads, 12 for
+# gaze).
 MAX_BLOCK_BINS, BLOCK_MEAN_GAPS = 16, 2.0
 
 
 @dataclass(frozen=True)
 class SampledEvents:
-    """What was drawn in N bins: whether an event happened, when in its bin (0 to 1), and the place since then."""
+    """Samples of N bins: whether there is an event, its phase within the bin (0 to 1), and the location since then."""
 
     event: Bool[ndarray, "B N"]
     phase: Float[ndarray, "B N"]
@@ -39,24 +40,24 @@ class SampledEvents:
 
 @dataclass
 class SamplerState:
-    """Between two bins: what is remembered, the present place, headings of the last S steps to it, bins since the last
-    event, the last R places left."""
+    """State between two bins: the state of the RNN, the present location, the encodings of the last S steps, the bins
+    since the last event, and the last R locations."""
 
     state: Float[ndarray, "B W"]
     location: Float[ndarray, "B D"]
     longest_dwell_location: Float[
         ndarray, "B D"
-    ]  # the place that held longest; the present one where none was left yet
+    ]  # the previous location of the longest dwell; the present one if there is none
     step_encodings: Float[ndarray, "B S H"]
     age: Int[ndarray, " B"]
     previous_locations: Float[ndarray, "B R D"]
-    dwell_bins: Float[ndarray, "B R"]  # bins; 0: no place was left yet
+    dwell_bins: Float[ndarray, "B R"]  # 0: no previous location
 
     def move_to(self, rows: Int[ndarray, " S"], location: Float[ndarray, "S D"]) -> None:
-        """Some rows leave the place where they are for another; the oldest that was left is forgotten."""
+        """Move some rows to a new location; the oldest previous location is dropped."""
         old, age = self.location[rows], self.age[rows]
         if self.step_encodings.shape[1]:
-            step = np.where(age[:, None] > 0, location - old, 0)  # to the first place leads no step
+            step = np.where(age[:, None] > 0, location - old, 0)  # no step leads to the first location
             self.step_encodings[rows] = _prepend(_encode_step(step), self.step_encodings[rows])
         self.previous_locations[rows] = previous_locations = _prepend(old, self.previous_locations[rows])
         self.dwell_bins[rows] = dwell_bins = _prepend(age.astype(np.float32), self.dwell_bins[rows])
@@ -70,21 +71,21 @@ class SamplerState:
 
 
 def _encode_step(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
-    """As previous_steps.py has it."""
+    """The numpy version of `encode_step` in previous_steps.py."""
     length = np.sqrt(np.einsum("sd,sd->s", step, step))[:, None] + np.float32(MIN_STEP)
     return np.concatenate([step / length, np.log(length)], axis=1)
 
 
 def _prepend(new: Float[ndarray, "S ..."], past: Float[ndarray, "S R ..."]) -> Float[ndarray, "S R ..."]:
-    """As many as before: the new one first, without the oldest."""
+    """Insert the new entry first and drop the oldest."""
     return np.concatenate([new[:, None], past[:, :-1]], axis=1)
 
 
 class Sampler:
-    """The weights of a process as free runs use them. Uniform numbers decide: D + 3 a bin."""
+    """Weights of a process for free running. Samples are determined by D + 3 uniform numbers per bin."""
 
     def __init__(self, process: PointProcess, temperature: float) -> None:
-        """The temperature narrows the choice of a place and the Gaussians."""
+        """`temperature` scales the mixture logits and the Gaussians."""
         self.means, ar_coefficients = to_numpy(process.means()), to_numpy(process.ar_coefficients)
         width, (count, numbers) = process.settings.width, self.means.shape
         self.ar_coefficients = np.concatenate(
@@ -115,12 +116,12 @@ class Sampler:
         self.sds, self.return_sd = map(to_numpy, process.denoised_sds())
 
     def sample(self, encoded_condition: Float[ndarray, "_ N W"], uniform: Float[ndarray, "B N U"]) -> SampledEvents:
-        """The same as bin after bin, but from event to event; all rows hear what is heard, or each its own.
+        """Sample all bins, from event to event; one condition for all rows or one per row.
 
-        Nothing that a hazard depends on changes between two events but the condition and the age, so several bins are
-        looked at together.
+        Between two events, the hazard depends only on the condition and the age, so several bins are evaluated
+        together. The result equals that of `begin` and `advance`.
         """
-        # Beyond the last bin nothing is heard and nothing happens.
+        # Beyond the last bin the condition is zero and no event can happen.
         entered = np.pad(encoded_condition @ self.condition_weight, ((0, 0), (0, MAX_BLOCK_BINS), (0, 0)))
         least = np.pad(uniform[..., 0], ((0, 0), (0, MAX_BLOCK_BINS)), constant_values=2.0)
         batch, count = uniform.shape[:2]
@@ -130,7 +131,7 @@ class Sampler:
         run = self.begin(encoded_condition[:, 0], uniform[:, 0])
         event, location = np.zeros((batch, count), bool), np.zeros((batch, count, run.location.shape[1]), np.float32)
         event[:, 0], location[:, 0] = True, run.location
-        at = np.zeros(batch, int)  # the last bin that is known, a row each
+        at = np.zeros(batch, int)  # last sampled bin of each row
         block_bins, events = MAX_BLOCK_BINS, 0
         while len(rows := np.flatnonzero(at < count - 1)):
             ahead = np.arange(1, block_bins + 1)
@@ -153,7 +154,7 @@ class Sampler:
         return SampledEvents(event, uniform[..., 1], np.take_along_axis(location, since[..., None], axis=1))
 
     def begin(self, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]) -> SamplerState:
-        """The first bin, which holds an event always."""
+        """State after the first bin, which always holds an event."""
         batch, numbers = len(encoded_condition), self.ar_coefficients.shape[1]
         still = np.repeat(_encode_step(np.zeros((batch, numbers), np.float32))[:, None], self.previous_steps, axis=1)
         run = SamplerState(
@@ -175,7 +176,7 @@ class Sampler:
     def advance(
         self, run: SamplerState, encoded_condition: Float[ndarray, "B W"], uniform: Float[ndarray, "B U"]
     ) -> Bool[ndarray, " B"]:
-        """One bin more, as a stream has them: whether an event happens in it; the run moves on."""
+        """Sample one more bin, as streaming needs it, and update the state. Returns the rows with an event."""
         run.age += 1
         every = np.arange(len(encoded_condition))
         features = self._features(run, every, (encoded_condition @ self.condition_weight)[:, None], run.age[:, None])[
@@ -189,7 +190,7 @@ class Sampler:
     def _features(
         self, run: SamplerState, rows: Int[ndarray, " S"], entered: Float[ndarray, "S N W"], age: Int[ndarray, "S N"]
     ) -> Float[ndarray, "S N W"]:
-        """Of N bins of some rows, of which what is heard has entered."""
+        """Features of N bins of some rows; `entered` is the projected condition."""
         location = run.location[rows]
         step_encodings = run.step_encodings[rows].reshape(len(rows), -1)
         known = (
@@ -212,7 +213,7 @@ class Sampler:
         encoded_condition: Float[ndarray, "S W"],
         uniform: Float[ndarray, "S U"],
     ) -> None:
-        """An event happens in some rows: where it leads, and what is remembered of it."""
+        """Sample the location of an event in some rows and update their state."""
         old = run.location[rows]
         new = self._place(run, rows, features, uniform)
         since = np.log1p(run.age[rows, None].astype(np.float32))
@@ -227,7 +228,7 @@ class Sampler:
         features: Float[ndarray, "S W"],
         uniform: Float[ndarray, "S U"],
     ) -> Float[ndarray, "S D"]:
-        """Where an event leads: one Gaussian, then a number of it."""
+        """Sample a location: first the mixture component, then a point of its Gaussian."""
         logits = self.logits(run, rows, features)
         chosen = sample_categorical(torch.from_numpy(logits), torch.from_numpy(uniform[:, 0]), self.temperature).numpy()
         which = np.minimum(chosen, len(self.ar_coefficients) - 1)
@@ -246,7 +247,7 @@ class Sampler:
     def logits(
         self, run: SamplerState, rows: Int[ndarray, " S"], features: Float[ndarray, "S W"]
     ) -> Float[ndarray, "S M"]:
-        """Of the Gaussians, and after them of the places that were left."""
+        """Logits of the Gaussians, followed by those of the previous locations."""
         previous_locations, dwell_bins = run.previous_locations[rows], run.dwell_bins[rows]
         away, off = (
             previous_locations - run.location[rows, None],

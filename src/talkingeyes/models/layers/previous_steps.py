@@ -1,7 +1,7 @@
-"""Steps that led to the present place: a process (point_process.py) can be told the last ones.
+"""Encodings of the steps that led to the present location, an optional input of the point process (point_process.py).
 
-A stroke of the head goes on the way the last one went, and as far. Told places alone, a network has to find
-that out, and what it draws turns about too often and too fast (docs/log.md).
+A movement segment of the head tends to continue in the direction of the last one, and as far. Given locations alone, a
+network has to infer this, and its samples reverse too often and too fast (docs/log.md).
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-MIN_STEP = 0.05  # in units of the scale: shorter steps have hardly a direction
+MIN_STEP = 0.05  # in units of the scale: the direction of shorter steps shrinks to zero
 
 
 def encode_step(step: Float[Tensor, "*N D"]) -> Float[Tensor, "*N H"]:
-    """Direction and logarithm of the length, D + 1 numbers: small steps have a direction too."""
+    """Direction and log length of a step, D + 1 numbers. MIN_STEP is added to the length."""
     length = step.norm(dim=-1, keepdim=True) + MIN_STEP
     return torch.cat([step / length, length.log()], dim=-1)
 
 
 def previous_step_encodings(locations: Float[Tensor, "B K D"], count: int) -> Float[Tensor, "B K+1 P"]:
-    """Headings of the last S steps before each event of a sequence, and after the last (K + 1), the latest first.
+    """Encodings of the last S steps before each event and after the last event (K + 1 rows), the latest first.
 
-    To the first place leads no step.
+    No step leads to the first location.
     """
     step = F.pad(locations.diff(dim=1), (0, 0, 1, 0))
     nth = torch.arange(count, device=locations.device)

@@ -1,8 +1,8 @@
 """Vector quantisation (TalkingEyes eq. 5 and 7; van den Oord et al. 2017).
 
-The codebook term of eq. 7 is minimised by its closed form, an exponential moving average of the latents that chose a
-code (van den Oord et al. 2017, appendix A.1): by gradient the codebook collapses to a few codes (docs/log.md). Codes
-that are hardly used are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
+The codebook term of eq. 7 is minimised in closed form, by an exponential moving average of the latents assigned to each
+code (van den Oord et al. 2017, appendix A.1). By gradient, the codebook collapses to a few codes (docs/log.md). Rarely
+used codes are restarted at latents of the batch (Dhariwal et al. 2020, Jukebox).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from talkingeyes.models.layers import distributed
 
 
 class QuantiserSettings(Settings):
-    """A codebook."""
+    """Settings of a codebook."""
 
     kind: Literal["codebook"]
     # Number of codes N (the paper: 1,024).
@@ -37,7 +37,7 @@ class QuantiserSettings(Settings):
 
 @dataclass(frozen=True)
 class QuantiserOutput:
-    """Codes of latents. `values` pass gradients straight through; `commitment` is the last term of eq. 7."""
+    """Codes of latents. `values` have a straight-through gradient; `commitment` is the last term of eq. 7."""
 
     values: Float[Tensor, "*N C"]
     indices: Int[Tensor, "*N"]
@@ -45,7 +45,7 @@ class QuantiserOutput:
 
 
 class Quantiser(nn.Module):
-    """The codebook Z = {z_k}; updated in training mode only."""
+    """The codebook Z = {z_k}, updated in training mode only."""
 
     codebook: Tensor
     counts: Tensor
@@ -61,16 +61,16 @@ class Quantiser(nn.Module):
         self.register_buffer("initialised", torch.tensor(False))
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to every code."""
+        """Squared distances to all codes."""
         return squared_distances(latents, self.codebook)
 
     def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """Latents and codes are of one space."""
+        """The identity: latents and codes share a space."""
         return latents
 
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
-        """Nearest codes (eq. 5). Only latents where `mask` count for the losses and the codebook."""
-        latents = latents.float()  # under autocast too: codes are compared in full precision
+        """Nearest codes (eq. 5). Only latents where `mask` is true count for the losses and the codebook."""
+        latents = latents.float()  # distances in full precision, also under autocast
         with torch.autocast(latents.device.type, enabled=False):
             if self.training:
                 kept = latents if mask is None else latents[mask]
@@ -79,7 +79,7 @@ class Quantiser(nn.Module):
 
     @torch.no_grad()
     def update(self, latents: Float[Tensor, "M C"]) -> None:
-        """Move the averages of codes on by the latents of a batch."""
+        """Update the moving averages by the latents of a batch."""
         if not len(latents):
             return
         if not self.initialised:
@@ -95,7 +95,7 @@ class Quantiser(nn.Module):
         self._restart(self.counts < self.settings.restart_below, latents)
 
     def _restart(self, dead: Bool[Tensor, " K"], latents: Float[Tensor, "M C"]) -> None:
-        """Put codes on latents of this batch, a little apart so that several on one latent can part."""
+        """Move codes to latents of this batch, with a little noise so that codes at the same latent can separate."""
         count = int(dead.sum())
         if not count:
             return
@@ -108,7 +108,7 @@ class Quantiser(nn.Module):
 
 @runtime_checkable
 class Codebook(Protocol):
-    """What latents are compared with."""
+    """Interface of a codebook."""
 
     @property
     def codebook(self) -> Float[Tensor, "K C"]: ...
@@ -117,7 +117,7 @@ class Codebook(Protocol):
 
 
 def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None) -> QuantiserOutput:
-    """Nearest codes (eq. 5), straight through, and how far from them the latents where `mask` lie (eq. 7)."""
+    """Nearest codes (eq. 5), straight through, and the commitment loss of the latents where `mask` is true (eq. 7)."""
     latents = latents.float()
     with torch.autocast(latents.device.type, enabled=False):
         indices = codes.distances(latents.detach()).argmin(-1)
@@ -132,12 +132,13 @@ def quantise(codes: Codebook, latents: Float[Tensor, "B N C"], mask: Bool[Tensor
 
 
 def squared_distances(latents: Float[Tensor, "*N C"], codebook: Float[Tensor, "K C"]) -> Float[Tensor, "*N K"]:
-    """Squared distances to every code."""
+    """Squared distances to all codes."""
     squares = latents.square().sum(-1, keepdim=True) + codebook.square().sum(-1)
     return squares - 2 * latents @ codebook.T
 
 
 def perplexity(counts: Float[Tensor, " K"]) -> float:
-    """exp of the entropy of code use; depends on how much data was counted, so give it with the codes used."""
+    """exp of the entropy of code use. It depends on the number of counted codes, so report it with the number of used
+    codes."""
     shares = counts / counts.sum().clamp(min=1)
     return float(torch.exp(-(shares * shares.clamp(min=1e-12).log()).sum()))

@@ -1,4 +1,4 @@
-"""The kinds of quantiser, told apart by `kind`; all have a `codebook` of values, `distances` to it, and indices."""
+"""The quantisers by `kind`. Each has a `codebook`, `distances` to it, and returns code indices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AnyQuantiserSettings = Annotated[
 def make_quantiser(
     settings: QuantiserSettings | FiniteScalarQuantiserSettings | ResidualQuantiserSettings,
 ) -> AnyQuantiser:
-    """The quantiser that a section configures."""
+    """Build the quantiser that the settings describe."""
     if isinstance(settings, FiniteScalarQuantiserSettings):
         return FiniteScalarQuantiser(settings)
     if isinstance(settings, ResidualQuantiserSettings):

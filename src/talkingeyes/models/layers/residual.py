@@ -1,8 +1,8 @@
-"""Residual codes: a code is a sum of one of each level, each level coding what those before it leave (RVQ).
+"""Residual vector quantisation (RVQ): a code is a sum of one code per level, each level coding the residual.
 
-Zeghidour et al. 2021 (SoundStream). With D levels of K codes each there are K^D sums: few vectors are learnt, each from
-much data, and nearly the same gaze has nearly the same code. An index names a whole combination, so that decoders that
-predict one code need not know of levels; of all sums the nearest is taken, which a search level by level can miss.
+Zeghidour et al. 2021 (SoundStream). D levels of K codes each give K^D sums: few vectors are learned, each from much
+data, and similar gaze has similar codes. An index identifies a whole combination, so decoders that predict one code do
+not need to know about levels. The nearest of all sums is chosen, which a greedy search level by level can miss.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ MAX_CODES = 4096
 
 
 class ResidualQuantiserSettings(Settings):
-    """Levels of codes."""
+    """Settings of the residual codebooks."""
 
     kind: Literal["residual"]
-    # How many levels.
+    # Number of levels.
     depth: Annotated[int, Field(gt=1)]
-    # Codes of a level.
+    # Codes per level.
     level_codes: Annotated[int, Field(gt=1)]
     width: Annotated[int, Field(gt=0)]
     # Weight beta of the commitment term in eq. 7.
@@ -54,13 +54,13 @@ class ResidualQuantiserSettings(Settings):
 
     @property
     def level(self) -> QuantiserSettings:
-        """What one level is."""
+        """Settings of one level."""
         shared = {name: getattr(self, name) for name in ("width", "commitment", "decay", "restart_below")}
         return QuantiserSettings(kind="codebook", codes=self.level_codes, **shared)
 
 
 class ResidualQuantiser(nn.Module):
-    """Codebooks one after the other; updated in training mode only."""
+    """A sequence of codebooks, updated in training mode only."""
 
     def __init__(self, settings: ResidualQuantiserSettings) -> None:
         super().__init__()
@@ -73,22 +73,22 @@ class ResidualQuantiser(nn.Module):
 
     @property
     def codebook(self) -> Float[Tensor, "K C"]:
-        """All sums; the last level changes fastest."""
+        """All sums; the index of the last level varies fastest."""
         table, *others = (level.codebook for level in self._level_list)
         for each in others:
             table = (table[:, None] + each).flatten(0, 1)
         return table
 
     def to_code_space(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N C"]:
-        """Latents and codes are of one space."""
+        """The identity: latents and codes share a space."""
         return latents
 
     def distances(self, latents: Float[Tensor, "*N C"]) -> Float[Tensor, "*N K"]:
-        """Squared distances to every sum."""
+        """Squared distances to all sums."""
         return squared_distances(latents, self.codebook)
 
     def forward(self, latents: Float[Tensor, "B N C"], mask: Bool[Tensor, "B N"] | None = None) -> QuantiserOutput:
-        """Nearest sums. Only latents where `mask` count for the losses and the codebooks."""
+        """Nearest sums. Only latents where `mask` is true count for the losses and the codebooks."""
         if self.training:
             kept = latents.float() if mask is None else latents.float()[mask]
             rest = distributed.all_gather_rows(kept.detach().reshape(-1, latents.shape[-1]))

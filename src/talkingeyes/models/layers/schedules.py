@@ -1,6 +1,7 @@
-"""What changes while a network is trained: parts that are told how many steps it has been trained for.
+"""Training schedules of modules: some parts of a network depend on the number of training steps.
 
-The training's task tells them before each step, from the loop's own count: one that was killed goes on as it was.
+The training task sets the number before each step from the count of the loop, so that a resumed training continues the
+schedule.
 """
 
 from __future__ import annotations
@@ -12,18 +13,18 @@ from torch import nn
 
 @runtime_checkable
 class ScheduledModule(Protocol):
-    """A part of a network that is trained otherwise early than late."""
+    """A module whose behaviour depends on the training step."""
 
     trained_steps: int
 
 
 def set_trained_steps(network: nn.Module, steps: int) -> None:
-    """Tell every such part of a network how many steps it has been trained for."""
+    """Set the number of training steps in all scheduled modules of a network."""
     for part in network.modules():
         if isinstance(part, ScheduledModule):
             part.trained_steps = steps
 
 
 def ramp(steps: int, over: int) -> float:
-    """From 0 along a line to 1, which is reached after `over` steps."""
+    """Linear ramp from 0 to 1, which is reached after `over` steps."""
     return min(1.0, steps / over)

@@ -1,6 +1,6 @@
-"""A causal transformer with a key-value cache; optionally each layer also attends to a time-aligned memory (eq. 9).
+"""Causal transformer with a key-value cache; optionally, each layer also attends to a time-aligned memory (eq. 9).
 
-Self-attention sees the last `lookback` frames, so time and memory of a step do not grow with the length of the
+Self-attention covers the last `lookback` frames, so time and memory per step do not grow with the length of the
 sequence.
 """
 
@@ -25,13 +25,13 @@ class TransformerSettings(Settings):
     layers: Annotated[int, Field(gt=0)]
     heads: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # How many positions (frames or codes) back self-attention sees.
+    # Number of past positions (frames or codes) in self-attention.
     lookback: Annotated[int, Field(gt=0)]
 
 
 @dataclass(frozen=True)
 class CrossAttentionWindow:
-    """How many memory positions before and after its own a position attends to."""
+    """Numbers of memory positions before and after its own that a position attends to."""
 
     lookback: int
     lookahead: int
@@ -39,19 +39,19 @@ class CrossAttentionWindow:
 
 @dataclass
 class Cache:
-    """What is remembered between steps: past self-attention and the projected memory, a layer each."""
+    """Cached keys and values per layer: past self-attention, and the projected memory."""
 
     position: int
     past: list[KeysValues | None]
     memory: list[KeysValues | None]
 
     def detach_past(self) -> None:
-        """No gradient goes back through what is remembered of the past."""
+        """Detach the past of self-attention from the gradient."""
         self.past = [each.detached() if each else None for each in self.past]
 
 
 class TransformerLayer(nn.Module):
-    """Pre-norm: self-attention (to `lookahead` later positions, too), cross-attention to a memory, feed-forward."""
+    """Pre-norm layer: self-attention (with `lookahead` future positions), cross-attention to a memory, feed-forward."""
 
     def __init__(self, settings: TransformerSettings, lookahead: int, cross: CrossAttentionWindow | None) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class TransformerLayer(nn.Module):
 
 
 class CausalTransformer(nn.Module):
-    """Layers and a final norm. `forward` takes whole sequences, `start` and `step` one position at a time."""
+    """Layers and a final norm. `forward` processes whole sequences; `start` and `step` one position at a time."""
 
     def __init__(self, settings: TransformerSettings, cross: CrossAttentionWindow | None = None) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ class CausalTransformer(nn.Module):
         return out
 
     def start(self, memory: Float[Tensor, "B U W"] | None = None) -> Cache:
-        """An empty cache; the memory is projected once."""
+        """An empty cache, with the memory projected once."""
         projected = [
             layer.attend_memory.project(memory) if memory is not None else None  # type: ignore[union-attr, operator]
             for layer in self.layers
@@ -109,7 +109,7 @@ class CausalTransformer(nn.Module):
         return Cache(0, [None] * len(self.layers), projected)
 
     def append_memory(self, memory: Float[Tensor, "B U W"], cache: Cache) -> None:
-        """Add the next positions of a memory that comes part by part; what no position sees any more is dropped."""
+        """Append the next positions of a streamed memory, and drop those that no later position attends to."""
         for index, layer in enumerate(self.layers):
             attend, known = layer.attend_memory, cache.memory[index]
             assert isinstance(attend, WindowAttention)
@@ -118,7 +118,7 @@ class CausalTransformer(nn.Module):
             cache.memory[index] = known.window(cache.position - attend.lookback, new.first + new.keys.shape[2])
 
     def step(self, x: Float[Tensor, "B 1 W"], cache: Cache) -> Float[Tensor, "B 1 W"]:
-        """Features of the next position; the cache moves on."""
+        """Features of the next position; updates the cache."""
         for index, layer in enumerate(self.layers):
             assert isinstance(layer, TransformerLayer)
             new = layer.attend_self.project(layer.norm_self(x), cache.position)
@@ -132,5 +132,5 @@ class CausalTransformer(nn.Module):
 
 
 def shift_right(x: Float[Tensor, "B T W"], start: Float[Tensor, "B 1 W"]) -> Float[Tensor, "B T W"]:
-    """What came before each position: the start, then all but the last."""
+    """Shift by one position: the start, then all but the last."""
     return torch.cat([start, x[:, :-1]], dim=1)

@@ -1,7 +1,7 @@
-"""A transformer that looks both ways over a fixed reach, behind one convolution (ProbTalk3D section 3.3).
+"""Bidirectional transformer with a fixed attention window, after one convolution (ProbTalk3D section 3.3).
 
-The paper attends to the whole clip with absolute positions; a fixed reach with relative ones costs linear time, so
-that speech of any length can be decoded. It takes the layers of the causal transformer, with frames ahead.
+The paper attends to the whole clip with absolute positions. A fixed window with relative positions has linear cost, so
+that speech of any length can be decoded. The layers are those of the causal transformer, with lookahead.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from talkingeyes.models.layers.transformer import TransformerLayer, TransformerS
 
 
 class WindowTransformerSettings(TransformerSettings):
-    """Size of a transformer that looks `lookback` and `lookahead` frames in each layer; `kernel` of the convolution."""
+    """Size of the transformer. Each layer attends to `lookback` past and `lookahead` future frames; `kernel` is that of
+    the convolution."""
 
     lookahead: Annotated[int, Field(ge=0)]
     kernel: Annotated[int, Field(gt=0)]
 
 
 class WindowTransformer(nn.Module):
-    """A linear projection, a convolution over time, layers of attention, a final norm."""
+    """Linear projection, convolution over time, attention layers and final norm."""
 
     def __init__(self, settings: WindowTransformerSettings, channels: int) -> None:
         super().__init__()
@@ -35,7 +36,7 @@ class WindowTransformer(nn.Module):
         self.norm = nn.LayerNorm(settings.width)
 
     def forward(self, x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T W"]:
-        """Features a frame."""
+        """Features per frame."""
         entered = self.input_projection(x)
         h = entered + self.convolution(entered.transpose(1, 2)).transpose(1, 2)
         for layer in self.layers:
