@@ -1,16 +1,16 @@
-"""Gaze from head motion and speech by canonical correlation: the early method that TalkingEyes is shown beside.
+"""Gaze from head motion and speech by canonical correlation, an early method that TalkingEyes compares itself with.
 
 Le, Ma and Deng, "Live Speech Driven Head-and-Eye Motion Generators" (TVCG 2012) relate gaze to head motion and speech
-features by non-linear dynamical canonical correlation analysis. TalkingEyes shows it by film alone; its program is not
-public, and this is not it but the same idea in closed form:
+features by non-linear dynamical canonical correlation analysis. TalkingEyes compares with it in a video only. Their
+program is not public. This is not a reimplementation, but the same idea in closed form:
 
-- non-linear: what is heard and how the head moves is lifted by random Fourier features of a Gaussian kernel (Rahimi and
-  Recht 2007), which keeps the analysis linear in memory, where kernel matrices are square in frames;
-- dynamical: both sides are windows, speech and head at several lags against a stretch of gaze; stretches that overlap
-  are averaged.
+- non-linear: speech and head motion are mapped to random Fourier features of a Gaussian kernel (Rahimi and Recht 2007),
+  which keeps the memory linear in the number of frames, where kernel matrices are quadratic;
+- dynamical: both sides are windows, speech and head at several lags against a window of gaze; overlapping windows are
+  averaged.
 
-The strongest canonical components give gaze by the rank-reduced regression that they are the solution of. A head and a
-sound have one gaze: what differs between samples is the head, which another model moves.
+The strongest canonical components give gaze by reduced-rank regression. The result is deterministic: gaze differs
+between samples only through the head, which another model generates.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from talkingeyes.core.settings import Settings
 
 
 class CanonicalCorrelationSettings(Settings):
-    """How gaze is related to speech and head."""
+    """Settings of the canonical correlation analysis."""
 
     # Principal components of the speech features.
     speech_components: Annotated[int, Field(gt=0)]
-    # Frames before (negative) and after a frame at which speech and head are looked at.
+    # Lags of speech and head in frames; negative: before the frame.
     lags_frames: tuple[int, ...] = Field(min_length=1)
-    # Frames of a stretch of gaze: so many before and after a frame.
+    # Half width of a gaze window: frames before and after the centre.
     context_frames: Annotated[int, Field(ge=0)]
-    # Random Fourier features, and the width of their kernel in units of the spread of what they see.
+    # Number of random Fourier features, and the kernel width in standard deviations of the inputs.
     fourier_features: Annotated[int, Field(gt=0)]
     kernel_width: Annotated[float, Field(gt=0)]
-    # Canonical components that are kept.
+    # Number of canonical components.
     canonical_components: Annotated[int, Field(gt=0)]
-    # Added to both covariances, as a share of the mean variance.
+    # Ridge added to both covariances, as a fraction of the mean variance.
     ridge: Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True)
 class Example:
-    """A training motion; speech is standardised."""
+    """A training motion with standardised speech features."""
 
     speech: Float[ndarray, "T C"]
     head: Float[ndarray, "T 3"]
@@ -56,7 +56,7 @@ class Example:
 
 @dataclass(frozen=True)
 class FeatureMap:
-    """From speech and head to the features that gaze is related to."""
+    """Map from speech and head to the features of the regression."""
 
     speech_basis: Float[ndarray, "C P"]
     mean: Float[ndarray, " D"]
@@ -67,19 +67,19 @@ class FeatureMap:
 
 @dataclass(frozen=True)
 class CanonicalCorrelation:
-    """The relation that was found: gaze stretches are `offset + (features - centre) @ weights`."""
+    """The fitted regression: gaze windows are `offset + (features - centre) @ weights`."""
 
     feature_map: FeatureMap
     centre: Float[ndarray, " X"]
     weights: Float[ndarray, "X Y"]
     offset: Float[ndarray, " Y"]
-    correlations: Float[ndarray, " K"]  # canonical, of the components that are kept
+    correlations: Float[ndarray, " K"]  # canonical correlations of the kept components
 
 
 def fit_canonical_correlation(
     settings: CanonicalCorrelationSettings, examples: Sequence[Example], seed: int
 ) -> CanonicalCorrelation:
-    """Find the relation in training motions, read one after the other."""
+    """Fit the regression to training motions, processed one at a time."""
     feature_map = _fit_feature_map(settings, examples, seed)
     moments = _Moments()
     for each in examples:
@@ -101,7 +101,7 @@ def generate_gaze(
     speech: Float[ndarray, "T C"],
     head: Float[ndarray, "T 3"],
 ) -> Float[ndarray, "T 2 3"]:
-    """Eye-in-head rotation vectors for a standardised speech and a head."""
+    """Generate eye-in-head rotation vectors for standardised speech features and a head motion."""
     lifted = features(settings, found.feature_map, speech, head)
     stretches = (found.offset + (lifted - found.centre) @ found.weights).reshape(len(head), -1, 6)
     reach, frames = settings.context_frames, len(head)
@@ -128,7 +128,7 @@ def features(
 
 
 def _fit_feature_map(settings: CanonicalCorrelationSettings, examples: Sequence[Example], seed: int) -> FeatureMap:
-    """Principal components of speech, spread of what is seen, and drawn frequencies."""
+    """Principal components of speech, mean and scale of the lagged inputs, and random frequencies."""
     moments = _Moments()
     for each in examples:
         moments.add(each.speech, each.speech[:, :1])
@@ -149,19 +149,19 @@ def _fit_feature_map(settings: CanonicalCorrelationSettings, examples: Sequence[
 def _frame_features(
     basis: Float[ndarray, "C P"], speech: Float[ndarray, "T C"], head: Float[ndarray, "T 3"]
 ) -> Float[ndarray, "T S"]:
-    """What is known of a frame: components of speech, the head and how it turns."""
+    """Inputs per frame: components of speech, head rotation and its change."""
     turning = np.diff(head, axis=0, prepend=head[:1])
     return np.concatenate([speech @ basis, head, turning], axis=1).astype(float)
 
 
 def _lagged(values: Float[ndarray, "T S"], lags: Sequence[int]) -> Float[ndarray, "T D"]:
-    """Values at several lags; the ends hold."""
+    """Values at several lags; the first and last values are repeated."""
     place = np.arange(len(values))
     return np.concatenate([values[np.clip(place + lag, 0, len(values) - 1)] for lag in lags], axis=1)
 
 
 def _gaze_windows(gaze: Float[ndarray, "T 2 3"], reach: int) -> Float[ndarray, "T Y"]:
-    """Each frame's gaze with those around it."""
+    """A window of gaze around each frame."""
     return _lagged(gaze.reshape(len(gaze), 6).astype(float), range(-reach, reach + 1))
 
 
@@ -170,7 +170,7 @@ def _regularised(covariance: Float[ndarray, "D D"], ridge: float) -> Float[ndarr
 
 
 def _power(matrix: Float[ndarray, "D D"], exponent: float) -> Float[ndarray, "D D"]:
-    """A power of a symmetric matrix of positive eigenvalues."""
+    """Power of a symmetric positive definite matrix."""
     values, axes = np.linalg.eigh(matrix)
     return np.asarray((axes * np.maximum(values, 1e-12) ** exponent) @ axes.T)
 
@@ -183,7 +183,7 @@ class _Covariances:
 
 
 class _Moments:
-    """Sums of products of two sides, motion by motion, so that memory does not grow with the corpus."""
+    """Running sums of products of x and y, so that memory does not grow with the corpus."""
 
     def __init__(self) -> None:
         self.products: ndarray = np.zeros((0, 0))
@@ -191,7 +191,7 @@ class _Moments:
         self.count, self.width = 0, 0
 
     def add(self, x: Float[ndarray, "T X"], y: Float[ndarray, "T Y"]) -> None:
-        """Count a motion."""
+        """Add a motion."""
         both = np.concatenate([x, y], axis=1).astype(float)
         if self.count == 0:
             self.products, self.sums, self.width = np.zeros((both.shape[1],) * 2), np.zeros(both.shape[1]), x.shape[1]
@@ -201,16 +201,16 @@ class _Moments:
 
     @property
     def mean_x(self) -> Float[ndarray, " X"]:
-        """Of the first side."""
+        """Mean of x."""
         return self.sums[: self.width] / self.count
 
     @property
     def mean_y(self) -> Float[ndarray, " Y"]:
-        """Of the second."""
+        """Mean of y."""
         return self.sums[self.width :] / self.count
 
     def covariances(self) -> _Covariances:
-        """Of both sides and between them."""
+        """Covariances within and between x and y."""
         mean, at = self.sums / self.count, self.width
         whole = self.products / self.count - np.outer(mean, mean)
         return _Covariances(whole[:at, :at], whole[:at, at:], whole[at:, at:])

@@ -1,8 +1,9 @@
-"""The cross-modal decoder of gaze made alive: the next code as a category (eq. 9 with another output).
+"""Categorical variant of the cross-modal gaze decoder: it predicts a distribution over codes (eq. 9, other output).
 
-The paper regresses features and looks up the nearest code, which freezes when it runs free (docs/log.md). Here the same
-cross-modal causal transformer gives a distribution over the codes of several frames of gaze in space and a stay token,
-trained by cross-entropy and sampled at a temperature. Position and dwell so far, functions of past codes, are inputs.
+The paper regresses features and looks up the nearest code, which freezes in free running (docs/log.md). Here the same
+cross-modal causal transformer outputs a distribution over the codes of several frames of gaze in space and a stay
+token, trained by cross-entropy and sampled at a temperature. The position and the dwell so far, functions of past
+codes, are inputs.
 """
 
 from __future__ import annotations
@@ -34,24 +35,25 @@ from talkingeyes.models.layers.transformer import Cache, CausalTransformer, Cros
 
 
 class CategoricalGazeSettings(ComponentSettings):
-    """The decoder over codes."""
+    """Settings of the decoder over codes."""
 
     kind: Literal["categorical"]
     transformer: TransformerSettings
-    # Codes of condition that cross-attention sees before and after its own.
+    # Numbers of condition steps before and after its own that cross-attention uses.
     condition_lookback: Annotated[int, Field(ge=0)]
     condition_lookahead: Annotated[int, Field(ge=0)]
-    # Share of past codes hidden in training, against the mismatch between teacher forcing and free running.
+    # Fraction of past codes hidden in training, against the mismatch between teacher forcing and free running.
     history_dropout: Annotated[float, Field(ge=0, lt=1)]
-    # What is seen of the past in training.
+    # The history used in training.
     history: CodeHistorySettings
-    # Codes are drawn among the most probable that have this share of the probability together; 1: among all.
+    # Nucleus sampling: codes are sampled among the most probable ones with this total probability; 1: among all.
     top_p: Annotated[float, Field(gt=0, le=1)]
 
 
 @dataclass(frozen=True)
 class _History:
-    """What is known before each code: the code before it, the last frame (normalised), how many codes it has stayed."""
+    """History of each code: the code before it, the last frame (normalised), and the number of stays since the last
+    move."""
 
     before: Int[Tensor, "B N"]
     last_frame: Float[Tensor, "B N F"]
@@ -60,7 +62,7 @@ class _History:
 
 @dataclass
 class DecoderState:
-    """Between two codes of a free run: what was known before the next one, and the caches of both networks."""
+    """State between two codes in free running: the history of the next code, and the caches of both networks."""
 
     before: Int[Tensor, " B"]
     last_frame: Float[Tensor, "B F"]
@@ -70,7 +72,7 @@ class DecoderState:
 
 
 class CategoricalGaze(nn.Module):
-    """A distribution over codes and stay (the last index), given history and a condition of speech and head."""
+    """Distribution over codes and the stay token (the last index), given history and a condition of speech and head."""
 
     settings_class = CategoricalGazeSettings
 
@@ -91,10 +93,10 @@ class CategoricalGaze(nn.Module):
         self.out = nn.Linear(width, self.stay + 1)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """The codebook has statistics of its own."""
+        """Do nothing: the codebook has its own statistics."""
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """Cross-entropy of the codes of true gaze, with true codes as history, or what training shows of them."""
+        """Cross-entropy of the codes of true gaze, given the true history or, in training, that of `history`."""
         codes, history = self._encode(condition.head, gaze)
         memory = self.memory(condition)
         if self.training and isinstance(self.settings.history, NoisyTeacherForcing):
@@ -105,7 +107,7 @@ class CategoricalGaze(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
-        """Draw code after code; gaze in space is rendered by D_VQ, and the eyes make up for the head."""
+        """Sample codes autoregressively. D_VQ decodes gaze in space; the eyes compensate for the head."""
         memory = self.memory(condition)
         uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
         run = self.start(len(seeds), memory)
@@ -115,20 +117,20 @@ class CategoricalGaze(nn.Module):
 
     @property
     def step_frames(self) -> int:
-        """A code."""
+        """Frames per code."""
         return self.patch_frames
 
     @property
     def has_lookahead(self) -> bool:
-        """Whether a code depends on speech and head after its own."""
+        """Whether a code depends on later speech and head motion."""
         return self.settings.condition_lookahead > 0
 
     def stream(self, seed: int, temperature: float) -> CategoricalGazeStream:
-        """Code after code what `sample` gives."""
+        """A stream that yields the result of `sample` code by code."""
         return CategoricalGazeStream(self, seed, temperature)
 
     def start(self, batch: int, memory: Float[Tensor, "B N W"] | None = None) -> DecoderState:
-        """Before the first code. A stream, whose memory is not there yet, adds it to the cache as it comes."""
+        """State before the first code. In a stream, the memory is not yet known and is appended to the cache later."""
         before = torch.full((batch,), self.stay + 1, device=self.codebook.mean.device)
         last_frame = self.codebook.mean.expand(batch, -1)
         cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
@@ -137,7 +139,7 @@ class CategoricalGaze(nn.Module):
     def advance(
         self, run: DecoderState, memory: Float[Tensor, "B 1 W"], uniform: Float[Tensor, " B"], temperature: float
     ) -> Float[Tensor, "B P F"]:
-        """The signal of the next code, drawn by a uniform number; the run moves on."""
+        """Sample the next code from a uniform number and return its signal; updates the state."""
         normal = (run.last_frame - self.codebook.mean) / self.codebook.scale
         x = self._query(_History(run.before[:, None], normal[:, None], run.dwell[:, None]))
         first = run.cache.position == 0
@@ -155,19 +157,19 @@ class CategoricalGaze(nn.Module):
 
     @torch.no_grad()
     def _encode(self, head: Tensor, gaze: Tensor) -> tuple[Int[Tensor, "B N"], _History]:
-        """Codes of true gaze (stays by the tolerance of the codebook) and what was known before each."""
+        """Codes of true gaze (stays by the tolerance of the codebook) and their history."""
         frames = head.shape[1] // self.patch_frames * self.patch_frames
         name = self.codebook.settings.signal
         signal = to_signal_tensor(name, head[:, :frames], gaze[:, :frames])
         stay = stay_mask(self.codebook, signal)
-        with torch.autocast(signal.device.type, enabled=False):  # targets and history as generation makes them
+        with torch.autocast(signal.device.type, enabled=False):  # the precision of generation
             quantised = self.codebook.quantiser(self.codebook.encode(signal))
             codes = torch.where(stay, self.stay, quantised.indices)
             return codes, self._history(codes, quantised.values)
 
     @torch.no_grad()
     def _history(self, codes: Int[Tensor, "B N"], values: Float[Tensor, "B N C"]) -> _History:
-        """What is known before each of these codes, whose values are given."""
+        """History of each of these codes with the given values."""
         stay = codes == self.stay
         with torch.autocast(values.device.type, enabled=False):
             rendered = self.codebook.render(values, stay)
@@ -181,7 +183,7 @@ class CategoricalGaze(nn.Module):
         )
 
     def _noisy_history(self, settings: NoisyTeacherForcing, codes: Int[Tensor, "B N"]) -> _History:
-        """The history of codes near the true ones; stays stay."""
+        """History of codes close to the true ones; stays are kept."""
         table, values = self.codebook.quantiser.codebook, self.codebook.code_values(codes)
         moved = values + settings.sigma * table.std() * torch.randn_like(values)
         near = torch.where(codes == self.stay, self.stay, squared_distances(moved, table).argmin(-1))
@@ -190,17 +192,17 @@ class CategoricalGaze(nn.Module):
     def _scheduled_history(
         self, settings: ScheduledSampling, codes: Int[Tensor, "B N"], logits: Float[Tensor, "B N K"]
     ) -> _History:
-        """The history of true codes, a share of them replaced by draws of a first pass, as the Gumbel trick draws."""
+        """History of true codes, a fraction of them replaced by samples of a first pass (Gumbel-max trick)."""
         drawn = (logits - (-torch.rand_like(logits).clamp(1e-9, 1 - 1e-7).log()).log()).argmax(-1)
         mixed_codes = torch.where(replacement_mask(settings, self.trained_steps, logits[..., 0]), drawn, codes)
         return self._history(mixed_codes, self.codebook.code_values(mixed_codes))
 
     def _logits(self, history: _History, memory: Float[Tensor, "B N W"]) -> Float[Tensor, "B N K"]:
-        """Of all codes at once."""
+        """Logits of all codes in parallel."""
         return self._mask_first_stay(self.out(self.transformer(self._query(history) + memory, memory)))
 
     def memory(self, condition: GazeCondition) -> Float[Tensor, "B N W"]:
-        """Speech and head a code; the last patch is filled up by its last frame."""
+        """Condition per code from speech and head; the last patch is padded by its last frame."""
         speech = condition.speech
         missing = -speech.shape[1] % self.patch_frames
         both = torch.cat([speech, condition.normalised_head], dim=-1)
@@ -219,21 +221,21 @@ class CategoricalGaze(nn.Module):
         return out
 
     def _mask_first_stay(self, logits: Float[Tensor, "B N K"]) -> Float[Tensor, "B N K"]:
-        """Nothing can be held before the first code."""
+        """Forbid a stay as the first code."""
         barred = torch.zeros_like(logits)
         barred[:, 0, self.stay] = -torch.inf
         return logits + barred
 
 
 class CategoricalGazeStream:
-    """Gaze of one seed, code after code."""
+    """Gaze of one seed, code by code."""
 
     def __init__(self, gaze: CategoricalGaze, seed: int, temperature: float) -> None:
         self._gaze, self._temperature, self._run = gaze, temperature, gaze.start(1)
         self._uniform = torch.Generator().manual_seed(seed + SEED_OFFSET)
 
     def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """The frames of the next code, or of its beginning where the stream ends."""
+        """Frames of the next code; fewer at the end of the stream."""
         gaze, memory = self._gaze, self._gaze.memory(condition)
         gaze.transformer.append_memory(memory, self._run.cache)
         drawn = torch.rand(1, generator=self._uniform)
@@ -242,7 +244,7 @@ class CategoricalGazeStream:
 
 
 def stay_mask(codebook: GazeVQVAE, signal: Float[Tensor, "B T F"]) -> Bool[Tensor, "B N"]:
-    """Which patches of a signal are stays under the codebook's tolerance (none if it has no stay token)."""
+    """Patches that are stays under the codebook's tolerance (none without a stay token)."""
     patches = codebook.patches(signal)
     if codebook.stay_tolerance_rad is None:
         return torch.zeros(patches.shape[:2], dtype=torch.bool, device=patches.device)

@@ -1,7 +1,7 @@
-"""The numbers of a frame that a gaze codebook holds: eye-in-head as in the paper, or gaze in space.
+"""Signals that a gaze codebook can encode: eye-in-head as in the paper, or gaze in space.
 
-Gaze in space is still in nine of ten frames while eye-in-head counter-rotates with the head, so codes of gaze in space
-say what the eyes decide and the head does the rest: eye = head^-1 gaze when rendered.
+Gaze in space is still in nine of ten frames, while eye-in-head counter-rotates with the head. So codes of gaze in space
+represent gaze shifts alone, and rendering adds the head: eye = head^-1 gaze.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SIGNAL_DIMS: dict[SignalName, int] = {"eye_in_head": 6, "gaze_in_space": 4}
 
 
 def to_signal(name: SignalName, head: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*N 2 3"]) -> Float[ndarray, "*N F"]:
-    """Left then right: rotation vectors (6) or yaw and pitch in space (4), radians."""
+    """Left then right eye: rotation vectors (6 numbers) or yaw and pitch in space (4 numbers), radians."""
     values = gaze if name == "eye_in_head" else rotation.gaze_in_space(head, gaze)
     return values.reshape(*values.shape[:-2], SIGNAL_DIMS[name]).astype(np.float32)
 
@@ -36,19 +36,19 @@ def to_gaze(name: SignalName, head: Float[ndarray, "*N 3"], signal: Float[ndarra
 def to_signal_tensor(
     name: SignalName, head: Float[Tensor, "*N 3"], gaze: Float[Tensor, "*N 2 3"]
 ) -> Float[Tensor, "*N F"]:
-    """`to_signal` of tensors on any device."""
+    """`to_signal` for tensors on any device."""
     return torch.from_numpy(to_signal(name, head.cpu().numpy(), gaze.cpu().numpy())).to(head.device)
 
 
 def to_gaze_tensor(
     name: SignalName, head: Float[Tensor, "*N 3"], signal: Float[Tensor, "*N F"]
 ) -> Float[Tensor, "*N 2 3"]:
-    """`to_gaze` of tensors on any device."""
+    """`to_gaze` for tensors on any device."""
     return torch.from_numpy(to_gaze(name, head.cpu().numpy(), signal.cpu().numpy())).to(head.device)
 
 
 def find_stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool[ndarray, "B N"]:
-    """Which patches stay within the tolerance of the last frame of the last patch that did not (never the first)."""
+    """Patches within the tolerance of the last frame of the last patch that moved; never the first patch."""
     still = np.zeros(patches.shape[:2], bool)
     anchor = patches[:, 0, -1]
     for index in range(1, patches.shape[1]):
@@ -61,6 +61,6 @@ def find_stays(patches: Float[ndarray, "B N P F"], tolerance_rad: float) -> Bool
 def mirror_motion(
     head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"]
 ) -> tuple[Float[ndarray, "T 3"], Float[ndarray, "T 2 3"]]:
-    """The motion in a mirror: yaw and roll change sign, the eyes change places."""
+    """Mirror a motion: yaw and roll change sign, the eyes are swapped."""
     sign = np.array([1, -1, -1], head.dtype)
     return head * sign, gaze[:, ::-1] * sign

@@ -1,7 +1,7 @@
-"""What every gaze generator is: it predicts true gaze in training and samples gaze for speech and a head motion.
+"""Interface of gaze generators: loss terms for true gaze in training, and sampling of gaze from speech and head motion.
 
-A generator is one file here: `events`, `categorical`, `regressed` (the paper) or `vae` (the paper's baseline);
-docs/extend.md adds one.
+Each generator is one file of this folder: `point_process`, `categorical`, `regression` (the paper) or `vae` (the
+paper's baseline). docs/extend.md explains how to add one.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ GAZE_GENERATORS = ComponentRegistry(
 )
 GazeComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(GAZE_GENERATORS.parse)]
 
-# Gaze draws must not repeat the numbers that the head drew from the same seed.
+# Offset of the seed of gaze, so that gaze does not reuse the random numbers of the head.
 SEED_OFFSET = 1_000_003
 
 
 @dataclass(frozen=True)
 class GazeCondition:
-    """What gaze is generated for. `head` is in radians; `normalised_head`, what networks see, in its standard
+    """Inputs of a gaze generator. `head` is in radians; `normalised_head`, the input of the networks, is in standard
     deviations.
 
-    In training `normalised_head` may be a reconstruction of `head`.
+    In training, `normalised_head` may be a reconstruction of `head`.
     """
 
     speech: Float[Tensor, "B T S"]
@@ -46,56 +46,56 @@ class GazeCondition:
 
 
 class GazeGenerator(Protocol):
-    """The role: a torch module made as `Class(settings, speech, codebook)`, `speech` features a frame.
+    """Protocol of a torch module `Class(settings, speech, codebook)`; `speech` is the number of features per frame.
 
-    `codebook` is the frozen tokenizer that conf/model/ names, or None.
+    `codebook` is the frozen tokenizer named in conf/model/, or None.
     """
 
     settings_class: Any
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """Take the statistics of eye-in-head in the train split; one with a codebook needs none."""
+        """Set the statistics of eye-in-head in the train split; generators with a codebook ignore them."""
         ...
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """Named terms of the loss for true gaze."""
+        """Named loss terms for true gaze."""
         ...
 
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
-        """Eye-in-head rotation vectors, a seed a row."""
+        """Sample eye-in-head rotation vectors, one seed per row."""
         ...
 
 
 @runtime_checkable
 class GazeStream(Protocol):
-    """The state of one stream of gaze."""
+    """State of one stream of gaze."""
 
     def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """Eye-in-head of the next `step_frames` frames, or of fewer where the stream ends."""
+        """Eye-in-head of the next `step_frames` frames; fewer at the end of the stream."""
         ...
 
 
 @runtime_checkable
 class StreamableGazeGenerator(Protocol):
-    """What a gaze generator has besides if it can be played part by part (models/motion_stream.py)."""
+    """Further members of a gaze generator that can be streamed (models/motion_stream.py)."""
 
     @property
     def step_frames(self) -> int:
-        """How many frames are made together."""
+        """Frames per step."""
         ...
 
     @property
     def has_lookahead(self) -> bool:
-        """Whether it depends on what comes after its step, as it is configured; then it has no stream."""
+        """Whether the configured generator uses input after the current step; if so, it cannot be streamed."""
         ...
 
     def stream(self, seed: int, temperature: float) -> GazeStream:
-        """A new one, which gives what `sample` gives."""
+        """A new stream, which yields the result of `sample`."""
         ...
 
 
 def uniform_noise(seeds: list[int], count: int) -> Float[Tensor, "B N"]:
-    """Uniform numbers, a seed a row: the same for a seed alone or in a batch, and for a prefix."""
+    """Uniform numbers, one seed per row: the same alone, in a batch and for a prefix."""
     return torch.stack(
         [torch.rand(count, generator=torch.Generator().manual_seed(seed + SEED_OFFSET)) for seed in seeds]
     )

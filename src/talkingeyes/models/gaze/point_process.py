@@ -1,9 +1,9 @@
 """Gaze as a point process of saccades: when the next saccade starts and where it lands, in space.
 
-Not in the paper, whose decoder works frame by frame. A saccade is an event (models/layers/point_process.py) that leads
-to the directions of both eyes; between saccades gaze rests in space and the eyes compensate for the head. Frames show
-saccades by the main sequence (physiology/saccades.py), so any frame rate can be rendered from the same events. With a
-process without lookahead (conf/model/talkingeyes_live.yaml), gaze can be sampled bin by bin, as streaming needs it.
+Not in the paper, whose decoder works frame by frame. A saccade is an event (models/layers/point_process.py) whose
+location is the direction of both eyes. Between saccades, gaze rests in space and the eyes compensate for the head.
+Saccades are rendered by the main sequence (physiology/saccades.py), so the same events can be rendered at any frame
+rate. A process without lookahead (conf/model/talkingeyes_live.yaml) can be sampled bin by bin, as streaming needs it.
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ from talkingeyes.models.layers.point_process import (
 from talkingeyes.models.layers.point_process_sampler import Sampler, SamplerState
 from talkingeyes.physiology import eye_head, saccades
 
-# Fitted gaze rests between steps: what moves by less than EDGE a frame rests; what lands nearer than LEAST never left.
+# Gaze moves in frames with a step of at least MIN_STEP_RAD; saccades smaller than MIN_AMPLITUDE_RAD are ignored.
 MIN_STEP_RAD = np.radians(0.2)
 MIN_AMPLITUDE_RAD = np.radians(0.7)
-MAX_SACCADE_S = 1.0  # no saccade takes so long
-# Yaw and pitch where both eyes look together, and half the angle between them, which is much smaller.
+MAX_SACCADE_S = 1.0  # upper bound of the duration of a saccade
+# Yaw and pitch of cyclopean gaze, and half the vergence angle, which is much smaller.
 LOCATION_SPREAD = (1.0, 0.7, 0.15)
 
 
 class PointProcessGazeSettings(ComponentSettings):
-    """The process, the rate of the frames that it is learnt from and shown in, and how far off those are."""
+    """Settings of the process, frame rate of the training data and samples, and observation noise."""
 
     kind: Literal["point_process"]
     fps: Annotated[float, Field(gt=0)]
-    # Standard deviation of the yaw and pitch of a fixation in what is learnt from; drawn saccades do without.
+    # Standard deviation of the noise on yaw and pitch of fixations in the training data; samples are free of it.
     observation_noise_deg: Annotated[float, Field(ge=0)]
     process: CausalPointProcessSettings | PointProcessSettings
 
 
 @dataclass(frozen=True)
 class SaccadeLandings:
-    """Frames in which a saccade starts, and where gaze is after the one that starts at or before each frame."""
+    """Frames where a saccade starts, and the landing location of the last saccade that started up to each frame."""
 
     onset: Bool[Tensor, "B T"]
     landing: Float[Tensor, "B T 3"]
 
 
 class PointProcessGaze(nn.Module):
-    """Fixations of speech and head."""
+    """Generator of fixations from speech and head motion."""
 
     scale: Tensor
     centre: Tensor
@@ -75,8 +75,9 @@ class PointProcessGaze(nn.Module):
         self.process = PointProcess(settings.process, speech + 3, LOCATION_SPREAD)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """One scale for all angles. Gaze in space has a mean near zero, but for the angle between the eyes' axes: left
-        out of the centre, it would put all places of the Gaussians where no eyes ever look."""
+        """Set one scale for all angles, and the vergence of the mean gaze as centre. Yaw and pitch of gaze in space
+        have a mean near zero. Vergence does not: without centring, all mixture centres would lie at locations that
+        never occur."""
         still = torch.zeros(1, 1, 3, device=mean.device)
         self.centre[2] = cyclopean_and_vergence(to_signal_tensor("gaze_in_space", still, mean.reshape(1, 1, 2, 3)))[
             0, 0, 2
@@ -85,7 +86,7 @@ class PointProcessGaze(nn.Module):
         self.process.observation_noise[:2] = self._observation_noise_rad / scale
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """The likelihood of the fixations of true gaze."""
+        """Negative log-likelihood of the fixations of true gaze."""
         found = saccade_landings(cyclopean_and_vergence(to_signal_tensor("gaze_in_space", condition.head, gaze)))
         events = EventSequence.from_frames(found.onset, (found.landing - self.centre) / self.scale, self.bin_frames)
         loss_terms = self.process.loss_terms(events, self.binned_condition(condition))
@@ -93,7 +94,7 @@ class PointProcessGaze(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
-        """Fixations drawn bin after bin, shown as frames."""
+        """Sample fixations bin by bin and render them to frames."""
         binned_condition = self.binned_condition(condition)
         count = binned_condition.shape[1]
         uniform = (
@@ -106,7 +107,7 @@ class PointProcessGaze(nn.Module):
 
     @property
     def step_frames(self) -> int:
-        """A bin."""
+        """Frames per bin."""
         return self.bin_frames
 
     @property
@@ -116,33 +117,33 @@ class PointProcessGaze(nn.Module):
         return not isinstance(condition_encoder, CausalConvolutionStack) or condition_encoder.lookahead > 0
 
     def stream(self, seed: int, temperature: float) -> PointProcessGazeStream:
-        """Bin after bin what `sample` gives."""
+        """A stream that yields the result of `sample` bin by bin."""
         return PointProcessGazeStream(self, seed, temperature)
 
     def radians(self, locations: Float[ndarray, "*K 3"]) -> Float[ndarray, "*K 3"]:
-        """Places as they are shown."""
+        """Locations in radians, normalisation undone."""
         return np.asarray(locations * self.scale.cpu().numpy() + self.centre.cpu().numpy(), float)
 
     def binned_condition(self, condition: GazeCondition) -> Float[Tensor, "B N C"]:
-        """Speech and head a bin: their means; the last bin is filled up by its last frame."""
+        """Means of speech and head per bin; the last bin is padded by its last frame."""
         both = torch.cat([condition.speech, condition.normalised_head], dim=-1)
         return bin_means(both, self.bin_frames)
 
 
 def _eyes(head: Float[Tensor, "B T 3"], signal: Float[ndarray, "B T 4"]) -> Float[Tensor, "B T 2 3"]:
-    """Eyes in the head that look there in space, no further than eyes turn: then they go with the head."""
+    """Eye-in-head for a direction in space, limited to the range of the eyes; beyond it, gaze moves with the head."""
     gaze = to_gaze("gaze_in_space", head.cpu().numpy(), signal.astype(np.float32))
     return torch.from_numpy(eye_head.clamp_to_eye_range(gaze)).to(head)
 
 
 def cyclopean_and_vergence(signal: Float[Tensor, "B T 4"]) -> Float[Tensor, "B T 3"]:
-    """Yaw and pitch of the mean direction, and half the difference of the yaws (left less right)."""
+    """Yaw and pitch of cyclopean gaze, and half the difference of the yaws (left minus right)."""
     left, right = signal[..., :2], signal[..., 2:]
     return torch.cat([(left + right) / 2, (left - right)[..., :1] / 2], dim=-1)
 
 
 def saccade_landings(gaze: Float[Tensor, "B T 3"]) -> SaccadeLandings:
-    """Where runs of steps start, and where each ends. Gaze is held over blinks by the fit, so a blink is no event."""
+    """Onsets and landings of runs of moving frames. The fit holds gaze over blinks, so a blink is not an event."""
     step = gaze[..., :2].diff(dim=1).norm(dim=-1)
     moving = torch.nn.functional.pad(step >= MIN_STEP_RAD, (0, 1))
     order = torch.arange(gaze.shape[1], device=gaze.device).expand(moving.shape)
@@ -154,12 +155,11 @@ def saccade_landings(gaze: Float[Tensor, "B T 3"]) -> SaccadeLandings:
 
 
 class SaccadeSequence:
-    """Yaw and pitch of both eyes, and half the angle between them, over time: saccades by the law, each from where the
-    last one ended. One that would start before the last one has ended waits for it. What is over may be forgotten.
-    """
+    """Gaze directions of both eyes over time: main-sequence saccades, each from the landing of the one before. A
+    saccade that would start before the last one has ended is delayed. Past saccades can be discarded."""
 
     def __init__(self, location_rad: Float[ndarray, " 3"]) -> None:
-        """Where gaze begins."""
+        """Start at a location."""
         self._location_rad = location_rad
         self._timing = np.empty((0, 3))  # onset and duration in seconds, skew
         self._from_rad, self._to_rad = np.empty((0, 3)), np.empty((0, 3))
@@ -168,12 +168,12 @@ class SaccadeSequence:
         return len(self._timing)
 
     def add_saccades(self, onsets_s: Float[ndarray, " K"], to_rad: Float[ndarray, "K 3"]) -> None:
-        """K saccades more; none starts before the one before it."""
+        """Append K saccades with non-decreasing onsets."""
         start = np.concatenate([self._location_rad[None], to_rad])
         amplitude = np.hypot(*(to_rad - start[:-1])[:, :2].T)
         duration_s = saccades.duration_s(amplitude)
         before_s = np.cumsum(duration_s) - duration_s
-        free_s = self._timing[-1:, :2].sum(1)  # when the last one has ended
+        free_s = self._timing[-1:, :2].sum(1)  # end of the last saccade
         onset_s = before_s + np.maximum.accumulate(np.concatenate([free_s, onsets_s - before_s]))[len(free_s) :]
         timing = np.stack([onset_s, duration_s, saccades.skew(amplitude)], axis=1)
         self._timing = np.concatenate([self._timing, timing])
@@ -181,7 +181,7 @@ class SaccadeSequence:
         self._to_rad, self._location_rad = np.concatenate([self._to_rad, to_rad]), start[-1]
 
     def at(self, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 4"]:
-        """Left yaw and pitch, right yaw and pitch."""
+        """Yaw and pitch of the left and the right eye at the given times."""
         if not len(self):
             cyclopean, half_vergence = (
                 np.tile(self._location_rad[:2], (len(times_s), 1)),
@@ -199,7 +199,7 @@ class SaccadeSequence:
         return signal
 
     def discard_before(self, time_s: float) -> None:
-        """Nothing before this time will be asked for."""
+        """Discard saccades that are not needed from `time_s` on."""
         over = max(int(np.searchsorted(self._timing[:, 0], time_s, side="right")) - 1, 0)
         self._timing, self._from_rad, self._to_rad = (
             each[over:] for each in (self._timing, self._from_rad, self._to_rad)
@@ -212,12 +212,12 @@ def render_saccades(
     locations_rad: Float[ndarray, "B N 3"],
     times_s: Float[ndarray, " T"],
 ) -> Float[ndarray, "B T 4"]:
-    """Yaw and pitch of both eyes at any times; the first event of a row is where its gaze begins.
+    """Yaw and pitch of both eyes at any times; the first event of a row is its initial location.
 
-    All rows are one chain, one after the other, for many small steps of numpy cost more than one long one.
+    All rows are rendered as one concatenated sequence, because many small numpy steps cost more than one long one.
     """
     row, index = np.nonzero(event)
-    # Between two rows there is more time than all saccades of one take, should they wait for each other.
+    # Time between two rows, longer than all saccades of a row together, should they delay each other.
     begins_s = np.arange(len(event)) * (times_s[-1] + MAX_SACCADE_S * (event.shape[1] + 1))
     onset_s = begins_s[row] + np.where(index, onsets_s[row, index], -MAX_SACCADE_S)
     chain = SaccadeSequence(locations_rad[0, 0])
@@ -227,7 +227,7 @@ def render_saccades(
 
 
 class PointProcessGazeStream:
-    """Gaze of one seed, bin after bin. What is shown in a bin depends on no event after it."""
+    """Gaze of one seed, bin by bin. The frames of a bin do not depend on later events."""
 
     def __init__(self, gaze: PointProcessGaze, seed: int, temperature: float) -> None:
         assert isinstance(gaze.process.condition_encoder, CausalConvolutionStack)
@@ -239,7 +239,7 @@ class PointProcessGazeStream:
         self._chain: SaccadeSequence | None = None
 
     def step(self, condition: GazeCondition) -> Float[Tensor, "1 T 2 3"]:
-        """The frames of the next bin, or of its beginning where the stream ends."""
+        """Frames of the next bin; fewer at the end of the stream."""
         gaze = self._gaze
         uniform = torch.rand(1, len(LOCATION_SPREAD) + 3, generator=self._uniform).numpy()
         encoded_condition = self._condition_encoder.step(gaze.binned_condition(condition)[0].numpy())

@@ -1,7 +1,7 @@
-"""The cross-modal decoder of gaze as the paper writes it (TalkingEyes eq. 9, 10, 11, 12 and 14).
+"""Cross-modal decoder of gaze as in the paper (TalkingEyes eq. 9, 10, 11, 12 and 14).
 
 Features are regressed from past gaze, speech and head, replaced by their nearest codes, and decoded by the frozen D_VQ.
-At temperature 0 this is the paper; above it, a code is drawn by a softmax over distances in units of the nearest.
+Temperature 0 gives the paper's method. Above 0, a code is sampled by a softmax over distances in units of the nearest.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ from talkingeyes.models.layers.transformer import CausalTransformer, CrossAttent
 
 
 class RegressionGazeSettings(ComponentSettings):
-    """The decoder of features."""
+    """Settings of the decoder."""
 
     kind: Literal["regression"]
     transformer: TransformerSettings
-    # Frames of condition that cross-attention sees before and after its own.
+    # Numbers of condition frames before and after its own that cross-attention uses.
     condition_lookback: Annotated[int, Field(ge=0)]
     condition_lookahead: Annotated[int, Field(ge=0)]
-    # What is seen of the past in training.
+    # The history used in training.
     history: HistorySettings
 
 
 @dataclass(frozen=True)
 class _Prediction:
-    """Features, the values of the codes that stand for them, and what D_VQ makes of these (radians)."""
+    """Features, the values of their codes, and the signal that D_VQ decodes from them (radians)."""
 
     features: Float[Tensor, "B T C"]
     codes: Float[Tensor, "B T C"]
@@ -56,7 +56,7 @@ class _Prediction:
 
 
 class RegressionGaze(nn.Module):
-    """D_cross-modal: queries are embedded past gaze, keys and values the embedded speech and head."""
+    """D_cross-modal: queries are embedded past gaze, keys and values are embedded speech and head."""
 
     settings_class = RegressionGazeSettings
 
@@ -76,10 +76,11 @@ class RegressionGaze(nn.Module):
         self.out = nn.Linear(width, codebook.settings.quantiser.width)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """The codebook has statistics of its own."""
+        """Do nothing: the codebook has its own statistics."""
 
     def loss_terms(self, condition: GazeCondition, gaze: Float[Tensor, "B T 2 3"]) -> dict[str, Tensor]:
-        """Losses of frames predicted from their past; `copy_last_frame` is that of repeating the true last frame."""
+        """Losses of the predicted frames. `copy_last_frame` is the loss of repeating the last true frame, for
+        comparison."""
         true = self._normal(to_signal_tensor(self.codebook.settings.signal, condition.head, gaze))
         past, memory, history = _previous(true), self._memory(condition), self.settings.history
         if self.training and isinstance(history, FreeRunning):
@@ -96,7 +97,7 @@ class RegressionGaze(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
-        """Frame after frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
+        """Generate frame by frame (eq. 10), with caches in both networks instead of decoding the prefix again."""
         memory = self._memory(condition)
         uniform = uniform_noise(seeds, memory.shape[1]).to(memory.device)
 
@@ -106,7 +107,7 @@ class RegressionGaze(nn.Module):
         return to_gaze_tensor(self.codebook.settings.signal, condition.head, self._free_run(memory, drawn, None).signal)
 
     def _predict(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> _Prediction:
-        """All frames at once, each from a past that is given."""
+        """Predict all frames in parallel from a given history."""
         features = self.out(self.transformer(self.embed(past), memory))
         quantised = self.codebook.quantiser(features)
         stay = torch.zeros(past.shape[:2], dtype=torch.bool, device=past.device)
@@ -114,7 +115,7 @@ class RegressionGaze(nn.Module):
         return _Prediction(features, self.codebook.quantiser.codebook[quantised.indices], signal)
 
     def _training_history(self, past: Float[Tensor, "B T F"], memory: Float[Tensor, "B T W"]) -> Float[Tensor, "B T F"]:
-        """What a training step shows of the true past."""
+        """The history of a training step."""
         history = self.settings.history
         if not self.training:
             return past
@@ -132,9 +133,9 @@ class RegressionGaze(nn.Module):
         select_code: Callable[[Float[Tensor, "B C"], int], Float[Tensor, "B C"]],
         truncation_frames: int | None,
     ) -> _Prediction:
-        """Free running: each frame from those before it; `select_code` gives code values for the features of a frame.
+        """Free running: each frame from those before it. `select_code` returns code values for the features of a frame.
 
-        The gradient goes back through at most `truncation_frames` frames (null: all), cut at every so many of them.
+        The gradient is cut every `truncation_frames` frames (None: never).
         """
         batch, frames = memory.shape[:2]
         cache, decoder_cache = self.transformer.start(memory), self.codebook.decoder.start()
@@ -155,7 +156,7 @@ class RegressionGaze(nn.Module):
         return _Prediction(torch.stack(features, dim=1), torch.stack(codes, dim=1), torch.stack(made, dim=1))
 
     def _nearest(self, features: Float[Tensor, "B C"]) -> Float[Tensor, "B C"]:
-        """Eq. 5, straight through."""
+        """Nearest code values (eq. 5), straight through."""
         values: Tensor = self.codebook.quantiser(features[:, None]).values[:, 0]
         return values
 
@@ -168,14 +169,14 @@ class RegressionGaze(nn.Module):
 
 
 def _previous(true: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-    """What was before each frame; before the first, the mean."""
+    """The frame before each frame; the mean before the first."""
     return torch.cat([torch.zeros_like(true[:, :1]), true[:, :-1]], dim=1)
 
 
 def sample_code_values(
     quantiser: AnyQuantiser, features: Float[Tensor, "B C"], uniform: Float[Tensor, " B"], temperature: float
 ) -> Float[Tensor, "B C"]:
-    """Code values for features: the nearest (eq. 5), or drawn by softmax(-distance / (temperature * nearest))."""
+    """Code values of features: the nearest (eq. 5), or sampled by softmax(-distance / (temperature * nearest))."""
     distance = quantiser.distances(features).clamp(min=0).sqrt()
     nearest = distance.min(-1, keepdim=True).values.clamp(min=1e-6)
     return quantiser.codebook[sample_categorical(-distance / nearest, uniform, temperature)]

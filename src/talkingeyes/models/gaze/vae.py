@@ -1,4 +1,4 @@
-"""The paper's baseline for gaze: a conditional VAE given speech and head (TalkingEyes section V-B, "VAE")."""
+"""The paper's gaze baseline: a conditional VAE given speech and head (TalkingEyes section V-B, "VAE")."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from talkingeyes.models.layers.conditional_vae import ConditionalVAE, VAESetting
 
 
 class VAEGazeSettings(VAESettings, ComponentSettings):
-    """Size of the VAE of gaze."""
+    """Settings of the VAE of gaze."""
 
     kind: Literal["vae"]
 
 
 class VAEGaze(nn.Module):
-    """Eye-in-head (6 numbers) by one latent code, all frames at once."""
+    """Generator of eye-in-head (6 numbers) from latent codes, all frames at once."""
 
     mean: Tensor
     scale: Tensor
@@ -36,7 +36,7 @@ class VAEGaze(nn.Module):
         self.vae = ConditionalVAE(settings, 6, speech + 3)
 
     def normalise_by(self, mean: Float[Tensor, " 6"], scale: float) -> None:
-        """Set what gaze is centred on and divided by."""
+        """Set the statistics that normalise gaze."""
         self.mean.copy_(mean)
         self.scale.fill_(scale)
 
@@ -54,7 +54,7 @@ class VAEGaze(nn.Module):
 
     @torch.no_grad()
     def sample(self, condition: GazeCondition, seeds: list[int], temperature: float) -> Float[Tensor, "B T 2 3"]:
-        """Motions from codes drawn from N(0, temperature^2 I)."""
+        """Sample gaze with codes from N(0, temperature^2 I)."""
         given = torch.cat([condition.speech, condition.normalised_head], dim=-1)
         shape = (self.vae.latent_count(given.shape[1]), self.vae.settings.latent)
         generators = [torch.Generator().manual_seed(seed + SEED_OFFSET) for seed in seeds]

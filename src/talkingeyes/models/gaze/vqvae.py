@@ -1,9 +1,10 @@
-"""The transformer VQ-VAE of gaze (TalkingEyes section IV-C, eq. 5 to 7): E_VQ, the codebook and D_VQ.
+"""Transformer VQ-VAE of gaze (TalkingEyes section IV-C, eq. 5 to 7): E_VQ, the codebook and D_VQ.
 
-Encoder and decoder are causal with attention over a fixed past, so speech of any length costs linear time and can be
-streamed. One code stands for `frames_per_code` frames: 1 as in the paper; with 4 the decoder that predicts codes stays
-alive when it runs free (docs/log.md). With a stay tolerance, a patch that does not move has no code: it copies the
-frame before it exactly. So does each rendered frame within the tolerance: codes cannot tremble while gaze rests.
+Encoder and decoder are causal with attention over a fixed past, so the cost is linear in the length of speech and
+streaming is possible. A code spans `frames_per_code` frames: 1 as in the paper; with 4, the decoder that predicts codes
+does not freeze in free running (docs/log.md). With a stay tolerance, a patch that does not move has no code: it copies
+the frame before it exactly. Rendered frames within the tolerance also copy it, so that codes cannot jitter while gaze
+rests.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from talkingeyes.models.layers.transformer import Cache, CausalTransformer, Tran
 
 
 class GazeVQVAESettings(Settings):
-    """The codebook's room: what a code says and the networks around it."""
+    """Signal and sizes of the codebook and its networks."""
 
     # eye_in_head (the paper's P^e, 6 numbers) or gaze_in_space (4 numbers).
     signal: SignalName
-    # Frames a code stands for.
+    # Frames per code.
     frames_per_code: Annotated[int, Field(gt=0)]
     # A patch that moves less than this (degrees) from the frame before it is a stay; null: every patch has a code.
     stay_tolerance_deg: Annotated[float, Field(gt=0)] | None
@@ -40,14 +41,14 @@ class GazeVQVAESettings(Settings):
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A signal through the codebook."""
+    """A signal reconstructed through the codebook."""
 
     signal: Float[Tensor, "B T F"]
     quantised: QuantiserOutput
 
 
 class GazeVQVAE(nn.Module):
-    """E_VQ, Q and D_VQ over signals in radians. One mean a feature and one scale for all normalise inside."""
+    """E_VQ, Q and D_VQ over signals in radians. Normalised internally: one mean per dimension, one scale for all."""
 
     mean: Tensor
     scale: Tensor
@@ -69,13 +70,13 @@ class GazeVQVAE(nn.Module):
         self.frozen = False
 
     def freeze(self) -> GazeVQVAE:
-        """Keep weights and codebook as they are while something else is trained (section IV-D)."""
+        """Freeze weights and codebook while another network is trained (section IV-D)."""
         self.frozen = True
         self.requires_grad_(False)
         return self.eval()
 
     def train(self, mode: bool = True) -> GazeVQVAE:
-        """A frozen codebook stays in evaluation mode."""
+        """Set training mode; a frozen codebook stays in evaluation mode."""
         super().train(mode and not self.frozen)
         return self
 
@@ -85,12 +86,12 @@ class GazeVQVAE(nn.Module):
         return None if degrees is None else math.radians(degrees)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: float) -> None:
-        """Set what a signal is centred on and divided by."""
+        """Set the statistics that normalise a signal."""
         self.mean.copy_(mean)
         self.scale.fill_(scale)
 
     def patches(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B N P F"]:
-        """The signal in patches of `frames_per_code` frames (T must be a multiple)."""
+        """The signal in patches of `frames_per_code` frames; T must be a multiple."""
         patches: Tensor = signal.unflatten(1, (-1, self.settings.frames_per_code))
         return patches
 
@@ -110,17 +111,17 @@ class GazeVQVAE(nn.Module):
         return torch.where(stay[..., None, None], last_frame, decoded).flatten(1, 2)
 
     def forward(self, signal: Float[Tensor, "B T F"], stay: Bool[Tensor, "B N"]) -> Reconstruction:
-        """Eq. 6; stays take no part in the codebook."""
+        """Eq. 6. Stays do not update the codebook."""
         quantised = self.quantiser(self.encode(signal), ~stay)
         return Reconstruction(self.decode(quantised.values, stay), quantised)
 
     def code_values(self, indices: Int[Tensor, "*N"]) -> Float[Tensor, "*N C"]:
-        """Code values of indices; the index `codes` means stay."""
+        """Code values of indices; the index `codes` is the stay token."""
         table = torch.cat([self.quantiser.codebook, self.stay[None]])
         return table[indices]
 
     def render(self, values: Float[Tensor, "B N C"], stay: Bool[Tensor, "B N"]) -> Float[Tensor, "B T F"]:
-        """The decoded signal as it is shown, frames within the stay tolerance held."""
+        """The decoded signal with frames within the stay tolerance held."""
         signal = self.decode(values, stay)
         return self._hold_still(signal, signal[:, 0])
 
@@ -131,7 +132,7 @@ class GazeVQVAE(nn.Module):
         last_frame: Float[Tensor, "B F"] | None,
         cache: Cache,
     ) -> Float[Tensor, "B P F"]:
-        """`render`, one code at a time; `last_frame` is the last frame so far (None: there is none)."""
+        """`render` for one code at a time; `last_frame` is the last frame so far (None before the first)."""
         values = torch.where(stay[:, None], self.stay, values)
         decoded = self._to_patches(self.decoder.step(self.from_code(values)[:, None], cache))[:, 0]
         if last_frame is None:

@@ -86,8 +86,7 @@ class RandomPose(nn.Module):
 
 
 class SimilarPose(RandomPose):
-    """The sequence with the nearest speech, compared by means and standard deviations of its features over the window.
-    """
+    """The sequence with the nearest speech by means and standard deviations of its features over the window."""
 
     def _select(self, standardised: Float[Tensor, "B T H"], generators: list[torch.Generator]) -> Int[Tensor, " B"]:
         return torch.cdist(mean_and_std(standardised), self.speech_statistics).argmin(1)
