@@ -1,7 +1,8 @@
-"""What a model may be told besides its own speech: who moves, how somebody moves, what the partner says.
+"""Conditioning of a model on more than its own speech: the speaker, a style reference, the partner's speech.
 
-Each kind is one file here and one section of the list `conditions` in conf/model/; `[]`: nothing (the paper). A
-conditioner gives vectors that stand beside the speech features, so every generator of head and gaze is told.
+Each kind is one file of this folder and one entry of the list `conditions` in conf/model/; `[]` means no conditioning
+(the paper). A conditioner yields vectors that are concatenated with the speech features, so they reach every generator
+of head and gaze.
 """
 
 from __future__ import annotations
@@ -33,11 +34,12 @@ InputName = Literal["speaker", "reference", "partner", "sound"]
 
 @dataclass(frozen=True)
 class ConditioningInputs:
-    """What B windows of T frames come with. None: nothing; a row of NaN (speaker -1): nothing for this window.
+    """Conditioning of B windows of T frames. None: unconditional; a row of NaN (speaker -1): unconditional for this
+    window.
 
-    `speaker` is a number in the list of the training speakers (their mirror images come after them), `reference` head
-    and eye-in-head (radians) of another clip, `partner` the embedding of the partner's channel, `sound` the speech
-    itself, N / T samples a frame.
+    `speaker` is an index into the list of the training speakers, followed by their mirror images. `reference` holds
+    head and eye-in-head (radians) of another clip, `partner` the embedding of the partner's channel, `sound` the
+    waveform of the speech, N / T samples per frame.
     """
 
     speaker: Int[Tensor, " B"] | None = None
@@ -46,7 +48,7 @@ class ConditioningInputs:
     sound: Float[Tensor, "B N"] | None = None
 
     def to(self, device: torch.device) -> ConditioningInputs:
-        """The same on a device."""
+        """A copy on a device."""
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         return ConditioningInputs(**{name: None if each is None else each.to(device) for name, each in found.items()})
 
@@ -56,7 +58,7 @@ NO_CONDITIONING = ConditioningInputs()
 
 @dataclass(frozen=True)
 class ConditioningSpec:
-    """What a conditioner is made for: the channels of the embedding, and the training speakers by number."""
+    """What a conditioner is built for: the channels of the embedding, and the training speakers in index order."""
 
     channels: tuple[str, ...]
     speakers: tuple[str, ...]
@@ -64,7 +66,7 @@ class ConditioningSpec:
 
 @dataclass(frozen=True)
 class TrainingStatistics:
-    """The train split: statistics of the speech embedding, and motions (head and eye-in-head, radians)."""
+    """Train split: mean and standard deviation of the speech embedding, and motions (head and eye-in-head, radians)."""
 
     mean: Float[Tensor, " C"]
     std: Float[Tensor, " C"]
@@ -73,36 +75,37 @@ class TrainingStatistics:
 
 @dataclass(frozen=True)
 class ConditionFeatures:
-    """What the head's and the gaze's generator are told of B windows: vectors, a row a frame or one for all frames."""
+    """Condition vectors of B windows for the head and the gaze generator: one per frame, or one for all frames."""
 
     head: Float[Tensor, "B _ S"]
     gaze: Float[Tensor, "B _ S"]
 
     @classmethod
     def shared(cls, both: Float[Tensor, "B _ S"]) -> ConditionFeatures:
-        """The same for both."""
+        """The same vectors for head and gaze."""
         return cls(both, both)
 
 
 @runtime_checkable
 class Conditioner(Protocol):
-    """The role: a torch module made as `Class(settings, width, known)`, `width` that of the speech features."""
+    """Protocol of a torch module `Class(settings, width, spec)`; `width` is the number of speech features."""
 
     settings_class: Any
-    # What must be given; a model that needs nothing pays for nothing.
+    # Inputs that must be provided; inputs that no conditioner requires are not loaded.
     required_inputs: tuple[InputName, ...]
 
     def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """Take the statistics of the train split."""
+        """Set the statistics of the train split."""
         ...
 
     def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
-        """What stands beside the speech features of so many windows."""
+        """Condition vectors of `batch_size` windows."""
         ...
 
 
 def condition_dropout_mask(batch_size: int, probability: float, training: bool, device: torch.device) -> Tensor:
-    """Which windows of a training batch are told nothing, so that a model can also do without (a bool a row)."""
+    """Random mask of windows to train unconditionally, so that the model also works without the condition (one bool per
+    row)."""
     if not training or not probability:
         return torch.zeros(batch_size, dtype=torch.bool, device=device)
     return torch.rand(batch_size, device=device) < probability

@@ -1,4 +1,4 @@
-"""What the partner says: the embedding of the second channel of a conversation, so that a listener moves too."""
+"""Conditioning on the partner's speech, the second channel of a conversation, so that listeners move too."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from talkingeyes.models.speech_projection import SpeechProjection, SpeechProject
 
 
 class PartnerSpeechSettings(ComponentSettings):
-    """How the partner is heard: a SpeechSettings as wide as that of one's own speech."""
+    """Settings of the projection of the partner's speech, whose width is that of the own speech."""
 
     kind: Literal["partner"]
     channels: tuple[str, ...] | None
@@ -30,7 +30,7 @@ class PartnerSpeechSettings(ComponentSettings):
 
 
 class PartnerSpeech(nn.Module):
-    """Features of the partner's speech, as wide as one's own; zero where there is no partner."""
+    """Projected features of the partner's speech; zero without a partner."""
 
     settings_class = PartnerSpeechSettings
     required_inputs: tuple[InputName, ...] = ("partner",)
@@ -41,11 +41,11 @@ class PartnerSpeech(nn.Module):
         self.speech = SpeechProjection(own, spec.channels)
 
     def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """Both channels are heard in the same units."""
+        """Standardise the partner's channel with the statistics of the own channel."""
         self.speech.standardise_by(statistics.mean, statistics.std)
 
     def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
-        """A row a frame."""
+        """One vector per frame."""
         if conditioning.partner is None:
             return ConditionFeatures.shared(
                 self.speech.mean.new_zeros(batch_size, 1, self.speech.stack.input_projection.out_features)

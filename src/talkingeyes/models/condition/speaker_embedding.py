@@ -1,8 +1,8 @@
-"""Who moves: a learnt vector for every training speaker, and one for nobody in particular.
+"""Conditioning on the speaker: a learned vector per training speaker and one for unconditional windows.
 
-A mirrored window is told the speaker's mirror image: one half of the vector, by which somebody leans to a side, is
-turned round. Told the same speaker for both, a model learns that everybody sits upright and looks to no side more than
-to the other (docs/log.md).
+A mirrored window uses the mirror image of its speaker: the antisymmetric half of the vector, which encodes a lean to
+one side, changes its sign. If both windows used the same vector, the model would learn that all speakers sit upright
+and look equally to both sides (docs/log.md).
 """
 
 from __future__ import annotations
@@ -23,30 +23,31 @@ from talkingeyes.models.condition.conditioner import (
     condition_dropout_mask,
 )
 
-# Standard deviation of the vectors that learning starts from.
+# Standard deviation of the initial vectors.
 INIT_STD = 0.3
 
 
 class EmbeddingScaleSettings(Settings):
-    """How many times as far from the mean of all as it was learnt a vector is in use: people learnt from a few clips
-    each come out too much alike, by how much is not the same for their heads and for where they look (docs/log.md). As
-    a guidance scale (Ho & Salimans 2022), with everybody for nobody."""
+    """Factors on the deviation of a vector from the mean vector at inference. Speakers with few training clips come out
+    too similar, to a different degree for head and gaze (docs/log.md). Comparable to a guidance scale (Ho & Salimans
+    2022), with the mean speaker as the unconditional model."""
 
     head: Annotated[float, Field(gt=0)]
     gaze: Annotated[float, Field(gt=0)]
 
 
 class SpeakerEmbeddingSettings(ComponentSettings):
-    """The table."""
+    """Settings of the embedding."""
 
     kind: Literal["speaker"]
-    # Share of the training windows that are not told who moves.
+    # Fraction of the training windows that are unconditional.
     condition_dropout: Annotated[float, Field(ge=0, lt=1)]
     embedding_scale: EmbeddingScaleSettings
 
 
 class SpeakerEmbedding(nn.Module):
-    """A vector a speaker: what his mirror image has too, and what it has turned round. The last is for nobody."""
+    """A vector per speaker: a symmetric part, shared by the mirror image, plus or minus an antisymmetric part. The last
+    vector is the unconditional one."""
 
     settings_class = SpeakerEmbeddingSettings
     required_inputs: tuple[InputName, ...] = ("speaker",)
@@ -63,10 +64,10 @@ class SpeakerEmbedding(nn.Module):
             nn.init.normal_(table.weight, std=INIT_STD)
 
     def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """There is nothing to measure."""
+        """Do nothing: no statistics are needed."""
 
     def forward(self, conditioning: ConditioningInputs, batch_size: int) -> ConditionFeatures:
-        """The vector of each window's speaker."""
+        """The vector of each window's speaker, scaled at inference."""
         device = self.symmetric.weight.device
         speaker_index = (
             torch.full((batch_size,), -1, device=device) if conditioning.speaker is None else conditioning.speaker

@@ -1,8 +1,8 @@
-"""How somebody moves: a style read off a clip of motion, so that speakers whom the training never saw have one too.
+"""Style encoder: conditioning on a reference clip of motion, so that unseen speakers have a style too.
 
-In training the clip is another one of the window's own speaker: what both share is the person, not what is said. The
-paper names a speaker embedding as what its model lacks (section VI). What is read are statistics, few enough that a
-dozen speakers do not let the encoder learn them by heart.
+In training, the reference is another clip of the window's speaker, so that it shares the speaker but not the speech.
+The paper names a missing speaker embedding as a limitation (section VI). The encoder sees only summary statistics, few
+enough that it cannot memorise a dozen speakers.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from talkingeyes.models.condition.conditioner import (
 
 MOTION_DIM = 9
 STATISTICS_DIM = 3 * MOTION_DIM
-MAX_DEVIATION = 3.0  # deviations: nobody's style is read as stranger than that
-MIN_SPREAD_RAD = 1e-4  # radians: what moves less is still
+MAX_DEVIATION = 3.0  # in standard deviations: bound on standardised statistics
+MIN_SPREAD_RAD = 1e-4  # lower bound on the spread of a motion
 
 
 class StyleEncoderSettings(ComponentSettings):
-    """The encoder of styles."""
+    """Settings of the style encoder."""
 
     kind: Literal["reference"]
-    # Numbers of a style.
+    # Dimensions of a style.
     style_dim: Annotated[int, Field(gt=0)]
-    # Share of the training windows that are given no reference.
+    # Fraction of the training windows without a reference.
     condition_dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
 class StyleEncoder(nn.Module):
-    """A vector of each reference, or a learnt one where there is none."""
+    """A vector per reference; a learned vector where there is none."""
 
     mean: Tensor
     std: Tensor
@@ -59,7 +59,8 @@ class StyleEncoder(nn.Module):
         self.null_embedding = nn.Parameter(torch.zeros(width))
 
     def fit_statistics(self, statistics: TrainingStatistics) -> None:
-        """In what, and by how much, the motions of the train split differ."""
+        """Set mean and standard deviation of the motion statistics over the train split; constant statistics are
+        ignored."""
         motion_features = torch.stack([motion_statistics(each[None])[0] for each in statistics.motions])
         std = motion_features.std(0, correction=0)
         self.mean.copy_(motion_features.mean(0))
@@ -80,7 +81,7 @@ class StyleEncoder(nn.Module):
 
 
 def motion_statistics(motion: Float[Tensor, "B R 9"]) -> Float[Tensor, "B 27"]:
-    """Where each number rests, and the logarithms of how far and how fast it moves."""
+    """Per dimension: mean, log standard deviation and log mean absolute change per frame."""
     wide = motion.std(1, correction=0).clamp(min=MIN_SPREAD_RAD).log()
     fast = motion.diff(dim=1).abs().mean(1).clamp(min=MIN_SPREAD_RAD / 10).log()
     return torch.cat([motion.mean(1), wide, fast], dim=1)
