@@ -1,8 +1,9 @@
-"""Contract of the motion autoencoders of the face (ProbTalk3D section 3.3.1): stage 1, the frozen tokenizer of stage 2.
+"""Interface of the motion autoencoders of the face (ProbTalk3D section 3.3.1): stage 1, the frozen tokenizer of stage
+2.
 
-Encoder: linear, convolution, transformer; decoder: the same back. Between them stands what a latent of a frame is made
-of: codes (`vqvae`) or a Gaussian (`vae`). Stage 2 predicts `latents` from speech, `decoder_inputs` passes gradients to
-them, `sample_decoder_inputs` samples them, `decode` gives the face.
+The encoder consists of a linear layer, a convolution and a transformer; the decoder mirrors it. The latent of a frame
+consists of codes (`vqvae`) or is Gaussian (`vae`). Stage 2 predicts `latents` from speech; `decoder_inputs` passes
+gradients to them; `sample_decoder_inputs` samples from them; `decode` yields the face.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ FaceAutoencoderComponentSettings = Annotated[
 
 
 class FaceAutoencoderSettings(ComponentSettings):
-    """Sizes that both kinds share."""
+    """Sizes common to both kinds."""
 
     # Width of the latent of a frame (the paper: 256).
     latent: Annotated[int, Field(gt=0)]
@@ -54,60 +55,60 @@ class FaceAutoencoderSettings(ComponentSettings):
 
 @runtime_checkable
 class FaceAutoencoder(Protocol):
-    """The role: a torch module made as `Class(settings, face_dim)`, `face_dim` of expression and jaw a frame."""
+    """Protocol of a torch module `Class(settings, face_dim)`; `face_dim`: numbers of expression and jaw per frame."""
 
     settings_class: Any
-    # Numbers of a frame's `latents`: what stage 2 predicts.
+    # Dimensions of the `latents` of a frame that stage 2 predicts.
     predicted_dim: int
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Take what faces are centred on and divided by."""
+        """Set mean and scale of faces."""
         ...
 
     def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Faces in units of the scale."""
+        """Normalised faces."""
         ...
 
     def freeze(self) -> None:
-        """Keep everything as it is while stage 2 is trained."""
+        """Freeze all weights while stage 2 is trained."""
         ...
 
     def loss_terms(self, face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """Named terms of the loss of stage 1."""
+        """Named loss terms of stage 1."""
         ...
 
     def latents(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T Z"]:
-        """What stage 2 is to predict of a face, in units of what the training faces have."""
+        """Targets of stage 2 for a face, scaled by the statistics of the training faces."""
         ...
 
     def decoder_inputs(self, latents: Float[Tensor, "B T Z"]) -> Float[Tensor, "B T L"]:
-        """What the decoder is given for predicted latents in training; gradients pass."""
+        """Decoder inputs for predicted latents in training; passes gradients."""
         ...
 
     def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
-        """Take what it knows of its own latents from training faces, when stage 1 has ended."""
+        """Set the statistics of the latents from training faces, after stage 1."""
         ...
 
     def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
-        """Standard normal numbers of draws, a seed a row; they change over `correlation_frames` frames."""
+        """Standard normal noise for sampling, one seed per row, correlated over `correlation_frames` frames."""
         ...
 
     def sample_decoder_inputs(
         self, latents: Float[Tensor, "B T Z"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
-        """What the decoder is given in generation (B is S or 1); at temperature 0 noise counts for nothing."""
+        """Decoder inputs in generation (B is S or 1); temperature 0 ignores the noise."""
         ...
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The face, in its own units."""
+        """The decoded face, normalisation undone."""
         ...
 
 
 class EncoderDecoder(nn.Module):
-    """Encoder and decoder around a latent, with the statistics of faces; both kinds hold one."""
+    """Encoder and decoder around a latent, with the statistics of faces; part of both kinds."""
 
     def __init__(self, settings: FaceAutoencoderSettings, face_dim: int, encoder_dim: int) -> None:
-        """`encoder_dim`: what the encoder gives a frame."""
+        """`encoder_dim`: outputs of the encoder per frame."""
         super().__init__()
         self.normal = MotionNormaliser(face_dim)
         self.encoder = WindowTransformer(settings.encoder, face_dim)
@@ -116,17 +117,17 @@ class EncoderDecoder(nn.Module):
         self.out = nn.Linear(settings.decoder.width, face_dim)
 
     def encode(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T E"]:
-        """What the encoder says of a face."""
+        """Outputs of the encoder for a face."""
         out: Tensor = self.to_latent(self.encoder(self.normal(face)))
         return out
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """The face of latents."""
+        """Faces decoded from latents."""
         return self.normal.denormalise(self.out(self.decoder(values)))
 
 
 class FaceAutoencoderBase(nn.Module):
-    """What both kinds of autoencoder have around their latent."""
+    """Base class of both kinds of autoencoder."""
 
     def __init__(self, settings: FaceAutoencoderSettings, face_dim: int, encoder_dim: int) -> None:
         super().__init__()
@@ -134,27 +135,27 @@ class FaceAutoencoderBase(nn.Module):
         self.frozen = False
 
     def freeze(self) -> None:
-        """Keep everything as it is while stage 2 is trained."""
+        """Freeze all weights while stage 2 is trained."""
         self.frozen = True
         self.requires_grad_(False)
         self.eval()
 
     def train(self, mode: bool = True) -> FaceAutoencoderBase:
-        """What is frozen stays in evaluation mode."""
+        """Set training mode; a frozen autoencoder stays in evaluation mode."""
         return super().train(mode and not self.frozen)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set what faces are centred on and divided by."""
+        """Set mean and scale of faces."""
         self.encoder_decoder.normal.set(mean, scale)
 
     def normal(self, face: Float[Tensor, "B T F"]) -> Float[Tensor, "B T F"]:
-        """Faces in units of the scale."""
+        """Normalised faces."""
         out: Tensor = self.encoder_decoder.normal(face)
         return out
 
 
 def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-    """L1 of expression and of jaw, each a mean over its numbers (eq. 4 and 5), in units of the scale."""
+    """L1 of expression and of jaw, each a mean over its dimensions (eq. 4 and 5), in normalised units."""
     return {
         "expression": F.l1_loss(predicted[..., :-JAW_DIM].float(), true[..., :-JAW_DIM]),
         "jaw": F.l1_loss(predicted[..., -JAW_DIM:].float(), true[..., -JAW_DIM:]),

@@ -1,9 +1,9 @@
-"""A face by autoregressive regression in the manner of FaceFormer (Fan et al. 2022): deterministic.
+"""Deterministic autoregressive regression of the face, after FaceFormer (Fan et al. 2022).
 
-A causal transformer over past frames of the face, with attention to the speech around its own frame (FaceFormer's
-alignment bias, widened), says the next frame. FaceFormer is trained by running it frame by frame; here a share of the
-history is what the model itself says in a first pass over all frames (Mihaylova & Martins 2019), which costs two passes
-instead of as many as there are frames. Style multiplies the speech, as in all models of the comparison.
+A causal transformer over past frames of the face, with attention to the speech around the current frame (FaceFormer's
+alignment bias, widened), predicts the next frame. FaceFormer is trained in free running. Here a fraction of the history
+is replaced by predictions of a first pass over all frames (Mihaylova & Martins 2019), which costs two passes instead of
+one per frame. The style multiplies the speech features, as in all compared models.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from talkingeyes.models.layers.transformer import (
 
 
 class AutoregressionSettings(ComponentSettings):
-    """A decoder that sees its own past."""
+    """Settings of a decoder that sees its own past."""
 
     transformer: TransformerSettings
-    # Frames of speech that cross-attention sees before and after its own.
+    # Numbers of speech frames before and after its own that cross-attention uses.
     speech_lookback: Annotated[int, Field(ge=0)]
     speech_lookahead: Annotated[int, Field(ge=0)]
-    # Share of past frames that are, in training, the model's own.
+    # Fraction of past frames that are replaced by predictions in training.
     own_history_fraction: Annotated[float, Field(ge=0, le=1)]
 
 
 class RegressionFaceSettings(AutoregressionSettings):
-    """Nothing more."""
+    """Settings of the regression of the face."""
 
     kind: Literal["autoregression"]
 
 
 class RegressionFace(nn.Module):
-    """The next frame of a face from those before it and the speech."""
+    """Predicts the next frame of a face from the previous frames and the speech."""
 
     settings_class = RegressionFaceSettings
 
@@ -56,11 +56,11 @@ class RegressionFace(nn.Module):
         self.decoder = AutoregressiveDecoder(settings, speech, face_dim, face_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set what faces are centred on and divided by."""
+        """Set mean and scale of faces."""
         self.normal.set(mean, scale)
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 of expression and jaw; beside them what copying the last frame gives."""
+        """L1 of expression and jaw, and for comparison the loss of copying the last frame."""
         true = self.normal(face)
         first = shift_right(true, torch.zeros_like(true[:, :1]))
         with torch.no_grad():
@@ -70,7 +70,7 @@ class RegressionFace(nn.Module):
         return {**reconstruction(predicted, true), "copy_last_frame": copied.detach()}
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
-        """Frame after frame; nothing is drawn."""
+        """Generate frame by frame. Deterministic: all seeds give the same face."""
         frames = []
         previous = torch.zeros_like(self.normal.mean).expand(1, -1)
         decoding = self.decoder.start(speech)
@@ -81,7 +81,7 @@ class RegressionFace(nn.Module):
 
 
 class AutoregressiveDecoder(nn.Module):
-    """A causal transformer over `input_dim` numbers a frame, with speech as memory, giving `output_dim` numbers."""
+    """A causal transformer from `input_dim` to `output_dim` numbers per frame, with speech as memory."""
 
     def __init__(self, settings: AutoregressionSettings, speech: int, input_dim: int, output_dim: int) -> None:
         super().__init__()
@@ -93,31 +93,31 @@ class AutoregressiveDecoder(nn.Module):
         self.out = nn.Linear(width, output_dim)
 
     def forward(self, speech: Float[Tensor, "B T S"], history: Float[Tensor, "B T H"]) -> Float[Tensor, "B T O"]:
-        """All frames at once, `history` being the frame before each."""
+        """Outputs of all frames in parallel; `history` holds the frame before each."""
         memory = self.memory(speech)
         out: Tensor = self.out(self.transformer(self.embed(history) + memory, memory))
         return out
 
     def start(self, speech: Float[Tensor, "B T S"]) -> DecodingState:
-        """The same, frame by frame."""
+        """Start decoding frame by frame."""
         return DecodingState(self, self.memory(speech))
 
 
 class DecodingState:
-    """A decoding under way: the cache of the transformer beside the memory."""
+    """State of decoding: the cache of the transformer and the memory."""
 
     def __init__(self, decoder: AutoregressiveDecoder, memory: Float[Tensor, "B T W"]) -> None:
         self.decoder, self.memory = decoder, memory
         self.cache = decoder.transformer.start(memory)
 
     def decode_step(self, position: int, previous: Float[Tensor, "B H"]) -> Float[Tensor, "B O"]:
-        """What the decoder tells of a frame, given the frame before it."""
+        """Output of a frame, given the frame before it."""
         x = self.decoder.embed(previous)[:, None] + self.memory[:, position : position + 1]
         out: Tensor = self.decoder.out(self.decoder.transformer.step(x, self.cache))[:, 0]
         return out
 
 
 def mix_history(true: Float[Tensor, "B T H"], own: Float[Tensor, "B T H"], fraction: float) -> Float[Tensor, "B T H"]:
-    """A share of the frames of a history replaced by the model's own."""
+    """Replace a fraction of the frames of a history by predictions."""
     replaced = torch.rand(true.shape[:2], device=true.device) < fraction
     return torch.where(replaced[..., None], own, true)

@@ -1,8 +1,9 @@
-"""A face by autoregression over codes in the manner of CodeTalker (Xing et al. 2023), deterministic or sampled.
+"""Autoregressive prediction of codes of the face, after CodeTalker (Xing et al. 2023), deterministic or sampled.
 
-A causal transformer says the latent of the next frame from those before it and the speech; the nearest code takes its
-place, or one drawn by a softmax over distances, as ProbTalk3D's authors do in CodeTalker-ND. CodeTalker feeds back the
-decoded face and decodes the prefix again at every step; here the code values are fed back and decoded once, at the end.
+A causal transformer predicts the latent of the next frame from the previous frames and the speech. It is replaced by
+the nearest code, or by a code sampled by a softmax over distances, as ProbTalk3D's authors do in CodeTalker-ND.
+CodeTalker feeds back the decoded face and decodes the prefix again at every step. Here the code values are fed back,
+and decoded once at the end.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from talkingeyes.models.layers.transformer import shift_right
 
 
 class AutoregressiveCodesFaceSettings(AutoregressionSettings):
-    """Nothing more."""
+    """Settings of the autoregression over codes."""
 
     kind: Literal["autoregressive_codes"]
 
 
 class AutoregressiveCodesFace(nn.Module):
-    """The codes of the next frame from those before it and the speech."""
+    """Predicts the codes of the next frame from those before it and the speech."""
 
     settings_class = AutoregressiveCodesFaceSettings
 
@@ -42,10 +43,11 @@ class AutoregressiveCodesFace(nn.Module):
         self.decoder = AutoregressiveDecoder(settings, speech, tokenizer.predicted_dim, tokenizer.predicted_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """The tokenizer has statistics of its own."""
+        """Do nothing: the tokenizer has its own statistics."""
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 between latents, of expression and of jaw; the history are true codes, a share of them its own."""
+        """L1 of latents, expression and jaw. The history holds true codes, a fraction of them replaced by
+        predictions."""
         true = self.tokenizer.latents(face)
         first = self._history(self.tokenizer.decoder_inputs(true))
         with torch.no_grad():
@@ -58,7 +60,7 @@ class AutoregressiveCodesFace(nn.Module):
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
-        """Frame after frame; at temperature 0 one face for all seeds."""
+        """Generate frame by frame; at temperature 0, all seeds give the same face."""
         rows = len(seeds) if temperature else 1
         noise = self.tokenizer.noise(seeds[:rows], speech.shape[1], correlation_frames=1)
         decoding = self.decoder.start(speech.expand(rows, -1, -1))

@@ -1,9 +1,9 @@
-"""A face by diffusion in the manner of FaceDiffuser (Stan et al. 2023): recurrent, the network says the clean face.
+"""Diffusion of the face after FaceDiffuser (Stan et al. 2023): a recurrent network predicts the clean face.
 
-Trained to find x_0 in x_t = sqrt(a_t) x_0 + sqrt(1 - a_t) noise under a cosine schedule (Nichol & Dhariwal 2021).
-Sampled by DDIM's update (Song et al. 2021, eq. 12 and 16): with `eta` 1 at every step it is DDPM (Ho et al. 2020),
-with 0 at a few steps the DDIM of ProbTalk3D's comparison. It works on expression and jaw, where the paper takes
-vertices, and on fewer steps than FaceDiffuser's 500.
+It is trained to predict x_0 from x_t = sqrt(a_t) x_0 + sqrt(1 - a_t) noise under a cosine schedule (Nichol & Dhariwal
+2021). Sampling uses the update of DDIM (Song et al. 2021, eq. 12 and 16): `eta` 1 with all steps is DDPM (Ho et al.
+2020); 0 with a few steps is the DDIM of ProbTalk3D's comparison. The data are expression and jaw, where the paper uses
+vertices, and there are fewer steps than FaceDiffuser's 500.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from talkingeyes.models.layers.normaliser import MotionNormaliser
 
 
 class DiffusionFaceSettings(ComponentSettings):
-    """The network and how it is sampled."""
+    """Size of the network, and settings of diffusion and sampling."""
 
     kind: Literal["diffusion"]
     width: Annotated[int, Field(gt=0, multiple_of=2)]
     layers: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # Steps of noise in training, and how many of them generation takes.
+    # Diffusion steps in training, and number of steps in sampling.
     diffusion_steps: Annotated[int, Field(gt=1)]
     sampling_steps: Annotated[int, Field(gt=0)]
-    # 1: noise is drawn anew at every step, as in DDPM; 0: only at the start, as in DDIM.
+    # 1: new noise at every step, as in DDPM; 0: noise at the start only, as in DDIM.
     eta: Annotated[float, Field(ge=0, le=1)]
 
 
 class DiffusionFace(nn.Module):
-    """A recurrent network that cleans faces."""
+    """A recurrent denoising network of faces."""
 
     alpha_bar: Tensor
     settings_class = DiffusionFaceSettings
@@ -56,11 +56,11 @@ class DiffusionFace(nn.Module):
         self.register_buffer("alpha_bar", _cosine_schedule(settings.diffusion_steps))
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Set what faces are centred on and divided by."""
+        """Set mean and scale of faces."""
         self.normal.set(mean, scale)
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """L1 of the cleaned expression and jaw, at a random step of noise a row."""
+        """L1 of the denoised expression and jaw, at a random diffusion step per row."""
         true = self.normal(face)
         draw = torch.rand(len(true), device=true.device)
         step = (draw * self.settings.diffusion_steps).long() + 1
@@ -69,7 +69,7 @@ class DiffusionFace(nn.Module):
         return reconstruction(self._denoise(noisy, step, speech), true)
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
-        """From noise to a face, a seed a row; `temperature` scales all noise."""
+        """Denoise from pure noise, one seed per row; `temperature` scales all noise."""
         generators = [torch.Generator().manual_seed(seed) for seed in seeds]
         size = (speech.shape[1], len(self.normal.mean))
 
@@ -118,13 +118,13 @@ class DiffusionFace(nn.Module):
 
 
 def _cosine_schedule(steps: int) -> Float[Tensor, " N"]:
-    """Share of the signal that is kept (alpha bar) at steps 0 to `steps`."""
+    """Fraction of the signal that remains (alpha bar) at steps 0 to `steps`."""
     at = torch.arange(steps + 1) / steps
     curve = torch.cos((at + 0.008) / 1.008 * math.pi / 2).square()
     return (curve / curve[0]).clamp(1e-4, 1.0)
 
 
 def _time_embedding(time: Float[Tensor, " B"], width: int) -> Float[Tensor, "B W"]:
-    """Sines and cosines of a time between 0 and 1."""
+    """Sinusoidal embedding of a time between 0 and 1."""
     angles = time[:, None] * 100.0 ** (torch.arange(width // 2, device=time.device) / (width // 2)) * math.pi
     return torch.cat([angles.sin(), angles.cos()], dim=-1)

@@ -1,7 +1,7 @@
-"""What every face generator is: it learns the face from speech fused with style, and samples it.
+"""Interface of face generators: loss terms and sampling of the face from speech features multiplied by the style.
 
-A generator is one file here: `latent` (ProbTalk3D and its VAE variant), `diffusion` (in the manner of FaceDiffuser),
-`regression` (of FaceFormer), `codes` (of CodeTalker).
+Each generator is one file of this folder: `latent` (ProbTalk3D and its VAE variant), `diffusion` (after FaceDiffuser),
+`autoregression` (after FaceFormer), `autoregressive_codes` (after CodeTalker).
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ FaceComponentSettings = Annotated[SerializeAsAny[ComponentSettings], BeforeValid
 
 
 class FaceGenerator(Protocol):
-    """The role: a torch module made as `Class(settings, speech, numbers, tokenizer)`.
+    """Protocol of a torch module `Class(settings, speech, face_dim, tokenizer)`.
 
-    `speech` features a frame, already multiplied by the style; `numbers` of expression and jaw; `tokenizer` is the
-    frozen autoencoder that conf/model/ names, or None.
+    `speech` is the number of speech features per frame, already multiplied by the style; `face_dim` that of expression
+    and jaw. `tokenizer` is the frozen autoencoder named in conf/model/, or None.
     """
 
     settings_class: Any
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """Take the statistics of faces in the train split; one with a tokenizer needs none."""
+        """Set the statistics of faces in the train split; generators with a tokenizer ignore them."""
         ...
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """Named terms of the loss for true faces."""
+        """Named loss terms for true faces."""
         ...
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
-        """Faces of one speech in their own units, a seed a row; a seed gives the same alone or with others."""
+        """Sample faces for one speech, one seed per row. A seed gives the same result in any batch."""
         ...

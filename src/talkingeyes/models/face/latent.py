@@ -1,7 +1,8 @@
-"""Stage 2 of ProbTalk3D (section 3.3.2, eq. 5): speech and style to the latents of a frozen motion autoencoder.
+"""Stage 2 of ProbTalk3D (section 3.3.2, eq. 5): from speech and style to the latents of a frozen motion autoencoder.
 
-A convolution and transformer layers predict all frames at once; the tokenizer draws codes (or from its Gaussian, in the
-VAE variant) and decodes them. With `correlation_frames` 1 codes are drawn anew at every frame, as in the paper.
+A convolution and transformer layers predict all frames in parallel. The tokenizer samples codes (in the VAE variant,
+from its Gaussian) and decodes them. With `correlation_frames` 1, codes are sampled independently in every frame, as in
+the paper.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from talkingeyes.models.layers.window_transformer import WindowTransformer, Wind
 
 
 class LatentFaceSettings(ComponentSettings):
-    """The network, and how slowly the noise of a draw changes."""
+    """Size of the network, and correlation time of the sampling noise."""
 
     kind: Literal["latent"]
     transformer: WindowTransformerSettings
@@ -28,7 +29,7 @@ class LatentFaceSettings(ComponentSettings):
 
 
 class LatentFace(nn.Module):
-    """z^a of speech, as near as it gets to z^m of the face."""
+    """Predicts the latents z^a of speech to match the latents z^m of the face."""
 
     settings_class = LatentFaceSettings
 
@@ -45,10 +46,10 @@ class LatentFace(nn.Module):
         self.out = nn.Linear(settings.transformer.width, tokenizer.predicted_dim)
 
     def normalise_by(self, mean: Float[Tensor, " F"], scale: Float[Tensor, " F"]) -> None:
-        """The tokenizer has statistics of its own."""
+        """Do nothing: the tokenizer has its own statistics."""
 
     def loss_terms(self, speech: Float[Tensor, "B T S"], face: Float[Tensor, "B T F"]) -> dict[str, Tensor]:
-        """Eq. 5: L1 between latents, of expression and of jaw."""
+        """Eq. 5: L1 of latents, expression and jaw."""
         latents = self._latents(speech)
         reconstructed = self.tokenizer.decode(self.tokenizer.decoder_inputs(latents))
         return {
@@ -57,7 +58,7 @@ class LatentFace(nn.Module):
         }
 
     def sample(self, speech: Float[Tensor, "1 T S"], seeds: list[int], temperature: float) -> Float[Tensor, "B T F"]:
-        """All frames at once."""
+        """Generate all frames in parallel."""
         noise = self.tokenizer.noise(seeds, speech.shape[1], self.settings.correlation_frames)
         return self.tokenizer.decode(self.tokenizer.sample_decoder_inputs(self._latents(speech), noise, temperature))
 

@@ -1,7 +1,7 @@
-"""The style of a face: who speaks, with which emotion, how strongly (ProbTalk3D section 3.2: C = [c_id|c_emo|c_int]).
+"""Style of a face: speaker, emotion and intensity (ProbTalk3D section 3.2: C = [c_id|c_emo|c_int]).
 
-One-hot vectors side by side. Somebody whom the training has not heard is the mean of those whom it has; a neutral face
-has no intensity. Along a clip the style may change: vectors between two keys are blended.
+The style vector consists of one-hot vectors. An unseen speaker is represented by the mean of the training speakers. A
+neutral face has no intensity. The style may change along a clip: the vectors of successive keys are crossfaded.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ StyleInput = Literal["speaker", "emotion", "intensity"]
 
 @dataclass(frozen=True)
 class FaceStyle:
-    """`speaker` None: the mean of all; `intensity` 0 is for neutral alone. Raises InputError, with the choices."""
+    """`speaker` None: the mean of all; `intensity` 0: neutral only. Raises InputError that lists the valid values."""
 
     speaker: str | None
     emotion: str
@@ -43,7 +43,7 @@ class FaceStyle:
 
 @dataclass(frozen=True)
 class StyleKey:
-    """From `onset_s` on the style is this."""
+    """A style that starts at `onset_s`."""
 
     onset_s: float
     style: FaceStyle
@@ -51,22 +51,22 @@ class StyleKey:
 
 @dataclass(frozen=True)
 class StyleVocabulary:
-    """The speakers that a model knows, in the order of their numbers."""
+    """Training speakers of a model, in index order."""
 
     speakers: tuple[str, ...]
 
     @classmethod
     def of(cls, clips: Iterable[Clip]) -> StyleVocabulary:
-        """The speakers of clips, by name."""
+        """The speakers of clips, sorted by name."""
         return cls(tuple(sorted({clip.speaker for clip in clips})))
 
     @property
     def numbers(self) -> int:
-        """Of a style vector."""
+        """Dimensions of a style vector."""
         return len(self.speakers) + len(EMOTIONS) + len(INTENSITIES)
 
     def columns(self, inputs: Sequence[StyleInput]) -> list[int]:
-        """Which numbers of a vector tell these inputs."""
+        """Columns of a style vector for these inputs."""
         emotions = len(self.speakers)
         intensities = emotions + len(EMOTIONS)
         ranges: dict[StyleInput, range] = {
@@ -77,7 +77,7 @@ class StyleVocabulary:
         return [column for name in inputs for column in ranges[name]]
 
     def style_vector(self, style: FaceStyle) -> Float[ndarray, " D"]:
-        """C of a style. Raises InputError for a speaker whom the model does not know."""
+        """Style vector C of a style. Raises InputError for an unknown speaker."""
         if style.speaker is not None and style.speaker not in self.speakers:
             raise InputError(
                 f"speaker: should be one of {', '.join(self.speakers)} or none for their mean, got {style.speaker}"
@@ -93,7 +93,7 @@ class StyleVocabulary:
         return style_vector
 
     def per_frame(self, keys: Sequence[StyleKey], frames: int, fps: float, fade_s: float) -> Float[ndarray, "T D"]:
-        """C of every frame: each key from its onset on, blended in over `fade_s`; before the first key, the first."""
+        """C of every frame: each key from its onset on, faded in over `fade_s`; the first key also before its onset."""
         if not keys:
             raise InputError("style: should have at least one key, got none")
         times_s = np.arange(frames) / fps
@@ -105,6 +105,7 @@ class StyleVocabulary:
         return style_vectors
 
     def style_of(self, clip: Clip) -> FaceStyle:
-        """Of a speaker who is not known, the mean of all; of a clip whose emotion nobody said (a video), neutral."""
+        """Style of a clip: the mean of all for an unknown speaker; neutral if the clip has no emotion label (a
+        video)."""
         speaker = clip.speaker if clip.speaker in self.speakers else None
         return FaceStyle(speaker, clip.emotion or NEUTRAL, clip.intensity)

@@ -1,10 +1,11 @@
-"""The VQ-VAE of facial motion (ProbTalk3D section 3.3.1, eq. 3 and 4): 256 codes of 128 numbers, latents of 256.
+"""VQ-VAE of facial motion (ProbTalk3D section 3.3.1, eq. 3 and 4): 256 codes of 128 numbers, latents of 256.
 
-What a code stands for is the `layout`. `frames`: the latent of a frame is cut into pieces as wide as a code, so that a
-code says something of one frame. `channels`, as the released program has it: latents are laid out channel by channel
-before they are cut, so that a code stands for 128 consecutive values of one channel over time, and a change of one
-frame changes all codes of a clip. docs/face_models.md says more.
-The codebook term of eq. 3 is minimised by its closed form (layers/quantiser.py); the commitment term is as written.
+`layout` sets what a code represents. `frames`: the latent of a frame is cut into pieces of the width of a code, so that
+a code describes one frame. `channels`, as in the released program: latents are laid out channel by channel before they
+are cut, so that a code represents 128 consecutive values of one channel over time, and a change of one frame changes
+all codes of a clip. See docs/face_models.md.
+
+The codebook term of eq. 3 is minimised in closed form (layers/quantiser.py); the commitment term is as in the paper.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ CodeLayout = Literal["frames", "channels"]
 
 
 class FaceVQVAESettings(FaceAutoencoderSettings):
-    """The codebook, and what a code stands for."""
+    """Settings of the codebook and its layout."""
 
     kind: Literal["vq"]
     layout: CodeLayout
@@ -39,7 +40,7 @@ class FaceVQVAESettings(FaceAutoencoderSettings):
 
 
 def split_codes(latents: Float[Tensor, "B T L"], layout: CodeLayout, width: int) -> Float[Tensor, "B N C"]:
-    """Latents in pieces as wide as a code."""
+    """Cut latents into pieces of the width of a code."""
     ordered = latents if layout == "frames" else latents.transpose(1, 2)
     return ordered.reshape(len(latents), -1, width)
 
@@ -52,8 +53,9 @@ def merge_codes(pieces: Float[Tensor, "B N C"], layout: CodeLayout, latent: int)
 
 
 class FaceVQVAE(FaceAutoencoderBase):
-    """E, the codebook and D. `temperature_scale`: mean squared distance of the training latents from their codes, the
-    unit of temperatures; `latent_scale`: their root mean square, the unit of what stage 2 predicts."""
+    """Encoder, codebook and decoder. `temperature_scale` is the mean squared distance of the training latents from
+    their codes, the unit of temperatures. `latent_scale` is their root mean square, the unit of the targets of stage
+    2."""
 
     temperature_scale: Tensor
     latent_scale: Tensor
@@ -78,7 +80,7 @@ class FaceVQVAE(FaceAutoencoderBase):
 
     @torch.no_grad()
     def fit_latent_statistics(self, face: Float[Tensor, "B T F"]) -> None:
-        """Take the units of temperatures and of latents from faces, once, when stage 1 is trained."""
+        """Set `temperature_scale` and `latent_scale` from faces, once after stage 1."""
         latents = self.encoder_decoder.encode(face)
         pieces = self._split_codes(latents)
         self.temperature_scale.copy_((pieces - self.quantiser(pieces).values).square().sum(-1).mean())
@@ -93,21 +95,21 @@ class FaceVQVAE(FaceAutoencoderBase):
         return self._merge_codes(self.quantiser(self._split_codes(latents * self.latent_scale)).values)
 
     def noise(self, seeds: list[int], frames: int, correlation_frames: int) -> Float[Tensor, "S T M"]:
-        """One number for each code at each place of a frame."""
+        """One number per code and piece of a frame's latent."""
         places = self.settings.latent // self.settings.quantiser.width
         return correlated_normal(seeds, frames, places * self.settings.quantiser.codes, correlation_frames)
 
     def sample_decoder_inputs(
         self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Float[Tensor, "S T L"]:
-        """The values of drawn codes."""
+        """Values of sampled codes."""
         return self._merge_codes(self.quantiser.codebook[self.codes(latents, noise, temperature)])
 
     def codes(
         self, latents: Float[Tensor, "B T L"], noise: Float[Tensor, "S T M"], temperature: float
     ) -> Int[Tensor, "S N"]:
-        """Codes by a softmax over minus squared distances, in units of `temperature` times `temperature_scale` (section
-        3.3.3): the largest of the logits plus Gumbel noise."""
+        """Codes sampled by a softmax over negative squared distances in units of `temperature` times
+        `temperature_scale` (section 3.3.3), with the Gumbel-max trick."""
         distances = self.quantiser.distances(self._split_codes(latents * self.latent_scale))
         if temperature == 0:
             return distances.argmin(-1).expand(len(noise), -1)
@@ -116,7 +118,7 @@ class FaceVQVAE(FaceAutoencoderBase):
         return (logits + gumbel).argmax(-1)
 
     def decode(self, values: Float[Tensor, "B T L"]) -> Float[Tensor, "B T F"]:
-        """D of code values."""
+        """The face decoded from code values."""
         return self.encoder_decoder.decode(values)
 
     def _split_codes(self, latents: Float[Tensor, "B T L"]) -> Float[Tensor, "B N C"]:

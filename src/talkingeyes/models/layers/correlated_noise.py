@@ -15,7 +15,7 @@ from torch.nn import functional
 
 
 def correlated_normal(seeds: list[int], frames: int, numbers: int, correlation_frames: int) -> Float[Tensor, "B T N"]:
-    """White noise filtered by a Hann window of 2 `correlation_frames` - 1 frames, scaled to variance 1 (1 frame: white)."""
+    """White noise filtered by a Hann window of 2 `correlation_frames` - 1 frames, scaled to variance 1 (1: white)."""
     window = torch.hann_window(2 * correlation_frames + 1, periodic=False)[1:-1]
     window = window / window.square().sum().sqrt()
     white = torch.stack([_white(seed, frames + len(window) - 1, numbers) for seed in seeds])
