@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings
+from talkingeyes.models.layers.point_process_sampler import sample_events
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
 
 SETTINGS = {
@@ -74,7 +75,7 @@ def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
 
     process = made()
     learn(process, batch, 150, 1e-2, bins)
-    sampled = process.sample(torch.zeros(64, 32, 3), torch.rand(64, 32, 5, generator=rng), 1.0)
+    sampled = sample_events(process, torch.zeros(64, 32, 3), torch.rand(64, 32, 5, generator=rng), 1.0)
     gone = np.abs(np.asarray(sampled.location)[np.asarray(sampled.event)] / (1.0, 0.5)).max(axis=1) > 1.5
     assert np.mean(gone) == pytest.approx(0.05, abs=0.02)
 
@@ -102,7 +103,7 @@ def test_it_learns_when_and_where() -> None:
         optimiser.step()
     process.eval()
     condition, _ = batch()
-    sampled = process.sample(condition, torch.rand(32, 40, 5), 1.0)
+    sampled = sample_events(process, condition, torch.rand(32, 40, 5), 1.0)
     cue, side = condition[:, 1:, 0].numpy(), condition[:, 1:, 1].numpy()
     happened = sampled.event[:, 1:]
     assert (happened == (cue > 0)).mean() > 0.95
@@ -123,7 +124,7 @@ def test_it_learns_by_how_much_events_are_drawn_back() -> None:
         return EventSequence(bins, torch.stack(locations, 1), torch.ones(32, 13, dtype=torch.bool))
 
     learn(process, batch, 200, 2e-2, 40)
-    sampled = process.sample(torch.zeros(200, 90, 3), torch.rand(200, 90, 5), 1.0)
+    sampled = sample_events(process, torch.zeros(200, 90, 3), torch.rand(200, 90, 5), 1.0)
     before, after = sampled.location[:, 30:-3].reshape(-1, 2), sampled.location[:, 33:].reshape(-1, 2)
     moved = (after != before).all(-1)
     slope = (after * before)[moved].sum() / (before[moved] ** 2).sum()
@@ -156,7 +157,7 @@ def test_it_learns_to_go_on_the_same_way_as_far() -> None:
         return EventSequence(bins, locations, torch.ones(64, 9, dtype=torch.bool))
 
     learn(process, batch, 250, 1e-2, 18)
-    sampled = process.sample(torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
+    sampled = sample_events(process, torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
     steps = [
         np.diff(location[event], axis=0)[1:] for event, location in zip(sampled.event, sampled.location, strict=True)
     ]
@@ -181,7 +182,7 @@ def test_what_is_drawn_does_without_the_noise_of_what_was_learnt() -> None:
     learn(process, batch, 300, 1e-2, 18)
     off = []
     for process.observation_noise[:] in (noise, 0.0):
-        sampled = process.sample(torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
+        sampled = sample_events(process, torch.zeros(200, 18, 3), torch.rand(200, 18, 5), 1.0)
         off.append(np.sqrt(np.square(np.abs(sampled.location[sampled.event][:, 0]) - 1).mean()))
     assert off[0] < 0.7 * noise < 0.9 * noise < off[1]
 

@@ -8,7 +8,7 @@ import torch
 from test_point_process import made
 
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess
-from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampler
+from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampler, sample_events
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations
 
 
@@ -35,13 +35,13 @@ def bin_by_bin(sampler: Sampler, encoded_condition: np.ndarray, uniform: np.ndar
 @pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # hardly ever, now and then, in nearly every bin
 def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
     process, condition, uniform = lively(bias), torch.randn(5, 90, 3), torch.rand(5, 90, 5)
-    sampled = process.sample(condition, uniform, 1.0)
+    sampled = sample_events(process, condition, uniform, 1.0)
     with torch.no_grad():
         encoded_condition = process.condition_encoder(condition).numpy()
     events, locations = bin_by_bin(Sampler(process, 1.0), encoded_condition, uniform.numpy())
     assert np.array_equal(sampled.event, events)
     np.testing.assert_allclose(sampled.location, locations, atol=1e-5, rtol=1e-5)
-    alone = process.sample(condition[:1], uniform[:1], 1.0)  # a row is the same alone
+    alone = sample_events(process, condition[:1], uniform[:1], 1.0)  # a row is the same alone
     assert np.array_equal(alone.event[0], sampled.event[0])
     np.testing.assert_allclose(alone.location[0], sampled.location[0], atol=1e-5, rtol=1e-5)
 
@@ -63,7 +63,7 @@ def sequence(sampled: SampledEvents) -> EventSequence:
 def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes: dict[str, object]) -> None:
     """Hazards of all bins, and the Gaussian and the number of it at every event, under the events that were drawn."""
     process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
-    sampled = process.sample(condition, uniform, temperature)
+    sampled = sample_events(process, condition, uniform, temperature)
     events = sequence(sampled)
     with torch.no_grad():
         encoded_condition = process.condition_encoder(condition)
@@ -93,5 +93,5 @@ def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes
 
 def test_without_a_temperature_the_most_probable_is_drawn() -> None:
     process, condition = lively(-1.5), torch.randn(1, 60, 3)
-    one, other = (process.sample(condition, torch.rand(1, 60, 5), 0.0) for _ in range(2))
+    one, other = (sample_events(process, condition, torch.rand(1, 60, 5), 0.0) for _ in range(2))
     np.testing.assert_array_equal(one.location[0, 0], other.location[0, 0])

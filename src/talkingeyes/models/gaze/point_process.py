@@ -30,7 +30,7 @@ from talkingeyes.models.layers.point_process import (
     PointProcessSettings,
     bin_means,
 )
-from talkingeyes.models.layers.point_process_sampler import Sampler, SamplerState
+from talkingeyes.models.layers.point_process_sampler import Sampler, SamplerState, sample_events
 from talkingeyes.physiology import eye_head, saccades
 
 # Gaze moves in frames with a step of at least MIN_STEP_RAD; saccades smaller than MIN_AMPLITUDE_RAD are ignored.
@@ -100,7 +100,7 @@ class PointProcessGaze(nn.Module):
         uniform = (
             uniform_noise(seeds, count * (len(LOCATION_SPREAD) + 3)).reshape(len(seeds), count, -1).to(binned_condition)
         )
-        sampled = self.process.sample(binned_condition, uniform, temperature)
+        sampled = sample_events(self.process, binned_condition, uniform, temperature)
         times_s = np.arange(condition.speech.shape[1]) / self.fps
         starts_s = (np.arange(count) + sampled.phase) * self.bin_frames / self.fps
         return _eyes(condition.head, render_saccades(sampled.event, starts_s, self.radians(sampled.location), times_s))

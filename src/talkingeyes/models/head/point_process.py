@@ -23,6 +23,7 @@ from talkingeyes.models.head.generator import HeadPrediction
 from talkingeyes.models.layers.equaliser import Equaliser
 from talkingeyes.models.layers.normaliser import MotionNormaliser
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings, bin_means
+from talkingeyes.models.layers.point_process_sampler import sample_events
 
 POSE_SPREAD = (1.0, 1.0, 0.6)
 # Bins sampled beyond the end, so that the last frames lie between two events.
@@ -77,7 +78,7 @@ class PointProcessHead(nn.Module):
         uniform = torch.stack(
             [torch.rand(count, numbers, generator=torch.Generator().manual_seed(seed)) for seed in seeds]
         )
-        sampled = self.process.sample(binned_speech, uniform.to(binned_speech), self.temperature)
+        sampled = sample_events(self.process, binned_speech, uniform.to(binned_speech), self.temperature)
         generated = self.equaliser(interpolate_poses(sampled.event, sampled.location, self.bin_frames))[
             :, : speech.shape[1]
         ]

@@ -26,7 +26,6 @@ from torch import Tensor, nn
 from talkingeyes.core.settings import Settings, bounds_error
 from talkingeyes.models.layers.convolution import CausalConvolutionStack, ConvolutionStack
 from talkingeyes.models.layers.mixture_centres import MIXTURE_CENTRES, MixtureCentresKind
-from talkingeyes.models.layers.point_process_sampler import SampledEvents, Sampler
 from talkingeyes.models.layers.previous_steps import previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import PreviousLocations, RevisitMixture
 
@@ -188,13 +187,6 @@ class PointProcess(nn.Module):
         before = PreviousLocations(previous_locations.locations[:, :-1], previous_locations.dwell_bins[:, :-1])
         likelihood = self._log_density(at_events, from_place, before, events.locations)
         return {"time": when, "location": -(likelihood * events.mask).sum() / events.mask.sum(), **learnt}
-
-    @torch.no_grad()
-    def sample(
-        self, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float
-    ) -> SampledEvents:
-        """Sample events from D + 3 uniform numbers per bin, for one condition per row or one for all rows."""
-        return Sampler(self, temperature).sample(self.condition_encoder(condition).cpu().numpy(), uniform.cpu().numpy())
 
     def clamped_log_sds(self) -> tuple[Float[Tensor, "M D"], Float[Tensor, " D"]]:
         """Clamped log standard deviations of the Gaussians and of revisits."""

@@ -8,21 +8,19 @@ training; tests/test_point_process_sampler.py compares each sample with them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.special import expit, ndtri
+from torch import Tensor
 
 from talkingeyes.models.layers.categorical_sampling import sample_categorical
 from talkingeyes.models.layers.numpy_layers import NumpyGRU, NumpyLinear, gelu, to_numpy
+from talkingeyes.models.layers.point_process import PointProcess
 from talkingeyes.models.layers.previous_steps import MIN_STEP
 from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT
-
-if TYPE_CHECKING:
-    from talkingeyes.models.layers.point_process import PointProcess
 
 # Maximum number of bins evaluated together, absolute and in mean gaps between events (about 3 bins for heads, 12 for
 # gaze).
@@ -79,6 +77,15 @@ def _encode_step(step: Float[ndarray, "S D"]) -> Float[ndarray, "S H"]:
 def _prepend(new: Float[ndarray, "S ..."], past: Float[ndarray, "S R ..."]) -> Float[ndarray, "S R ..."]:
     """Insert the new entry first and drop the oldest."""
     return np.concatenate([new[:, None], past[:, :-1]], axis=1)
+
+
+@torch.no_grad()
+def sample_events(
+    process: PointProcess, condition: Float[Tensor, "_ N C"], uniform: Float[Tensor, "B N U"], temperature: float
+) -> SampledEvents:
+    """Sample events from D + 3 uniform numbers per bin, for one condition per row or one for all rows."""
+    encoded_condition = process.condition_encoder(condition).cpu().numpy()
+    return Sampler(process, temperature).sample(encoded_condition, uniform.cpu().numpy())
 
 
 class Sampler:
