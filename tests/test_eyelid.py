@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import angles_to_direction, rotvec_to_matrix
-from talkingeyes.head.eyelid.curves import fit_circle, resample_curve
+from talkingeyes.head.eyelid.curves import fit_circle
 from talkingeyes.head.eyelid.gaze_controller import aim_eyes, vergence_angle_rad
 from talkingeyes.head.eyelid.model import (
     LOWER,
@@ -22,15 +22,6 @@ from talkingeyes.head.eyelid.model import (
 
 ANGLE = st.floats(-0.6, 0.6)
 EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])
-
-
-def test_resampling_keeps_the_ends_and_makes_equal_steps():
-    bent = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 3, 0]], float)
-    points = resample_curve(bent, 9)
-    np.testing.assert_allclose(points[[0, -1]], bent[[0, -1]])
-    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.5)
-    with pytest.raises(InputError, match="finite points of a positive length"):
-        resample_curve(np.zeros((4, 3)), 9)
 
 
 @given(ANGLE, ANGLE, st.floats(0.003, 0.009))

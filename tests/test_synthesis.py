@@ -13,7 +13,7 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.speakers import SpeakerStyle, sample_style
-from talkingeyes.synthesis.speech_synthesis import synthesize_monologue
+from talkingeyes.synthesis.speech_synthesis import DialogueVoices, synthesize_conversation
 from talkingeyes.synthesis.take import Take, sample_take
 
 SETTINGS = plan.SynthesizeSettings(**compose(["synthesize=default"])["synthesize"])
@@ -37,7 +37,7 @@ def spoken():
     made = []
     for sound in plan.sounds(SETTINGS)[:20]:
         voice = plan.speaker_of(SETTINGS, sound).voice
-        made.append(synthesize_monologue(voice, 8.0, 9.6, plan.generator(0, "sound", sound.index))[1])
+        made.append(synthesize_conversation(DialogueVoices(voice), 8.0, 9.6, plan.generator(0, "sound", sound.index)))
     return [(each.annotation, each.seconds) for each in made]
 
 

@@ -3,6 +3,7 @@
 import re
 from functools import cache
 from itertools import pairwise
+from math import prod
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from talkingeyes.synthesis.text import (
     Pause,
     Script,
     Word,
-    count_expansions,
     estimated_duration_s,
     languages,
     write_script,
@@ -35,6 +35,17 @@ def test_every_slot_has_a_rule_and_every_rule_is_used(language: str) -> None:
     grammar = GRAMMARS[language]
     slots = {slot for expansions in grammar.values() for text in expansions for slot in SLOT.findall(text)}
     assert slots | {"statement", "question", "list", "filler"} == set(grammar)
+
+
+def count_expansions(language: str, symbol: str) -> int:
+    """Number of expansions of a rule, including those that repeat a slot value."""
+    grammar = GRAMMARS[language]
+
+    @cache
+    def count(name: str) -> int:
+        return sum(prod(count(slot) for slot in SLOT.findall(expansion)) for expansion in grammar[name])
+
+    return count(symbol)
 
 
 @pytest.mark.parametrize("language", languages())

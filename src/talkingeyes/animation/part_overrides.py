@@ -42,11 +42,6 @@ class PartOverrides:
         if both:
             raise InputError(f"parts: {both[0]} should be replaced or switched off, got both")
 
-    @property
-    def is_default(self) -> bool:
-        """Whether all parts are generated."""
-        return not self.disabled and not self.replacements
-
     def is_generated(self, part: str) -> bool:
         """Whether a part is generated."""
         return part not in self.disabled and part not in self.replacements

@@ -91,14 +91,6 @@ class DialogueVoices:
     partner: Voice | None = None
 
 
-def synthesize_monologue(
-    voice: Voice, shortest_s: float, longest_s: float, rng: np.random.Generator
-) -> tuple[Script, SynthesizedSpeech]:
-    """Synthesize random speech of one speaker, with a duration between two limits."""
-    spoken = synthesize_conversation(DialogueVoices(voice), shortest_s, longest_s, rng)
-    return spoken.script, spoken
-
-
 def synthesize_conversation(
     speaker_voices: DialogueVoices,
     shortest_s: float,

@@ -10,8 +10,7 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from math import log, prod
+from math import log
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -184,17 +183,6 @@ def grammar_of(language: str) -> Grammar:
     if language not in GRAMMARS:
         raise InputError(f"language: should be one of {', '.join(GRAMMARS)}, got {language!r}")
     return GRAMMARS[language]
-
-
-def count_expansions(language: str, symbol: str) -> int:
-    """Number of expansions of a rule, including those that repeat a slot value."""
-    grammar = grammar_of(language)
-
-    @cache
-    def count(name: str) -> int:
-        return sum(prod(count(slot) for slot in SLOT.findall(expansion)) for expansion in grammar[name])
-
-    return count(symbol)
 
 
 def _sentence(kind: SentenceKind, grammar: Grammar, rng: np.random.Generator, partition: TextPartition) -> Sentence:

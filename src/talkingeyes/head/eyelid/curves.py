@@ -30,19 +30,6 @@ class Circle:
         return direction_to_angles(self.normal)
 
 
-def resample_curve(curve: Float[ndarray, "K D"], count: int) -> Float[ndarray, "N D"]:
-    """Resample a polyline to `count` points at equal arc length, including its ends.
-
-    Raises InputError if the polyline has no length or is not finite.
-    """
-    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    if not np.isfinite(along[-1]) or along[-1] == 0.0:
-        raise InputError(f"curve: should be finite points of a positive length, got {len(curve)} points without")
-    at = np.linspace(0.0, along[-1], count)
-    return np.stack([np.interp(at, along, channel) for channel in curve.T], axis=-1)
-
-
 def fit_circle(contour: Float[ndarray, "K 3"]) -> Circle:
     """Fit a circle to a contour: plane by SVD, centre and radius by linear least squares (Kasa).
 
