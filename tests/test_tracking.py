@@ -263,7 +263,7 @@ def test_names_and_speakers_come_from_the_path_or_a_map(tmp_path: Path):
     for arguments in (([tmp_path], speakers), ([tmp_path / "nothing"], None), ([tmp_path / "notes.txt"], speakers)):
         with pytest.raises(InputError, match=r"^[^\n]+$"):
             sources(*arguments)
-    with pytest.raises(InputError, match="another video is called solo"):
+    with pytest.raises(InputError, match="got another video solo"):
         (tmp_path / "id1" / "solo.mkv").touch()
         sources([tmp_path / "solo.mkv", tmp_path / "id1" / "solo.mkv"], None)
 

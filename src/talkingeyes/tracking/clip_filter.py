@@ -1,7 +1,7 @@
-"""Which shots become clips, and why the others do not (paper, III-A1: 20,000 clips became 6,000).
+"""Selection of shots as clips, with reasons for rejection (paper, III-A1: 20,000 clips became 6,000).
 
-All that can be judged from a shot alone: its length, faces, sharpness, eyes, movement, voice. Copies of other clips are
-found when all are known (workflows/track.py), by the fingerprint that is taken here.
+The criteria depend on a single shot only: duration, faces, sharpness, eyes, movement, voice. Duplicates are found
+later, when all shots are known (workflows/track.py), by the fingerprint computed here.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from talkingeyes.tracking.visibility import EyeVisibilitySettings, eye_openness,
 
 Share = Annotated[float, Field(ge=0, le=1)]
 FINGERPRINT_FRAMES = 128
-DUPLICATE_FRAME_LEVEL = 0.05  # mean change of grey (of 255) of a face that is the same picture again
+DUPLICATE_FRAME_LEVEL = 0.05  # mean grey difference (of 255) below which a face image repeats the previous one
 
 
 class ClipFilterSettings(Settings):
-    """What a clip must be. Sharpness is that of `shots.sharpness`; movement is in pixels of the crop."""
+    """Criteria for clips. Sharpness is that of `shots.sharpness`; movement is in pixels of the crop."""
 
     min_duration_s: Annotated[float, Field(ge=0.5)]
     multi_face_ratio: Share
@@ -47,7 +47,7 @@ class ClipFilterSettings(Settings):
 
 @dataclass(frozen=True)
 class ShotQuality:
-    """What a shot was judged by. `lip_sync_score` is 0 and `speaking` 0 where there is no sound to judge."""
+    """Measurements of a shot. `lip_sync_score` and `speaking` are 0 if the sound is missing or silent."""
 
     seconds: float
     multi_face_ratio: float
@@ -64,7 +64,7 @@ class ShotQuality:
 def measure_shot(
     shot: Shot, seen: Observation, sound: Float[ndarray, " N"], eyes: EyeVisibilitySettings
 ) -> ShotQuality:
-    """All measures of a shot, its observation and its stretch of sound."""
+    """Measure a shot from its frames, its observation and its sound."""
     faces = [tracked.face for tracked in shot.tracked_frames if tracked.face is not None]
     counts = [face.faces for face in faces if face.faces]
     loudest = loudest_dbfs(sound)
@@ -85,7 +85,7 @@ def measure_shot(
 
 
 def rejection_reason(of: ShotQuality, settings: ClipFilterSettings) -> str:
-    """Why a shot is no clip; empty if it is one."""
+    """Reason to reject a shot; empty if it becomes a clip."""
     silent = of.loudest_dbfs < SILENT_DBFS
     tests = (
         (
@@ -118,10 +118,10 @@ def rejection_reason(of: ShotQuality, settings: ClipFilterSettings) -> str:
 
 
 def fingerprint(landmarks: Float[ndarray, "T L 2"]) -> str:
-    """512 bits as hexadecimal digits: where nose, lips and lids are above their medians, at 128 times of the shot.
+    """512 bits as hexadecimal digits: whether nose, lips and lids are above their medians, at 128 times of the shot.
 
-    Another codec, size, crop or frame rate leaves it nearly as it is; other footage of the same person in the same
-    place differs in half of the bits.
+    Another codec, size, crop or frame rate changes few bits; other footage of the same person in the same place differs
+    in half of the bits.
     """
     nose = landmarks[:, LANDMARK_NAMES.index("nose_tip")]
     eye = eye_openness(landmarks, 50.0).mean(axis=1)
@@ -132,7 +132,7 @@ def fingerprint(landmarks: Float[ndarray, "T L 2"]) -> str:
 
 
 def hamming_distance(one: str, other: str) -> float:
-    """The share of bits in which two fingerprints differ."""
+    """Fraction of bits in which two fingerprints differ."""
     bits = int(one, 16) ^ int(other, 16)
     return bits.bit_count() / (4 * len(one))
 

@@ -1,9 +1,9 @@
-"""A shot as an observation: resampled by time stamps, in the pixels of a crop of standard size around the face.
+"""Converts a shot to an observation: resampled by time stamps, in pixels of a standard crop around the face.
 
-The crop stands still during a shot and is as large as the synthetic one, so that everything that counts in pixels (the
-tolerances of `fit`, Table VIII) means the same for a film of 224 and of 2160 lines. What lens took a video is not
-known: the camera is assumed to look at the middle of the crop from `distance_m`. The size of the face comes from the
-rigid landmarks by scaled orthography, which a turned head does not shrink; a clip's own head size is left to `fit`.
+The crop is fixed within a shot and as large as that of synthetic data, so that quantities in pixels (the tolerances of
+`fit`, Table VIII) have the same meaning for films of 224 and of 2160 lines. The lens of a video is unknown: the camera
+is assumed to look at the centre of the crop from `distance_m`. The size of the face comes from the rigid landmarks
+under scaled orthography, which head rotation does not shrink. `fit` estimates the identity of the face.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class CropSettings(Settings):
-    """The crop that landmarks are written in; frames further apart than `max_gap_s` are not joined."""
+    """Size, scale and camera distance of the crop; no interpolation between frames further apart than `max_gap_s`."""
 
     size_px: Annotated[int, Field(ge=32, le=4096)]
     scale_px_per_mm: Annotated[float, Field(gt=0, le=100)]
@@ -44,25 +44,25 @@ class Crop:
     zoom: float
 
     def to_crop(self, points: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 2"]:
-        """From the video's pixels to the crop's."""
+        """Convert pixels of the video to pixels of the crop."""
         return np.asarray((points - (self.x, self.y)) * self.zoom)
 
 
 @dataclass(frozen=True)
 class CroppedShot:
-    """What is written of a shot, and where its crop lies."""
+    """Observation of a shot, and its crop."""
 
     observation: Observation
     crop: Crop
 
 
 def frame_count(shot: Shot, fps: float) -> int:
-    """How many frames of `fps` begin while the shot lasts."""
+    """Number of frames at `fps` that start within the shot."""
     return int((shot.stop_s - shot.start_s) * fps + 1e-6) + 1
 
 
 def crop_shot(shot: Shot, fps: float, settings: CropSettings, eyes: EyeVisibilitySettings) -> CroppedShot:
-    """Landmarks and pupils at the times start + t / fps; no pupil where its eye is hidden."""
+    """Landmarks and pupils at the times start + t / fps; pupils are NaN if the eye is hidden."""
     seen = [tracked for tracked in shot.tracked_frames if tracked.face is not None]
     times_s = np.array([tracked.time_s for tracked in seen])
     points = np.array(
@@ -85,7 +85,7 @@ def resample_at(
     target_times_s: Float[ndarray, " T"],
     max_gap_s: float,
 ) -> Float[ndarray, "T L 2"]:
-    """Linear between the frames around a moment; NaN where they are further apart than `max_gap_s`."""
+    """Interpolate linearly between frames; NaN if they are further apart than `max_gap_s`."""
     after = np.clip(np.searchsorted(times_s, target_times_s), 1, max(len(times_s) - 1, 1))
     if len(times_s) == 1:
         return np.repeat(points, len(target_times_s), axis=0)
@@ -98,7 +98,7 @@ def resample_at(
 
 
 def face_crop(landmarks: Float[ndarray, "F L 2"], settings: CropSettings) -> Crop:
-    """The crop in whose middle the face stands (the median of its boxes), at the standard size."""
+    """The crop centred on the face (the median of its boxes), at the standard scale."""
     zoom = settings.scale_px_per_mm / float(np.median(pixels_per_mm(landmarks)))
     boxes = (landmarks.min(axis=1) + landmarks.max(axis=1)) / 2
     corner = np.median(boxes, axis=0) - settings.size_px / 2 / zoom
@@ -106,7 +106,7 @@ def face_crop(landmarks: Float[ndarray, "F L 2"], settings: CropSettings) -> Cro
 
 
 def pixels_per_mm(landmarks: Float[ndarray, "F L 2"]) -> Float[ndarray, " F"]:
-    """Pixels a millimetre of each frame: the rigid points as a parallel projection of the head, turned anyhow."""
+    """Pixels per millimetre of each frame: scaled orthography of the rigid landmarks, for any head rotation."""
     rest = rest_landmarks()[RIGID_LANDMARKS] * 1000.0
     rest = rest - rest.mean(axis=0)
     seen = landmarks[:, RIGID_LANDMARKS] - landmarks[:, RIGID_LANDMARKS].mean(axis=1, keepdims=True)
@@ -115,7 +115,7 @@ def pixels_per_mm(landmarks: Float[ndarray, "F L 2"]) -> Float[ndarray, " F"]:
 
 
 def crop_camera(settings: CropSettings) -> Camera:
-    """The camera that a crop is thought to be taken with."""
+    """The assumed camera of a crop."""
     half = settings.size_px / 2.0
     focal_px = 1000.0 * settings.scale_px_per_mm * (settings.distance_m - float(EYE_CENTRES[0, 2]))
     return Camera(focal_px, (half, half), settings.distance_m, settings.size_px, settings.size_px)

@@ -1,6 +1,6 @@
-"""How long tracking would take and how much it would write: what `talkingeyes track --dry-run` says, before any of it.
+"""Estimate of duration and disk space of tracking, printed by `talkingeyes track --dry-run`.
 
-Hours come from what the containers say; the speed is measured on the first seconds of one of the videos, on one core.
+Durations come from the container headers; throughput is measured on the first seconds of one video, on one core.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BYTES_PER_SECOND = {"observations": 9_000, "speech": 20_000, "annotation, ledger
 
 @dataclass(frozen=True)
 class TrackingEstimate:
-    """Of all videos that can be opened; `throughput_fps` is what one core tracked."""
+    """Totals over the readable videos; `throughput_fps` is the measured speed of one core."""
 
     videos: int
     unreadable: tuple[str, ...]
@@ -32,7 +32,7 @@ class TrackingEstimate:
     throughput_fps: float
 
     def text(self, jobs: int) -> str:
-        """For a person; the most that it can be, since rejected shots write nothing."""
+        """Readable summary; sizes are upper limits, because rejected shots write nothing."""
         core_h = self.frames / self.throughput_fps / 3600
         megabytes = self.seconds * sum(BYTES_PER_SECOND.values()) / 1e6
         lines = [
@@ -45,7 +45,7 @@ class TrackingEstimate:
 
 
 def estimate(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingEstimate:
-    """Open all containers and try the first video that can be read. Raises InputError if there is none."""
+    """Read all containers and measure the first readable video. Raises InputError if there is none."""
     known: list[tuple[VideoSource, VideoInfo]] = []
     unreadable = []
     for source in found:
@@ -54,7 +54,7 @@ def estimate(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingE
         except InputError:
             unreadable.append(source.name)
     if not known:
-        raise InputError(f"videos: should hold one that can be opened, got none of {len(found)}")
+        raise InputError(f"videos: should contain one that can be opened, got none of {len(found)}")
     total = sum(each.seconds * min(each.fps, settings.max_fps) for _, each in known)
     speed = _measure_throughput(known[0][0], settings)
     return TrackingEstimate(len(found), tuple(unreadable), sum(each.seconds for _, each in known), total, speed)
@@ -63,7 +63,7 @@ def estimate(found: Sequence[VideoSource], settings: TrackSettings) -> TrackingE
 def _measure_throughput(source: VideoSource, settings: TrackSettings) -> float:
     mesh = FaceMesh(settings.face)
     trial = [frame for frame, _ in zip(frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)]
-    list(shots(trial[:5], mesh, settings.shot))  # the networks' first frames take longer
+    list(shots(trial[:5], mesh, settings.shot))  # the first inferences of the networks take longer
     mesh.reset()
     start = time.process_time()
     decoded = zip(frames(source.path, settings.max_fps), range(TRIAL_FRAMES), strict=False)

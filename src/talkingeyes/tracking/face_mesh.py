@@ -1,9 +1,9 @@
-"""Landmarks and iris centres of one face, frame after frame: MediaPipe 0.10.21 FaceMesh with refined landmarks.
+"""Landmarks and iris centres of one face per frame: MediaPipe 0.10.21 FaceMesh with refined landmarks.
 
-The 45 points of the open head (head/face_points.NAMES) are taken from the 478 of MediaPipe by the table below, chosen
-by what a point is called, and where the name leaves a choice, by what lies nearest on the mean of 16 real faces. The
-mesh looks into a square window around the face, so a small face in a large picture is seen as well as a large one, and
-MediaPipe's assumption of square regions holds. Kartynnik et al. 2019 (arXiv 1907.06724), Grishchenko et al. 2020 (arXiv
+The 45 landmarks of the open head (LANDMARK_NAMES) are selected from the 478 of MediaPipe by the table below: by the
+name of a point, and if several points fit, by the smallest distance on the mean of 16 real faces. The mesh runs on a
+square window around the face, so a small face in a large image is tracked as well as a large one, and MediaPipe's
+assumption of square regions holds. Kartynnik et al. 2019 (arXiv 1907.06724), Grishchenko et al. 2020 (arXiv
 2006.10962).
 """
 
@@ -26,7 +26,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 from talkingeyes.head.landmark_definitions import EYE_POINTS, LANDMARK_NAMES
 
-# The subject's left, then right, in the order of EYE_POINTS; MediaPipe's own "left" is the subject's too.
+# The subject's left, then right, in the order of EYE_POINTS; MediaPipe's "left" is the subject's too.
 _EYES = {"left": (263, 387, 385, 362, 380, 373), "right": (33, 160, 158, 133, 153, 144)}
 _PAIRED = {
     "brow_outer": (293, 63),
@@ -60,13 +60,13 @@ MESH_INDICES: dict[str, int] = {
     **_MIDDLE,
 }
 LANDMARK_INDICES = np.array([MESH_INDICES[name] for name in LANDMARK_NAMES])
-IRIS_INDICES = np.array([473, 468])  # centres: left, right
-MAX_SIDE_PX = 512  # of the side of a window, and of the picture in which faces are looked for
-WINDOW_MARGIN = 0.04  # of a window: a face nearer to its edge has moved out of it
+IRIS_INDICES = np.array([473, 468])  # iris centres: left, right
+MAX_SIDE_PX = 512  # largest side of a window, and of the image for face detection
+WINDOW_MARGIN = 0.04  # fraction of a window: a face closer to its edge has moved out of it
 
 
 class FaceDetectionSettings(Settings):
-    """When a face counts as one. Sizes are shares of the main face's, windows multiples of its width."""
+    """Thresholds for detection. Sizes are relative to the main face, window sizes to its width."""
 
     min_confidence: Annotated[float, Field(gt=0, lt=1)]
     window: Annotated[float, Field(ge=1.2, le=5)]
@@ -76,7 +76,7 @@ class FaceDetectionSettings(Settings):
 
 @dataclass(frozen=True)
 class Box:
-    """A square in a picture: its corner and side in pixels."""
+    """A square in an image: its corner and side in pixels."""
 
     x: float
     y: float
@@ -84,13 +84,13 @@ class Box:
 
     @property
     def centre(self) -> Float[ndarray, " 2"]:
-        """Its middle."""
+        """Its centre."""
         return np.array([self.x, self.y]) + self.side / 2
 
 
 @dataclass(frozen=True)
 class DetectedFace:
-    """One face in the picture's pixels; `faces` is how many were counted when it was last looked (0: not this time)."""
+    """One face in pixels of the image; `faces`: number of faces at the last detection (0: none run on this frame)."""
 
     landmarks: Float[ndarray, "L 2"]
     pupils: Float[ndarray, "2 2"]
@@ -103,7 +103,7 @@ class DetectedFace:
 
 
 class FaceMesh:
-    """MediaPipe's two networks and where they looked last. What it gives depends on nothing before `reset`."""
+    """MediaPipe's detectors and mesh, with the current window. The state is independent of anything before `reset`."""
 
     def __init__(self, settings: FaceDetectionSettings) -> None:
         self._settings = settings
@@ -114,22 +114,22 @@ class FaceMesh:
 
     def _load(self, solutions: Any) -> None:
         self._mesh = solutions.face_mesh.FaceMesh(refine_landmarks=True, max_num_faces=1)
-        # The first is for faces at any distance and misses some that fill the picture, which the second is for.
+        # The first detector covers faces at any distance but misses some that fill the image; the second is for those.
         score = self._settings.min_confidence
         self._detectors = [solutions.face_detection.FaceDetection(score, range_) for range_ in (1, 0)]
-        for network in (self._mesh, *self._detectors):  # it starts, and talks, in threads of its own
+        for network in (self._mesh, *self._detectors):  # initialises, and logs, in separate threads
             network.process(np.zeros((64, 64, 3), np.uint8))
 
     def reset(self) -> None:
-        """Look for the face anew: the next frame belongs to another shot."""
+        """Detect the face anew: the next frame belongs to another shot."""
         self._window: Box | None = None
         self._checked_s = -np.inf
 
     def detect(self, image: UInt8[ndarray, "H W 3"], time_s: float) -> DetectedFace | None:
-        """The face of a frame, if there is one."""
+        """The face in a frame, or None."""
         if self._has_seen:
             return self._detect(image, time_s)
-        with _suppress_stderr(), _suppress_warnings():  # the networks say what they are when they first see a face
+        with _suppress_stderr(), _suppress_warnings():  # the networks log on their first detection
             return self._detect(image, time_s)
 
     def _detect(self, image: UInt8[ndarray, "H W 3"], time_s: float) -> DetectedFace | None:
@@ -151,7 +151,7 @@ class FaceMesh:
         return face
 
     def boxes(self, image: UInt8[ndarray, "H W 3"]) -> list[Box]:
-        """Squares around the faces of a picture that any detector finds, each once, the largest first."""
+        """Squares around the faces found by any detector, without duplicates, the largest first."""
         small = _downscaled(image, MAX_SIDE_PX)
         found = [each for detector in self._detectors for each in detector.process(small).detections or []]
         faces: list[Box] = []
@@ -161,7 +161,7 @@ class FaceMesh:
         return faces
 
     def close(self) -> None:
-        """Give back the networks' memory."""
+        """Release the networks' memory."""
         for network in (self._mesh, *self._detectors):
             network.close()
 
@@ -169,7 +169,7 @@ class FaceMesh:
         side = box.side * self._settings.window
         corner = box.centre - side / 2
         self._window = Box(float(corner[0]), float(corner[1]), side)
-        # The mesh starts where it saw the face last; a picture without a face makes it look for one again.
+        # The mesh tracks from its last position; an image without a face makes it detect again.
         self._mesh.process(np.zeros((64, 64, 3), np.uint8))
 
     def _in_window(self, image: UInt8[ndarray, "H W 3"], counted: int) -> DetectedFace | None:
@@ -196,7 +196,7 @@ def _visible(boxes: list[Box], second_face_ratio: float) -> int:
 
 
 def _near(window: Box, box: Box) -> bool:
-    """Whether a window still shows the face of a box whole and large enough."""
+    """Whether a window contains the face of a box completely and at sufficient size."""
     inside = np.abs(box.centre - window.centre).max() + box.side / 2 <= window.side / 2
     return bool(inside) and box.side * 5 > window.side
 
@@ -209,7 +209,7 @@ def _leaves(face: DetectedFace, window: Box | None) -> bool:
 
 
 def _cut(image: UInt8[ndarray, "H W 3"], box: Box) -> UInt8[ndarray, "S S 3"]:
-    """The square of a picture at its own resolution, or at LARGEST_PX; black where it leaves the picture."""
+    """The square of an image at its resolution, at most MAX_SIDE_PX; black outside the image."""
     import cv2
 
     side = min(max(round(box.side), 16), MAX_SIDE_PX)
@@ -229,17 +229,19 @@ def _downscaled(image: UInt8[ndarray, "H W 3"], largest_px: int) -> UInt8[ndarra
 
 
 def _mediapipe() -> Any:
-    """The legacy solutions, which carry their models. Raises InputError if the extra is not installed."""
+    """The legacy solutions with their models. Raises InputError if the extra is not installed."""
     try:
         from mediapipe.python import solutions
     except ImportError as error:
-        raise InputError(f"track: needs mediapipe 0.10.21 and OpenCV (`make setup`), got none ({error})") from None
+        raise InputError(
+            f"track: mediapipe 0.10.21 and OpenCV should be installed (`make setup`), got none ({error})"
+        ) from None
     return solutions
 
 
 @contextlib.contextmanager
 def _suppress_warnings() -> Iterator[None]:
-    """Without protobuf's warnings about itself."""
+    """Suppress protobuf's warnings about itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
@@ -247,7 +249,7 @@ def _suppress_warnings() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _suppress_stderr() -> Iterator[None]:
-    """Without what MediaPipe's C++ writes to stderr, which no level of logging stops."""
+    """Suppress MediaPipe's C++ output on stderr, which ignores log levels."""
     sys.stderr.flush()
     stderr = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,7 +1,7 @@
-"""What is known of one video so far: a line a shot, written when its clip is, so that a crash loses the shot in hand.
+"""Progress of tracking one video: one line per shot, written with its clip, so a crash loses one shot at most.
 
-JSON lines. While a video is being tracked each attempt adds `begin`; when it is done the file is written anew without
-them, so an interrupted run ends with the bytes of one that was not.
+JSON lines. During tracking, each attempt adds `begin`; at the end the file is rewritten without these lines, so an
+interrupted and resumed run produces the same bytes as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from talkingeyes.tracking.cropping import Crop
 
 @dataclass(frozen=True)
 class ShotRecord:
-    """A shot: kept if there is no reason against it. `resume_s` is where tracking goes on after it, null at the end."""
+    """A shot, kept if `reason` is empty. Tracking resumes at `resume_s` after it, null at the end of the video."""
 
     id: str
     start_s: float
@@ -33,7 +33,7 @@ class ShotRecord:
 
 @dataclass(frozen=True)
 class TrackingJournal:
-    """All of a video: its shots, how often it was begun, and how it ended; `seconds` is where its last frame is."""
+    """Progress of one video: shots, attempts since the last shot, and outcome; `seconds`: time of the last frame."""
 
     entries: tuple[ShotRecord, ...] = ()
     attempt_count: int = 0
@@ -43,16 +43,16 @@ class TrackingJournal:
 
     @property
     def resume_s(self) -> float:
-        """Where tracking goes on."""
+        """Time at which tracking resumes."""
         following = self.entries[-1].resume_s if self.entries else None
         return -1e9 if following is None else following
 
 
 def read(path: Path) -> TrackingJournal:
-    """The ledger of a file; an empty one if there is none.
+    """Read a journal; an empty one if there is no file.
 
-    A last line that was cut off is left out, and so is a last shot of a video whose end was not noted: how long the
-    video is can only be seen by going there again.
+    A truncated last line is ignored. The last shot of an unfinished video is dropped if it ended with the video,
+    because only another pass determines the video's end.
     """
     video_journal = _read(path)
     unsure = not video_journal.done and video_journal.entries and video_journal.entries[-1].resume_s is None
@@ -79,8 +79,8 @@ def _read(path: Path) -> TrackingJournal:
 
 
 def add(path: Path, kind: str, content: Any) -> None:
-    """Add a line: begin, shot, failed."""
-    if path.exists() and not path.read_bytes().endswith(b"\n"):  # cut off by a crash
+    """Append a line: begin, shot, failed."""
+    if path.exists() and not path.read_bytes().endswith(b"\n"):  # truncated by a crash
         path.write_text("".join(line + "\n" for line in path.read_text().splitlines()[:-1]))
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
@@ -88,7 +88,7 @@ def add(path: Path, kind: str, content: Any) -> None:
 
 
 def finish(path: Path, seconds: float) -> None:
-    """Write the ledger of a video that is done: its shots and its end."""
+    """Rewrite the journal of a finished video: its shots and its end."""
     lines = [json.dumps({"shot": asdict(entry)}) for entry in _read(path).entries]
     partial = path.with_suffix(".partial")
     partial.write_text("".join(line + "\n" for line in [*lines, json.dumps({"end": seconds})]))

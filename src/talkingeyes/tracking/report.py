@@ -1,6 +1,6 @@
-"""What came of the videos: tracked.csv, rejected.csv, failed.csv, summary.json, and a page of thumbnails.
+"""Report of tracking: tracked.csv, rejected.csv, failed.csv, summary.json, and a page of thumbnails.
 
-A shot is named by its video (as the corpus calls it) and its seconds there, so that anybody can look at it again.
+A shot is identified by its video (its name in the corpus) and its times, so that it can be checked.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DUPLICATE_OF = "a copy of"
 
 @dataclass(frozen=True)
 class VideoResult:
-    """One video: its shots, with the reasons that all videos together gave; or the error for which it was not read."""
+    """One video: its shots, with reasons from the comparison of all videos; or the error that prevented reading it."""
 
     source: VideoSource
     entries: tuple[ShotRecord, ...]
@@ -31,7 +31,7 @@ class VideoResult:
 
 
 def write_tables(folder: Path, outcomes: Sequence[VideoResult]) -> None:
-    """tracked.csv: kept shots and where their crops lie; rejected.csv: reasons; failed.csv: videos that failed."""
+    """tracked.csv: kept shots and their crops; rejected.csv: reasons; failed.csv: videos with errors."""
     shots = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries]
     columns = ("clip", "video", "start_s", "stop_s", "crop_x", "crop_y", "crop_zoom")
     kept = [(source, entry) for source, entry in shots if not entry.reason]
@@ -48,7 +48,7 @@ def write_tables(folder: Path, outcomes: Sequence[VideoResult]) -> None:
 
 
 def summary(outcomes: Sequence[VideoResult]) -> dict[str, Any]:
-    """The yield: videos, shots and seconds, and what was rejected why (the reason up to its figures)."""
+    """The yield: videos, shots and seconds, and rejections by reason (without its numbers)."""
     entries = [entry for outcome in outcomes for entry in outcome.entries]
     kept = [entry for entry in entries if not entry.reason]
     reasons: dict[str, list[float]] = {}
@@ -88,12 +88,12 @@ def write_page(path: Path, thumbnail: dict[str, str], outcomes: Sequence[VideoRe
 
 
 def write_summary(path: Path, outcomes: Sequence[VideoResult]) -> None:
-    """summary.json."""
+    """Write summary.json."""
     path.write_text(json.dumps(summary(outcomes), indent=1) + "\n")
 
 
 def as_text(outcomes: Sequence[VideoResult]) -> str:
-    """The yield for a person, one line a reason."""
+    """Readable yield, one line per reason."""
     total = summary(outcomes)
     lines = [
         f"{total['videos']} videos, {total['video_s'] / 60:.1f} min; {total['clips']} clips kept, "

@@ -1,4 +1,4 @@
-"""The section `track`."""
+"""Settings of the stage `track`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from talkingeyes.tracking.visibility import EyeVisibilitySettings
 
 
 class TrackSettings(Settings):
-    """From video to a corpus. `seed` is that of the splits; `thumbnails` are small pictures of real faces.
+    """Settings of tracking. `seed`: of the splits; `thumbnails`: whether to write small images of real faces.
 
-    `source` and `licence` are what the index says of the videos.
+    `source` and `licence` are copied to the index.
     """
 
     fps: Annotated[float, Field(ge=10, le=120)]

@@ -1,7 +1,7 @@
-"""A video cut into shots of one face: at scene changes, lost faces, jumps in time or place, and at a longest length.
+"""Splits a video into shots of one face: at scene changes, lost faces, jumps in time or position, maximum duration.
 
-A shot is given out as soon as it ends, and nothing before it is kept, so memory does not grow with the video; the mesh
-forgets at each end, so a shot is the same whether the video is tracked from its beginning or from there.
+Each shot is emitted when it ends and nothing older is kept, so memory does not grow with the video. The detector is
+reset at each end, so a shot does not depend on where tracking started.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from talkingeyes.tracking.face_mesh import DetectedFace
 from talkingeyes.tracking.video import Frame
 
 Positive = Annotated[float, Field(gt=0)]
-SCENE_SIZE_PX = (32, 18)  # width and height of the small picture in which scene changes are looked for
-FACE_PX = 128  # of the face's picture, in which sharpness is measured
-LOW_RES_PX = 16  # of the face's picture that tells copies
+SCENE_SIZE_PX = (32, 18)  # width and height of the thumbnail for scene changes
+FACE_PX = 128  # of the face image for sharpness
+LOW_RES_PX = 16  # of the face image for repeated frames
 
 
 class ShotSettings(Settings):
-    """What ends a shot. `scene_change_level`: change of grey (of 255) between frames; `max_jump`: of face widths."""
+    """Criteria for ends of shots. `scene_change_level`: grey difference (of 255); `max_jump`: in face widths."""
 
     scene_change_level: Positive
     max_jump: Positive
@@ -36,7 +36,7 @@ class ShotSettings(Settings):
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """One frame of a shot: the face if it was seen, how sharp it is and how it looks from afar."""
+    """One frame of a shot: the face if detected, its sharpness, and a low-resolution image of it."""
 
     time_s: float
     face: DetectedFace | None
@@ -46,8 +46,11 @@ class TrackedFrame:
 
 @dataclass(frozen=True)
 class Shot:
-    """Frames of one face; first and last have it. `end_reason` says by what, `resume_s` at which frame: the next shot's
-    beginning, or None at the end of the video. `image` is a small one, in colour."""
+    """Frames of one face, starting and ending with a detection.
+
+    `end_reason`: why the shot ended. `resume_s`: the frame at which it ended, where the next shot starts; None at the
+    end of the video. `image`: a small colour image.
+    """
 
     tracked_frames: list[TrackedFrame]
     end_reason: str
@@ -56,28 +59,28 @@ class Shot:
 
     @property
     def start_s(self) -> float:
-        """When the first frame is."""
+        """Time of the first frame."""
         return self.tracked_frames[0].time_s
 
     @property
     def stop_s(self) -> float:
-        """When the last frame is."""
+        """Time of the last frame."""
         return self.tracked_frames[-1].time_s
 
 
 @runtime_checkable
 class FaceDetector(Protocol):
-    """What looks for a face: FaceMesh, or a stand-in of the tests."""
+    """A face detector: FaceMesh, or a fake in tests."""
 
     def detect(self, image: UInt8[ndarray, "H W 3"], time_s: float) -> DetectedFace | None:
-        """The face of a frame."""
+        """The face in a frame, or None."""
 
     def reset(self) -> None:
-        """The next frame belongs to another shot."""
+        """Start a new shot with the next frame."""
 
 
 def shots(frames: Iterable[Frame], detector: FaceDetector, settings: ShotSettings) -> Iterator[Shot]:
-    """Shots in their order. Frames without a face lie between them."""
+    """Shots in order; frames without a face are dropped between them."""
     tracked_frames: list[TrackedFrame] = []
     thumbnail = before = None
     for frame in frames:
@@ -109,7 +112,7 @@ def shots(frames: Iterable[Frame], detector: FaceDetector, settings: ShotSetting
 
 
 def crop_face(image: UInt8[ndarray, "H W 3"], face: DetectedFace, side_px: int) -> UInt8[ndarray, "S S 3"]:
-    """The face alone, at one size."""
+    """The face alone, resized to a square."""
     import cv2
 
     middle = (face.landmarks.min(axis=0) + face.landmarks.max(axis=0)) / 2
@@ -121,7 +124,7 @@ def crop_face(image: UInt8[ndarray, "H W 3"], face: DetectedFace, side_px: int) 
 
 
 def sharpness(grey: UInt8[ndarray, "S S"]) -> float:
-    """Energy of the Laplacian over that of the picture itself: a blur lowers it, contrast does not change it."""
+    """Energy of the Laplacian relative to that of the image: blur lowers it, contrast does not change it."""
     import cv2
 
     spread = float(grey.std())
@@ -135,7 +138,7 @@ def _ended_before(
     tracked_frames: list[TrackedFrame],
     settings: ShotSettings,
 ) -> str:
-    """Why the shot so far ends before this frame; empty if it goes on."""
+    """Why the current shot ends before this frame; empty if it continues."""
     if before is not None and np.abs(overview.astype(np.int16) - before).mean() > settings.scene_change_level:
         return "the scene changed"
     if not tracked_frames:
@@ -161,7 +164,7 @@ def _jumped(face: DetectedFace, tracked_frames: list[TrackedFrame], max_jump: fl
 def _shot(
     tracked_frames: list[TrackedFrame], end_reason: str, resume_s: float | None, image: UInt8[ndarray, "P P 3"] | None
 ) -> Iterator[Shot]:
-    """The shot without the frames at its end that had lost the face; nothing if there was none."""
+    """The shot without trailing frames that had lost the face; nothing without any face."""
     if image is None:
         return
     last = max(index for index, tracked in enumerate(tracked_frames) if tracked.face is not None)

@@ -1,7 +1,7 @@
-"""The sound of a video on the clock of its pictures: 16 kHz mono, kept on the disk while its shots are cut out.
+"""The sound of a video on the clock of its frames: 16 kHz mono, on disk while shots are extracted.
 
-Decoded once, block by block, into a temporary file, so that memory does not grow and any stretch can be had without
-trusting a container's index. Where time stamps leave a gap there is silence: lips and voice stay together.
+It is decoded once, block by block, into a temporary file. Memory therefore does not grow, and any segment can be read
+without relying on the container's index. Gaps in time stamps become silence, so lips and voice stay synchronous.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from numpy import ndarray
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.tracking.video import open_video
 
-MAX_JITTER_S = 0.1  # time stamps jitter by less
+MAX_JITTER_S = 0.1  # larger deviations of time stamps are gaps
 
 
 @dataclass(frozen=True)
 class Soundtrack:
-    """Samples from `start_s` on; none where the video has no sound."""
+    """Samples from `start_s` on; empty if the video has no sound."""
 
     samples: Float[ndarray, " N"]
     start_s: float
 
     def cut(self, start_s: float, count: int) -> Float[ndarray, " C"]:
-        """`count` samples from a moment on; silence where the track has none."""
+        """`count` samples from a time on; silence outside the track."""
         first = round((start_s - self.start_s) * SAMPLE_RATE)
         piece = np.zeros(count, np.float32)
         begin, end = max(first, 0), min(first + count, len(self.samples))
@@ -42,7 +42,7 @@ class Soundtrack:
 
 @contextlib.contextmanager
 def soundtrack(path: Path) -> Iterator[Soundtrack]:
-    """The first sound stream of a video; its temporary file goes when the block ends."""
+    """The first sound stream of a video; its temporary file is deleted with the context."""
     with tempfile.TemporaryFile() as file, open_video(path) as container:
         start_s = _decode(container, file) if container.streams.audio else 0.0
         size = file.tell() // 4
@@ -50,12 +50,12 @@ def soundtrack(path: Path) -> Iterator[Soundtrack]:
 
 
 def _decode(container: Any, file: IO[bytes]) -> float:
-    """Write all samples; returns when the first one sounds."""
+    """Write all samples; return the time of the first."""
     import av
 
     resampler = av.AudioResampler(format="flt", layout="mono", rate=SAMPLE_RATE)
     start_s: float | None = None
-    heard_s = 0.0  # what came in so far, by its own length
+    heard_s = 0.0  # duration received so far
     for frame in _frames(container):
         start_s = frame.time if start_s is None else start_s
         missing_s = frame.time - start_s - heard_s
@@ -63,7 +63,7 @@ def _decode(container: Any, file: IO[bytes]) -> float:
             file.write(np.zeros(round(missing_s * SAMPLE_RATE), np.float32).tobytes())
             heard_s += missing_s
         heard_s += frame.samples / frame.sample_rate
-        frame.pts = None  # the resampler would stretch what lies between stamps
+        frame.pts = None  # otherwise the resampler would stretch the sound between time stamps
         for part in resampler.resample(frame):
             file.write(np.nan_to_num(part.to_ndarray()).astype(np.float32).tobytes())
     for part in resampler.resample(None):

@@ -1,7 +1,7 @@
-"""Which videos are tracked, what they are called in the corpus, and who speaks in them.
+"""Videos to track: their names in the corpus, and their speakers.
 
-A video is called by its path below the folder that was named, so the corpus holds no absolute path. Its speaker is the
-first folder of that path (VoxCeleb2 and its like lie so), else the video is a speaker of its own; a map says otherwise.
+A video is named by its path below the given folder, so the corpus contains no absolute paths. Its speaker is the first
+folder of that path (as in VoxCeleb2), else the video is a speaker of its own; a map file overrides both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from talkingeyes.tracking.video import SUFFIXES
 
 @dataclass(frozen=True)
 class VideoSource:
-    """A video: where it lies, its name in the corpus, the beginning of its clips' ids, its speaker."""
+    """A video: its path, name in the corpus, prefix of its clip ids, and speaker."""
 
     path: Path
     name: str
@@ -28,10 +28,10 @@ class VideoSource:
 
 
 def sources(videos: Sequence[Path], speakers: Path | None) -> list[VideoSource]:
-    """All videos of files and folders, by name. Raises InputError for none, for a name met twice, for a bad map."""
+    """All videos in files and folders, by name. Raises InputError for none, duplicate names, or a bad map."""
     named = _named(videos)
     if not named:
-        raise InputError(f"videos: should be files or folders with videos ({' '.join(SUFFIXES)}), got none in them")
+        raise InputError(f"videos: should be files or folders with videos ({' '.join(SUFFIXES)}), got none")
     known = {} if speakers is None else _read_map(speakers)
     missing = next((name for name in named if speakers is not None and name not in known), None)
     if missing is not None:
@@ -53,12 +53,12 @@ def _named(videos: Sequence[Path]) -> Mapping[str, Path]:
             raise InputError(f"{given}: should be a video or a folder of videos, got nothing there")
         for name, path in below.items():
             if named.setdefault(name, path).resolve() != path.resolve():
-                raise InputError(f"{path}: another video is called {name} too; should be named by a folder above both")
+                raise InputError(f"{path}: name should be unique, got another video {name}; name a folder above both")
     return named
 
 
 def _id(name: str) -> str:
-    """What a file name may hold, and six digits of a hash that tell apart what looks alike then."""
+    """A name that is valid for files, plus six digits of a hash to keep it unique."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "-", name.rsplit(".", 1)[0]).strip("-")[-48:]
     return f"{plain}-{hashlib.blake2b(name.encode(), digest_size=3).hexdigest()}"
 

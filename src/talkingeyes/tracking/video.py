@@ -1,7 +1,7 @@
-"""Frames of a video by their time stamps: any container, codec, rate, size and rotation flag (PyAV).
+"""Frames of a video by time stamp, for any container, codec, rate, size and rotation flag (PyAV).
 
-Nothing is kept: a frame is decoded, given out and forgotten, so memory does not grow with the length of the video. Bad
-packets, as at the end of a truncated file, are skipped and counted.
+Frames are decoded and emitted one by one, so memory does not grow with the length of the video. Bad packets, as at the
+end of a truncated file, are skipped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SUFFIXES = (".mp4", ".mkv", ".webm", ".mov", ".avi", ".m4v", ".mpg", ".mpeg", ".
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture as it should be looked at (turned as the file says), and when: seconds on the file's own clock."""
+    """An upright image (rotated as the file specifies) and its time: seconds on the file's clock."""
 
     time_s: float
     image: UInt8[ndarray, "H W 3"]
@@ -31,7 +31,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What a container says of itself; `seconds` is 0 where it does not know."""
+    """Metadata of a container; `seconds` is 0 if unknown."""
 
     seconds: float
     fps: float
@@ -41,7 +41,7 @@ class VideoInfo:
 
 
 def probe_video(path: Path) -> VideoInfo:
-    """What the container says. Raises InputError if it is no video."""
+    """Read the metadata of a container. Raises InputError if it is not a video."""
     with open_video(path) as container:
         stream = container.streams.video[0]
         seconds = float(container.duration / 1e6) if container.duration else 0.0
@@ -52,10 +52,10 @@ def probe_video(path: Path) -> VideoInfo:
 
 
 def frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Frame]:
-    """Frames from a time on, at most `max_fps` a second, in the order of their time stamps.
+    """Frames from a time on, at most `max_fps` per second, in the order of their time stamps.
 
-    A stamp that does not grow, as in damaged streams, takes its frame out. Raises InputError if it is no video, or if
-    not one frame can be decoded.
+    Frames whose time stamp does not increase, as in damaged streams, are dropped. Raises InputError if the file is not
+    a video, or if no frame can be decoded.
     """
     decoded, last_s = 0, -np.inf
     with open_video(path) as container:
@@ -70,20 +70,22 @@ def frames(path: Path, max_fps: float, start_s: float = -np.inf) -> Iterator[Fra
 
 
 def upright(image: UInt8[ndarray, "H W 3"], rotation_deg: int) -> UInt8[ndarray, "h w 3"]:
-    """The picture turned counter-clockwise by a display rotation, of which quarter turns are known."""
+    """The image rotated counter-clockwise by a display rotation, in quarter turns."""
     return np.ascontiguousarray(np.rot90(image, k=round(rotation_deg / 90) % 4))
 
 
 @contextlib.contextmanager
 def open_video(path: Path) -> Iterator[Any]:
-    """The container of a file with a video stream; nothing outside the file is ever read."""
+    """Open a file with a video stream, without access to anything outside the file. Raises InputError."""
     import av
 
     try:
         container = av.open(str(path), options={"protocol_whitelist": "file"})
     except (av.FFmpegError, OSError, ValueError) as error:
         what = getattr(error, "strerror", None) or type(error).__name__
-        raise InputError(f"{path.name}: should be a whole video file, got one that cannot be opened ({what})") from None
+        raise InputError(
+            f"{path.name}: should be an intact video file, got one that cannot be opened ({what})"
+        ) from None
     with container:
         if not container.streams.video:
             raise InputError(f"{path.name}: should be a video, got a file without pictures")
@@ -94,14 +96,14 @@ def _decoded(container: Any) -> Iterator[Any]:
     import av
 
     stream = container.streams.video[0]
-    stream.thread_count = 1  # work is parallel over files
+    stream.thread_count = 1  # parallel over files instead
     packets = container.demux(stream)
     while True:
         try:
             packet = next(packets)
         except StopIteration:
             return
-        except av.FFmpegError:  # the file ends in the middle of a packet
+        except av.FFmpegError:  # truncated file
             return
         with contextlib.suppress(av.FFmpegError):
             yield from packet.decode()

@@ -1,8 +1,9 @@
-"""Which eyes a camera could see: lids open, and the face not turned so far that an eye is behind it.
+"""Visibility of eyes: lids open, and the head not turned so far that an eye is occluded.
 
-The paper (III-A1) leaves out clips with a "significant disparity in the distances from the left and right eye corners
-to the two sides of the face". Here the disparity is |l - r| / (l + r), l and r counted from the outer corner of each
-eye to the outline beside it: 0 from the front, 1 when the outline is over the corner (24 degrees), more beyond.
+The paper (III-A1) excludes clips with a "significant disparity in the distances from the left and right eye corners to
+the two sides of the face". Here the disparity is |l - r| / (l + r), where l and r are the distances from the outer
+corner of each eye to the outline beside it: 0 from the front, 1 if the outline covers the corner (24 degrees), more
+beyond.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _OUTLINE = [LANDMARK_NAMES.index(f"{side}_outline_ear") for side in ("left", "ri
 
 
 class EyeVisibilitySettings(Settings):
-    """An eye is hidden below a share of its open height (`open_percentile` of the clip), or beyond a disparity."""
+    """An eye is hidden below a fraction of its open height (`open_percentile` of the clip), or beyond a disparity."""
 
     min_aperture: Annotated[float, Field(ge=0, lt=1)]
     open_percentile: Annotated[float, Field(ge=50, le=100)]
@@ -30,7 +31,7 @@ class EyeVisibilitySettings(Settings):
 
 
 def eye_openness(landmarks: Float[ndarray, "T L 2"], open_percentile: float) -> Float[ndarray, "T 2"]:
-    """How far each eye is open, 1 at the clip's own open level: height over width of the lids (EAR)."""
+    """Openness of each eye, 1 at the clip's open level: height over width of the lids (EAR)."""
     p1, p2, p3, p4, p5, p6 = np.moveaxis(landmarks[:, EYE_LANDMARKS], 2, 0)
     height = np.linalg.norm(p2 - p6, axis=-1) + np.linalg.norm(p3 - p5, axis=-1)
     ratio = height / (2 * np.linalg.norm(p1 - p4, axis=-1))
@@ -52,7 +53,7 @@ def disparity(landmarks: Float[ndarray, "T L 2"]) -> Float[ndarray, " T"]:
 
 
 def self_occluded(landmarks: Float[ndarray, "T L 2"], settings: EyeVisibilitySettings) -> Bool[ndarray, "T 2"]:
-    """The far eye of frames whose disparity is too large; none where there is no face."""
+    """The far eye of frames whose disparity is too large; none in frames without a face."""
     sides = side_distances(landmarks)
     far = sides < sides[:, ::-1]
     return np.asarray(far & (disparity(landmarks) > settings.disparity)[:, None])
