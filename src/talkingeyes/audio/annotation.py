@@ -1,4 +1,4 @@
-"""What is known about a sound in time: words, phonemes, speaking and listening spans, and the mood it is said in."""
+"""Time-aligned annotation of a sound: words, phonemes, speaking and listening spans, emotion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INTENSITIES = (1, 2, 3)
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time in seconds with a label (a word, a phoneme, a reason; may be empty)."""
+    """A time interval in seconds with a label (a word, a phoneme, a reason; may be empty)."""
 
     start_s: float
     end_s: float
@@ -27,8 +27,8 @@ class Span:
 class Phoneme:
     """A phoneme (espeak-ng mnemonic) in time; `stressed` marks the vowel of a stressed syllable.
 
-    `prominence`, 0 to 1, is how far that syllable stands out in its phrase; 0 for all other phonemes. `loudness` is
-    its level against that of the sound's usual stressed vowel (1 where it is not known).
+    `prominence`, 0 to 1, is that of the stressed syllable in its phrase; 0 for all other phonemes. `loudness` is the
+    level relative to the median stressed vowel of the sound (1 if unknown).
     """
 
     start_s: float
@@ -44,8 +44,8 @@ class Annotation:
     """Words, phonemes, and the spans in which the subject speaks or listens. A gap inside `speaking` is a pause.
 
     `pauses` are silences inside a turn (label: "comma", "hesitation" or "sentence"), `fillers` the ums and uhs,
-    `sentences` have their kind as label ("statement", "question", "list" or "hesitation"). While `listening` the
-    partner has the turn; `partner` is when the partner is heard. `intensity` is 0 for neutral, else 1 to 3.
+    `sentences` have their kind as label ("statement", "question", "list" or "hesitation"). In `listening` spans the
+    partner has the turn; in `partner` spans the partner's voice sounds. `intensity` is 0 for neutral, else 1 to 3.
     """
 
     words: tuple[Span, ...] = ()
@@ -61,11 +61,11 @@ class Annotation:
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
-        path.write_text(json.dumps(vars(self), default=vars))  # asdict copies every number
+        path.write_text(json.dumps(vars(self), default=vars))  # asdict would copy every number
 
     @classmethod
     def load(cls, path: Path) -> Annotation:
-        """Read JSON written by `save`; a key that is absent stays empty. Raises InputError if it is no annotation."""
+        """Read JSON written by `save`; an absent key stays empty. Raises InputError if it is not an annotation."""
         try:
             return cls(**{name: _read(name, value) for name, value in json.loads(path.read_text()).items()})
         except (OSError, ValueError, AttributeError, TypeError) as error:
@@ -73,7 +73,7 @@ class Annotation:
 
 
 def _read(name: str, value: Any) -> Any:
-    """The value of one key: spans, phonemes, or what stands for itself."""
+    """The value of one key: spans, phonemes, or a plain value."""
     if name in ("emotion", "intensity"):
         return value
     if not isinstance(value, list):

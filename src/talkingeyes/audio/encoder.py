@@ -1,8 +1,8 @@
-"""Speech encoders: sound in, one feature vector a motion frame out. What `embed` writes and every model hears.
+"""Speech encoders: sound to one feature vector per motion frame, as written by `embed` and used by every model.
 
-Every family (packaged Moonshine | wav2vec 2.0 | HuBERT | log-mel) gives its own channels; log-energy, F0 and voicing
-are appended to all of them, for learned encoders are weak on loudness and pitch. A sound is first brought to one level,
-so a quiet recording gives the features of a loud one.
+Each encoder family (packaged Moonshine, wav2vec 2.0, HuBERT, log-mel) provides its channels. Log-energy, F0 and voicing
+are appended to all of them, because learned encoders represent loudness and pitch poorly. Sounds are first normalised
+to one level, so that features do not depend on recording level.
 """
 
 from __future__ import annotations
@@ -31,26 +31,24 @@ ENCODERS = ComponentRegistry(
 
 PROSODY_CHANNELS = ("energy_dbfs", "f0_octaves", "voicing")
 F0_REFERENCE_HZ = 150.0
-LOUD_PERCENTILE = 95  # the level of a sound is that of its loud syllables, whatever the share of pauses
+LOUD_PERCENTILE = 95  # the level of a sound is that of its loud syllables, independent of pauses
 MAX_GAIN_DB = 60.0
 
 
 class EmbedSettings(Settings):
-    """The section `embed`."""
+    """The configuration section `embed`."""
 
     encoder: Annotated[SerializeAsAny[ComponentSettings], BeforeValidator(ENCODERS.parse)]
     prosody: ProsodySettings
-    level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # every sound is brought to this level of its loud syllables
-    include_partner: (
-        bool  # whether the partner's channel of a conversation is embedded too, for models that are told it
-    )
+    level_dbfs: Annotated[float, Field(ge=-40, le=-6)]  # level of loud syllables to which every sound is normalised
+    include_partner: bool  # whether to embed the partner's channel too, for models conditioned on it
 
 
 @runtime_checkable
 class SpeechEncoder(Protocol):
-    """16 kHz sound and a frame rate in; float32 (T, C) out, T = len(sound) * fps // 16000, row t at time t / fps.
+    """Maps 16 kHz sound and a frame rate to float32 (T, C): T = len(sound) * fps // 16000, row t at time t / fps.
 
-    A family is made as `Class(settings)`.
+    A family is constructed as `Class(settings)`.
     """
 
     @property
@@ -62,7 +60,7 @@ class SpeechEncoder(Protocol):
 
 
 class ProsodicEncoder:
-    """An encoder family with level and prosody around it."""
+    """An encoder family with level normalisation and prosody channels."""
 
     def __init__(self, family: SpeechEncoder, settings: EmbedSettings) -> None:
         self._family = family
@@ -73,19 +71,19 @@ class ProsodicEncoder:
         """Features of a sound at the times t / fps."""
         levelled = normalise_level(sound, self._settings.level_dbfs)
         spoken = prosody(levelled, fps, self._settings.prosody)
-        # Unvoiced frames get the reference pitch; `voicing` says how little that means.
+        # Unvoiced frames get the reference pitch; `voicing` marks them.
         octaves = np.nan_to_num(np.log2(spoken.f0_hz / F0_REFERENCE_HZ))
         appended = np.stack([spoken.energy_dbfs, octaves, spoken.voicing], axis=1).astype(np.float32)
         return np.concatenate([self._family(levelled, fps), appended], axis=1)
 
 
 def make_encoder(settings: EmbedSettings) -> SpeechEncoder:
-    """The encoder of a section. Raises InputError if its package or checkpoint is missing."""
+    """Construct the encoder of a section. Raises InputError if its package or checkpoint is missing."""
     return ProsodicEncoder(ENCODERS.build(settings.encoder), settings)
 
 
 def normalise_level(sound: Float[ndarray, " N"], level_dbfs: float) -> Float[ndarray, " N"]:
-    """The sound, scaled so that its loud syllables have the given level; digital silence stays as it is."""
+    """Scale a sound so that its loud syllables have the given level; digital silence is unchanged."""
     if not len(sound):
         return sound.astype(np.float32)
     gain_db = level_dbfs - float(np.percentile(block_levels_dbfs(sound), LOUD_PERCENTILE))

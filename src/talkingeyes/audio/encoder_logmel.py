@@ -1,4 +1,4 @@
-"""Log-mel energies around each motion frame: the plain encoder that learned ones are compared with."""
+"""Log-mel energies around each motion frame: the baseline for learned encoders."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FLOOR = 1e-8  # power; -80 dB
 
 
 class LogmelSettings(ComponentSettings):
-    """The Hann window should be at least as long as a motion frame, else sound between frames is not seen."""
+    """The Hann window should be at least as long as a motion frame, so that no sound between frames is skipped."""
 
     kind: Literal["logmel"]
     bands: Annotated[int, Field(ge=8, le=128)]
@@ -26,7 +26,7 @@ class LogmelSettings(ComponentSettings):
 
 
 class LogmelEncoder:
-    """A window and a filter bank."""
+    """A window and a mel filter bank."""
 
     settings_class = LogmelSettings
 
@@ -48,10 +48,10 @@ class LogmelEncoder:
 
 
 def mel_filters(bands: int, fft_size: int) -> Float[ndarray, "M F"]:
-    """Triangles evenly spaced on the mel scale (2595 log10(1 + f / 700)) from 0 to 8 kHz, each of height 1."""
+    """Triangular filters, evenly spaced on the mel scale (2595 log10(1 + f / 700)) from 0 to 8 kHz, with peak 1."""
     highest = 2595 * np.log10(1 + SAMPLE_RATE / 2 / 700)
     corners_hz = 700 * (10 ** (np.linspace(0, highest, bands + 2) / 2595) - 1)
-    # A triangle narrower than a bin of the transform could fall between two bins: each is at least one bin wide.
+    # A triangle narrower than a bin of the transform could fall between two bins, so each is at least one bin wide.
     bin_hz = SAMPLE_RATE / fft_size
     rise = np.maximum(np.diff(corners_hz), bin_hz)
     hz = np.arange(fft_size // 2 + 1) * bin_hz

@@ -1,7 +1,7 @@
-"""The packaged speech encoder, the default: Moonshine tiny (Jeffries et al. 2024, arXiv 2410.15608), by onnxruntime.
+"""The default speech encoder: Moonshine tiny (Jeffries et al. 2024, arXiv 2410.15608), with onnxruntime.
 
 Only assets/tiny-en/encoder_model.ort of the package moonshine-voice (MIT) is used; the package is not imported. The
-transformer sees raw 16 kHz speech; its convolutions (kernels 127, 7, 3, strides 64, 3, 2) give 41.67 frames a second.
+input is raw 16 kHz speech; convolutions (kernels 127, 7, 3, strides 64, 3, 2) give 41.67 frames per second.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class MoonshineEncoder:
 
 
 def package_file(file: Path) -> Path:
-    """Where a file of the package lies. Raises InputError if the package is not installed or ships no such file."""
-    spec = find_spec(PACKAGE)  # finds the package without running its heavy code
+    """Path of a file in the package. Raises InputError if the package is not installed or lacks the file."""
+    spec = find_spec(PACKAGE)  # finds the package without importing it
     if spec is None or not spec.submodule_search_locations:
         raise InputError("speech encoder: the package moonshine-voice should be installed (`make setup`), got none")
     path = Path(spec.submodule_search_locations[0], file)

@@ -1,6 +1,6 @@
 """wav2vec 2.0 (Baevski et al. 2020) and HuBERT (Hsu et al. 2021) through transformers: the paper's speech encoder.
 
-The checkpoint is a local folder or a hub name; HF_HUB_OFFLINE=1 keeps it to what is already on the machine.
+The checkpoint is a local folder or a hub name; with HF_HUB_OFFLINE=1 only local files are used.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from talkingeyes.core.settings import ComponentSettings
 
 
 class TransformersSettings(ComponentSettings):
-    """A pretrained checkpoint and the transformer layer whose output is taken."""
+    """A pretrained checkpoint and the transformer layer used as features."""
 
     kind: Literal["wav2vec2", "hubert"]
     checkpoint: Annotated[str, Field(min_length=1)]  # a local folder or a hub name
@@ -47,7 +47,7 @@ class TransformersEncoder:
     def _encode(self, sound: Float[ndarray, " W"]) -> Float[ndarray, "K C"]:
         import torch
 
-        # Zero mean and unit variance, as the feature extractor of every released checkpoint does.
+        # Zero mean and unit variance, as in the feature extractor of every released checkpoint.
         normal = (sound - sound.mean()) / np.sqrt(sound.var() + 1e-7)
         with torch.inference_mode():
             output = self._model(torch.from_numpy(normal[None].astype(np.float32)), output_hidden_states=True)

@@ -1,4 +1,4 @@
-"""How loud each phoneme is spoken, against the usual vowel of its sound: what the jaw goes by (JALI, Edwards 2016)."""
+"""Loudness of each phoneme relative to the median stressed vowel, which drives the jaw (JALI, Edwards et al. 2016)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_LOUDNESS = 4.0
 
 
 def with_loudness(annotation: Annotation, sound: Float[ndarray, " N"]) -> Annotation:
-    """The annotation, each phoneme's `loudness` being its RMS over the median of those of stressed vowels, to .001."""
+    """Set the `loudness` of each phoneme to its RMS over the median RMS of stressed vowels, rounded to 0.001."""
     if not annotation.phonemes:
         return annotation
     power = np.concatenate([[0.0], np.cumsum(np.square(sound, dtype=np.float64))])

@@ -1,8 +1,9 @@
 """Prosody at motion frames: log-energy, fundamental frequency and voicing, at any frame rate.
 
 F0 is YIN (de Cheveigne and Kawahara 2002, JASA 111(4)): difference function, cumulative mean normalisation, absolute
-threshold, parabolic interpolation. It is computed every 10 ms, cleaned by a median over 50 ms (octave slips last a step
-or two), and read at the frame times. All is local in time, so long sounds are done in blocks and the seams are exact.
+threshold, parabolic interpolation. It is computed every 10 ms, filtered by a median over 50 ms (octave errors last one
+or two steps), and sampled at the frame times. All steps are local in time, so long sounds are processed in blocks
+without seams.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ BLOCK_FRAMES = 2048
 
 
 class ProsodySettings(Settings):
-    """What counts as a voice, and how long energy is averaged."""
+    """Range and threshold of F0, and the window and floor of energy."""
 
     f0_min_hz: Annotated[float, Field(ge=40, le=200)]
     f0_max_hz: Annotated[float, Field(ge=200, le=1000)]
@@ -47,7 +48,7 @@ class Prosody:
 
 @dataclass(frozen=True)
 class Pitch:
-    """F0 (NaN where unvoiced) and aperiodicity (YIN's d', 0 periodic, about 1 noise), one value a step."""
+    """F0 (NaN where unvoiced) and aperiodicity (YIN's d': 0 periodic, about 1 noise), one value per step."""
 
     f0_hz: Float[ndarray, " K"]
     aperiodicity: Float[ndarray, " K"]
@@ -68,7 +69,7 @@ def prosody(sound: Float[ndarray, " N"], fps: float, settings: ProsodySettings) 
 def energy_dbfs(
     sound: Float[ndarray, " N"], times_s: Float[ndarray, " T"], window_s: float, floor_dbfs: float
 ) -> Float[ndarray, " T"]:
-    """RMS level under a Hann window around each time, in dB re full scale; silence gives `floor_dbfs`."""
+    """RMS level under a Hann window around each time, in dB re full scale, at least `floor_dbfs`."""
     window = np.hanning(round(window_s * SAMPLE_RATE)).astype(np.float32)
     window /= window.sum()
     power = [np.square(frames) @ window for frames in frame_signal(sound, times_s, len(window))]
@@ -82,12 +83,13 @@ def yin(sound: Float[ndarray, " N"], settings: ProsodySettings) -> Pitch:
     pitches = [_yin_steps(frames, max_lag, settings) for frames in frame_signal(sound, times_s, 2 * max_lag)]
     f0 = np.concatenate([pitch.f0_hz for pitch in pitches])
     aperiodicity = np.concatenate([pitch.aperiodicity for pitch in pitches])
-    smooth = median_filter(f0, MEDIAN_STEPS, mode="nearest")  # over 0 where unvoiced: a majority vote on voicing, too
+    # unvoiced steps are 0, so the median is also a majority vote on voicing
+    smooth = median_filter(f0, MEDIAN_STEPS, mode="nearest")
     return Pitch(np.where(smooth > 0, smooth, np.nan), aperiodicity)
 
 
 def _yin_steps(frames: Float[ndarray, "K W"], max_lag: int, settings: ProsodySettings) -> Pitch:
-    """F0 (0 where unvoiced) and aperiodicity of each frame of length 2 * longest."""
+    """F0 (0 where unvoiced) and aperiodicity of each frame of length 2 * max_lag."""
     normalised = _normalised_difference(frames, max_lag)
     min_lag = int(SAMPLE_RATE / settings.f0_max_hz)
     inner = normalised[:, min_lag : max_lag - 1]
@@ -103,7 +105,7 @@ def _yin_steps(frames: Float[ndarray, "K W"], max_lag: int, settings: ProsodySet
 
 
 def _normalised_difference(frames: Float[ndarray, "K W"], max_lag: int) -> Float[ndarray, "K L"]:
-    """YIN's d' for lags 0 to longest - 1: squared difference of the first half and its shift, over its running mean."""
+    """YIN's d' for lags 0 to max_lag - 1: squared difference of the first half and its shift, over its running mean."""
     frames = frames - frames.mean(axis=1, keepdims=True)
     half = frames[:, :max_lag]
     size = scipy.fft.next_fast_len(frames.shape[1], real=True)
@@ -121,7 +123,7 @@ def _normalised_difference(frames: Float[ndarray, "K W"], max_lag: int) -> Float
 def frame_signal(
     sound: Float[ndarray, " N"], centres_s: Float[ndarray, " T"], size: int
 ) -> Iterator[Float[ndarray, "K W"]]:
-    """Windows of `size` samples around rising times, zeros outside the sound, in blocks of bounded memory."""
+    """Windows of `size` samples around ascending times, zero-padded, in blocks of bounded memory."""
     for first in range(0, len(centres_s), BLOCK_FRAMES):
         starts = np.round(centres_s[first : first + BLOCK_FRAMES] * SAMPLE_RATE).astype(int) - size // 2
         begin, end = int(starts[0]), int(starts[-1]) + size

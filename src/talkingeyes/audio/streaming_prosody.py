@@ -1,8 +1,8 @@
-"""Prosody of a sound that is still being spoken: chunks in, log-energy, F0 and voicing of motion frames out.
+"""Streaming prosody: chunks of sound to log-energy, F0 and voicing of motion frames.
 
-The three channels that every embedding ends with, told of a frame as soon as the 37 ms of sound after it are there.
-A sound of an embedding is brought to one level by all of its loud syllables; here the level is that of what was heard
-so far (the last 30 s), and, before there is much, the usual one. `whole` gives the same for a sound that is there.
+These are the three last channels of every embedding, available for a frame 37 ms after its time. An embedding
+normalises the level of a sound by all of its loud syllables. Here the level is estimated from the sound so far (the
+last 30 s), combined with a default level at the start. `whole` computes the same for a complete sound.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from talkingeyes.core.errors import InputError
 STEP_SAMPLES = round(STEP_S * SAMPLE_RATE)
 BLOCK_SAMPLES = round(BLOCK_S * SAMPLE_RATE)
 WINDOW_BLOCKS = 600  # 30 s
-DEFAULT_LEVEL_DBFS = -18.0  # the level that speech is taken to have at first (the median of the default corpus),
-DEFAULT_LEVEL_BLOCKS = 40  # and how much that weighs: 2 s of speech
+DEFAULT_LEVEL_DBFS = -18.0  # the initial estimate of the level of speech (the median of the default corpus),
+DEFAULT_LEVEL_BLOCKS = 40  # and its weight: 2 s of speech
 
 
 class RunningLevel:
-    """The level of the loud syllables of a sound, block by block of 50 ms. Silent blocks say nothing about it."""
+    """Running level of the loud syllables of a sound, in blocks of 50 ms. Silent blocks are ignored."""
 
     def __init__(self) -> None:
         self._rest = np.zeros(0, np.float32)
-        self._blocks_dbfs: deque[float] = deque()  # in memory
-        self._audible_dbfs: list[float] = []  # those of them that are not silent, in order
+        self._blocks_dbfs: deque[float] = deque()  # in the window
+        self._audible_dbfs: list[float] = []  # those that are not silent, sorted
         self.levels_dbfs = [DEFAULT_LEVEL_DBFS]  # after 0, 1, 2, ... blocks
 
     def push(self, chunk: Float[ndarray, " N"]) -> None:
-        """Hear what follows."""
+        """Add a chunk."""
         sound = np.concatenate([self._rest, chunk])
         whole = len(sound) // BLOCK_SAMPLES * BLOCK_SAMPLES
         self._rest = sound[whole:]
@@ -69,9 +69,9 @@ class StreamingProsody:
     channels = PROSODY_CHANNELS
 
     def __init__(self, settings: EmbedSettings, fps: float, block_frames: int = 1) -> None:
-        """Frames are told `block_frames`, so many at once: it costs less, and no bit depends on how the sound comes.
+        """Emit `block_frames` frames at a time: larger blocks cost less, and results do not depend on chunk sizes.
 
-        Raises InputError unless a frame is a whole number of steps of 10 ms (as it is at 25 or 50 fps).
+        Raises InputError unless a frame is a whole number of steps of 10 ms (as at 25 or 50 fps).
         """
         self.block_frames, self._settings, self._fps = block_frames, settings, fps
         self._size = round(SAMPLE_RATE / fps)
@@ -79,33 +79,33 @@ class StreamingProsody:
             raise InputError(f"fps: should be 20, 25, 50 or 100 for live speech, got {fps:g}")
         max_lag = int(SAMPLE_RATE / settings.prosody.f0_min_hz) + 2
         energy = round(settings.prosody.energy_window_s * SAMPLE_RATE / 2)
-        # Samples after the time of a frame that its features hear (and before it), and the frames that they are.
+        # Samples after (and before) the time of a frame that affect its features, and the same in frames.
         self.lookahead_samples = max(max_lag + MEDIAN_STEPS // 2 * STEP_SAMPLES, energy)
         self._lookahead_frames = -(-self.lookahead_samples // self._size)
-        self._sound, self._first = np.zeros(0, np.float32), 0  # what is kept of the sound, and from which frame on
+        self._sound, self._first = np.zeros(0, np.float32), 0  # the buffered sound, and its first frame
         self._frame = 0
         self._level = RunningLevel()
 
     def push(self, chunk: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
-        """Features of the frames that can be told now."""
+        """Features of the frames that are complete with this chunk."""
         self._sound = np.concatenate([self._sound, chunk.astype(np.float32, copy=False)])
         self._level.push(chunk)
         stop = (self._samples_received() - self.lookahead_samples) // self._size + 1
         parts = [np.zeros((0, len(self.channels)), np.float32)]
         while self._frame + self.block_frames <= stop:
             next_stop = self._frame + self.block_frames
-            # What a frame does not hear changes nothing: the same length whatever has come gives the same bits.
+            # Later samples do not affect a frame; always using the same length gives bit-identical results.
             span = (next_stop - 1 + self._lookahead_frames - self._first) * self._size
             known = self._sound[:span]
             parts.append(self._emit(next_stop, np.pad(known, (0, span - len(known)))))
         return np.concatenate(parts)
 
     def finish(self) -> Float[ndarray, "T 3"]:
-        """Features of the remaining frames; nothing may follow."""
+        """Features of the remaining frames; ends the stream."""
         return self._emit(frame_count(self._samples_received(), self._fps), self._sound)
 
     def whole(self, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
-        """What a stream of this sound gives from its beginning to its end, in one go."""
+        """Features of a complete sound, equal to those of a stream."""
         level = RunningLevel()
         level.push(sound)
         return self._features(sound, 0, level)
@@ -114,7 +114,7 @@ class StreamingProsody:
         return self._first * self._size + len(self._sound)
 
     def _emit(self, stop: int, sound: Float[ndarray, " N"]) -> Float[ndarray, "T 3"]:
-        """The next frames up to `stop`, of what is kept; then what none after them hears is forgotten."""
+        """Emit the frames up to `stop` from the buffer, then drop samples that later frames do not need."""
         emitted = self._features(sound, self._first, self._level)[self._frame - self._first : stop - self._first]
         kept = max(stop - self._lookahead_frames - 1, self._first)
         self._sound = self._sound[(kept - self._first) * self._size :]
@@ -122,7 +122,7 @@ class StreamingProsody:
         return emitted
 
     def _features(self, sound: Float[ndarray, " N"], first: int, level: RunningLevel) -> Float[ndarray, "T 3"]:
-        """Of a sound that starts with frame `first`; each frame is brought to the level known at its time."""
+        """Features of a sound that starts at frame `first`, each normalised by the level known at its time."""
         spoken = prosody(sound, self._fps, self._settings.prosody)
         blocks = (first + np.arange(len(spoken.energy_dbfs))) * self._size // BLOCK_SAMPLES
         known = np.array(level.levels_dbfs)[np.minimum(blocks, len(level.levels_dbfs) - 1)]

@@ -1,7 +1,7 @@
-"""When a sound speaks, by its level alone: for sounds that come without an annotation.
+"""Voice activity by level, for sounds without an annotation.
 
-A 10 ms step counts as speech when its level is within 35 dB of the loud parts and 6 dB above the quiet ones; gaps
-shorter than 0.25 s do not end speech, and bursts shorter than 0.12 s do not begin it. Music and noise count as speech.
+A 10 ms step counts as speech if its level is within 35 dB of the loud parts and 6 dB above the quiet ones. Gaps shorter
+than 0.25 s do not end speech, and bursts shorter than 0.12 s do not start it. Music and noise count as speech.
 """
 
 from __future__ import annotations

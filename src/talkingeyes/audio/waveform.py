@@ -1,7 +1,7 @@
-"""Speech from files: any rate, channels and format, recognised by content; 16 kHz mono float32 comes out.
+"""Reads speech from files of any rate, channels and format, detected by content, as 16 kHz mono float32.
 
-Reads what libsndfile knows (wav, flac, ogg, mp3), then what PyAV knows (m4a, video with sound, raw g722 if named so).
-The file is read, mixed and resampled block by block, so a sound that is too long is refused before it fills memory.
+Supports the formats of libsndfile (wav, flac, ogg, mp3) and of PyAV (m4a, video with sound, raw g722 by suffix). Files
+are read, mixed and resampled block by block, so a sound that is too long is rejected before it fills memory.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from talkingeyes.core.errors import InputError
 SAMPLE_RATE = 16_000
 SHORTEST_S = 0.3
 LONGEST_S = 3600.0
-SILENT_DBFS = -60.0  # a sound none of whose 50 ms blocks is louder (RMS about its mean) is called silent
+SILENT_DBFS = -60.0  # a sound is silent if none of its 50 ms blocks is louder (RMS around its mean)
 BLOCK_S = 0.05
 READ_FRAMES = 1 << 18
-FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams: nothing in their content says what they are
+FORMAT_OF_SUFFIX = {".g722": "g722"}  # raw streams, which content does not identify
 
 
 @dataclass(frozen=True)
 class AudioStream:
-    """An opened sound: its rate, and its blocks as (frames, channels)."""
+    """An open sound: its rate, and its blocks as (frames, channels)."""
 
     rate: int
     blocks: Iterator[Float[ndarray, "N C"]]
 
 
 def frame_count(samples: int, fps: float) -> int:
-    """How many motion frames a 16 kHz sound has: frame t is the state at t / fps."""
+    """Number of motion frames of a 16 kHz sound: frame t is the state at t / fps."""
     return int(samples * fps / SAMPLE_RATE + 1e-6)
 
 
 def read_speech(path: Path | str) -> Float[ndarray, " N"]:
-    """The sound of a file as 16 kHz mono float32, 0.3 s to an hour.
+    """Read a file as 16 kHz mono float32, 0.3 s to an hour.
 
     Raises InputError (one line) if the file is missing, empty, undecodable, damaged, silent, too short, too long, or
-    holds NaN.
+    contains NaN.
     """
     path = Path(path)
     with _opened(path) as file, _open_stream(path, file) as source:
@@ -55,7 +55,7 @@ def read_speech(path: Path | str) -> Float[ndarray, " N"]:
 
 
 def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray, " N"]]:
-    """The two channels of a file, a person each, read as `read_speech` reads one.
+    """Read the two channels of a file, one per person, as `read_speech` does.
 
     Raises InputError as it does, and if there are not two channels.
     """
@@ -68,7 +68,7 @@ def read_dialogue(path: Path | str) -> tuple[Float[ndarray, " N"], Float[ndarray
 
 
 def _checked(path: Path, sound: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
-    """The sound, if it is speech that will do."""
+    """Check that the sound is long and loud enough."""
     if len(sound) < SHORTEST_S * SAMPLE_RATE:
         raise InputError(f"{path}: speech should last at least {SHORTEST_S} s, got {len(sound) / SAMPLE_RATE:.3f} s")
     loudest = loudest_dbfs(sound)
@@ -80,7 +80,7 @@ def _checked(path: Path, sound: Float[ndarray, " N"]) -> Float[ndarray, " N"]:
 
 
 def block_levels_dbfs(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
-    """RMS about the mean of each whole 50 ms block (a shorter sound is one block), in dBFS, at least -200."""
+    """RMS around the mean of each whole 50 ms block (a shorter sound is one block), in dBFS, at least -200."""
     size = min(len(sound), round(BLOCK_S * SAMPLE_RATE))
     blocks = np.reshape(sound[: len(sound) // size * size], (-1, size))
     parts = [blocks[first : first + 1000].std(axis=1, dtype=np.float64) for first in range(0, len(blocks), 1000)]
@@ -88,7 +88,7 @@ def block_levels_dbfs(sound: Float[ndarray, " N"]) -> Float[ndarray, " M"]:
 
 
 def loudest_dbfs(sound: Float[ndarray, " N"]) -> float:
-    """Level of the loudest 50 ms block; the outermost are left out where there are others (resampling rings there)."""
+    """Level of the loudest 50 ms block, without the first and last if there are others (resampling rings there)."""
     levels = block_levels_dbfs(sound)
     return float(levels[1:-1].max() if len(levels) > 2 else levels.max())
 
@@ -136,7 +136,7 @@ def _open_stream(path: Path, file: IO[bytes]) -> Iterator[AudioStream]:
 
 
 class _AnonymousFile:
-    """A file without its name, so that readers judge it by its content alone."""
+    """A file without its name, so that readers detect the format from content alone."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self.read, self.seek, self.tell = file.read, file.seek, file.tell
@@ -155,7 +155,7 @@ def _libsndfile_blocks(path: Path, sound: soundfile.SoundFile) -> Iterator[Float
 
 
 def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray, "N C"]]:
-    """Decoded frames. A few packets may be bad, as in streams cut anywhere; more bad than good ones are not a sound."""
+    """Decoded frames. Single bad packets are skipped, as in truncated streams; raises InputError if most are bad."""
     import av
 
     resampler = av.AudioResampler(format="fltp", rate=rate)
@@ -175,7 +175,7 @@ def _av_blocks(path: Path, container: Any, rate: int) -> Iterator[Float[ndarray,
 
 
 def _resampled(path: Path, source: AudioStream, channel: int | None = None) -> Float[ndarray, " N"]:
-    """At 16 kHz: one of two channels, or all of them mixed."""
+    """Resample to 16 kHz: one of two channels, or all channels mixed."""
     if source.rate <= 0:
         raise InputError(f"{path}: the sampling rate should be above 0, got {source.rate}")
     stream = soxr.ResampleStream(source.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")

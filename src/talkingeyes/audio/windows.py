@@ -1,7 +1,7 @@
-"""Long sound in windows: what a transformer says of each window, cross-faded onto motion frames, with flat memory.
+"""Encoding of long sound in windows, cross-faded onto motion frames, with constant memory.
 
 A sound up to `window_s` is one window. A longer one is cut into windows of exactly that length (the last one ends with
-the sound), so features of long speech are like those of training clips; overlapping windows fade linearly.
+the sound), so features of long speech resemble those of training clips. Overlapping windows are cross-faded linearly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count
 
 @dataclass(frozen=True)
 class FrameGrid:
-    """Where an encoder's frames lie: one every `samples`, the first at `first`; `receptive_field` is the least."""
+    """Frame positions of an encoder, in samples: step, position of the first frame, and receptive field."""
 
     samples: int
     first: float
@@ -26,7 +26,7 @@ class FrameGrid:
 
     @classmethod
     def of_convolutions(cls, kernels: tuple[int, ...], strides: tuple[int, ...]) -> FrameGrid:
-        """Of a stack of convolutions without padding: step and receptive field multiply out."""
+        """The grid of a stack of convolutions without padding."""
         step, field = 1, 1
         for kernel, stride in zip(kernels, strides, strict=True):
             field += (kernel - 1) * step
@@ -42,7 +42,7 @@ def encode_in_windows(
     window_s: float,
     overlap_s: float,
 ) -> Float[ndarray, "T C"]:
-    """Features at the times t / fps, linearly interpolated between the encoder's own frames."""
+    """Features at the times t / fps, linearly interpolated between the encoder's frames."""
     size = round(window_s * SAMPLE_RATE)
     times = np.arange(frame_count(len(sound), fps)) / fps * SAMPLE_RATE
     sound = np.pad(sound, (0, stride.receptive_field - len(sound))) if len(sound) < stride.receptive_field else sound
@@ -69,13 +69,13 @@ def window_starts(length: int, size: int, overlap: int) -> list[int]:
 
 
 def crossfade_weight(samples: Float[ndarray, " T"], length: int, overlap: float) -> Float[ndarray, " T"]:
-    """Weight of a window at the given samples of it: 1 inside, falling to almost 0 over the overlap at both ends."""
+    """Weight of a window at given samples of it: 1 inside, falling to almost 0 over the overlap at both ends."""
     nearest_end = np.minimum(samples, length - samples)
     return np.asarray(np.clip((nearest_end + 1) / (overlap + 1), 0, 1), np.float32)
 
 
 def interpolate_frames(features: Float[ndarray, "K C"], positions: Float[ndarray, " T"]) -> Float[ndarray, "T C"]:
-    """Linear interpolation at fractional indices; beyond the ends the end value holds."""
+    """Linear interpolation at fractional indices, constant beyond the ends."""
     positions = np.clip(positions, 0, len(features) - 1)
     low = np.minimum(positions.astype(int), max(len(features) - 2, 0))
     high = np.minimum(low + 1, len(features) - 1)
