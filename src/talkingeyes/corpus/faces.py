@@ -1,4 +1,4 @@
-"""What models of the face learn from: speech embedding and fitted face of each clip, frame by frame.
+"""Training data of face models: speech embedding and fitted face of each clip, frame by frame.
 
 Embeddings are memory-mapped and motions read on demand, so memory does not grow with the corpus.
 """
@@ -35,16 +35,16 @@ class FaceRecording:
 
 
 class FaceRecordings(Sequence[FaceRecording]):
-    """The fitted clips of some splits (rejected ones are not there), read lazily; 2,048 faces stay in memory.
+    """The fitted clips of some splits (without rejected ones), read lazily; 2,048 faces are cached.
 
-    All faces are of one head: `head_model` with `expression_names`.
+    All faces belong to one head: `head_model` with `expression_names`.
     """
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
-        """Raises InputError when no clip was fitted."""
+        """Raises InputError if no clip was fitted."""
         self.clips = [clip for clip in clips if _path(fit, clip).exists()]
         if not self.clips:
-            raise InputError(f"{fit}: no fitted clip to learn a face from; a corpus needs clips in every split")
+            raise InputError(f"{fit}: should contain fitted clips, got none; every split needs clips")
         first = Motion.load(_path(fit, self.clips[0]))
         self.head_model, self.expression_names = first.head_model, first.expression_names
         self._embed, self._fit = embed, fit

@@ -1,11 +1,11 @@
-"""Recordings of real people's gaze that others have published, read into this project's axes and units.
+"""Readers of published gaze recordings of real people, converted to this project's axes and units.
 
 `read_andersson`: 500 Hz eye tracking of people who look at pictures and films with the head on a chin rest, labelled
-sample by sample by experts (Andersson et al. 2017, ETdata .mat). `read_openface`: gaze and head pose frame by frame,
-from video of faces (OpenFace 2, Baltrusaitis et al. 2018, CSV). `read_conversation`: fixations on the screen in remote
-conversation, in stretches of speaking and listening (Dembinsky et al. 2024, CSV).
+sample by sample by experts (Andersson et al. 2017, ETdata .mat). `read_openface`: gaze and head pose per frame from
+video of faces (OpenFace 2, Baltrusaitis et al. 2018, CSV). `read_conversation`: fixations on the screen in remote
+conversation, with segments of speaking and listening (Dembinsky et al. 2024, CSV).
 
-None of them is part of the project; the readers take a path. Gaze is (yaw to the subject's left, pitch up) in space.
+The project does not include the data; the readers take a path. Gaze is (yaw to the subject's left, pitch up) in space.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from scipy.spatial.transform import Rotation
 
 from talkingeyes.core.errors import InputError
 
-FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # Andersson's labels
+FIXATION, SACCADE, OSCILLATION, PURSUIT, BLINK, UNDEFINED = range(1, 7)  # labels of Andersson et al.
 BLINK_MARGIN_S = 0.05  # lids cover part of the pupil before and after the tracker loses it
-MIN_CONFIDENCE = 0.8  # of OpenFace, in a frame that counts
-MAX_SHIFT_S = 0.2  # from one fixation to the next; what is longer hides something
-# The screen of the conversations: 2250 pixels on 63.735 cm, seen from 67.5 cm.
+MIN_CONFIDENCE = 0.8  # of OpenFace, for a frame to be valid
+MAX_SHIFT_S = 0.2  # longest gap between successive fixations; longer gaps may hide other events
+# The screen of the conversations: 2250 pixels on 63.735 cm, at a distance of 67.5 cm.
 CONVERSATION_CM_PER_PX, CONVERSATION_CM, CONVERSATION_RATE_HZ = 63.735 / 2250, 67.5, 90.0
 
 
 @dataclass(frozen=True)
 class GazeRecording:
-    """T frames of a person: gaze in space, head rotation vectors, which frames the tracker saw."""
+    """T frames of a person: gaze in space, head rotation vectors, validity of frames."""
 
     fps: float
     gaze_in_space_rad: Float[ndarray, "T 2"]
@@ -43,14 +43,14 @@ class GazeRecording:
     valid: Bool[ndarray, " T"]
 
     def subsample(self, frames: int) -> GazeRecording:
-        """Point-sampled: one frame in so many."""
+        """Point-sample one of every `frames` frames."""
         arrays = (self.gaze_in_space_rad, self.head, self.valid)
         return GazeRecording(self.fps / frames, *(array[::frames] for array in arrays))
 
 
 @dataclass(frozen=True)
 class LabelledRecording:
-    """A recording whose every frame an expert has labelled."""
+    """A recording with an expert label for every frame."""
 
     recording: GazeRecording
     labels: Int[ndarray, " T"]
@@ -58,7 +58,7 @@ class LabelledRecording:
 
 @dataclass(frozen=True)
 class ConversationFixations:
-    """N fixations on a screen, in order for each person; angles from straight ahead of the screen's origin."""
+    """N fixations on a screen, in order for each person; angles relative to the median fixation."""
 
     person: tuple[str, ...]
     state: tuple[str, ...]  # SPEAK, LISTEN, DIALOGUE
@@ -67,21 +67,21 @@ class ConversationFixations:
     centre_rad: Float[ndarray, "N 2"]
 
     def of(self, person: str, state: str) -> ConversationFixations:
-        """Those of one person in one state."""
+        """The fixations of one person in one state."""
         index = [i for i, each in enumerate(zip(self.person, self.state, strict=True)) if each == (person, state)]
         arrays = (self.onset_s[index], self.duration_s[index], self.centre_rad[index])
         return ConversationFixations((person,) * len(index), (state,) * len(index), *arrays)
 
     @property
     def gaze_shifts_deg(self) -> Float[ndarray, "K 2"]:
-        """From each fixation to the next, where that follows at once."""
+        """Shifts from each fixation to the next, without those across longer gaps."""
         pause = self.onset_s[1:] - self.onset_s[:-1] - self.duration_s[:-1]
         steps = np.degrees(np.diff(self.centre_rad, axis=0))
         return np.asarray(steps[(pause >= 0) & (pause < MAX_SHIFT_S)])
 
     @property
     def spread_deg(self) -> Float[ndarray, " 2"]:
-        """Standard deviation of yaw and pitch, each fixation counted by its length."""
+        """Standard deviation of yaw and pitch, with fixations weighted by duration."""
         mean = np.average(self.centre_rad, axis=0, weights=self.duration_s)
         return np.asarray(
             np.degrees(np.sqrt(np.average((self.centre_rad - mean) ** 2, axis=0, weights=self.duration_s)))
@@ -108,7 +108,7 @@ def read_andersson(path: Path) -> LabelledRecording:
 
 
 def read_openface(path: Path) -> GazeRecording:
-    """Read an OpenFace table. Its camera looks along +z with y down; gaze angles are already those in space."""
+    """Read an OpenFace table. Its camera looks along +z with y down; its gaze angles are in space."""
     table = _table(path)
     time_s = _column(table, path, "timestamp")
     if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
@@ -139,7 +139,7 @@ def read_conversation(path: Path) -> ConversationFixations:
 
 
 def _angles_rad(left: Float[ndarray, " T"], up: Float[ndarray, " T"], distance: float) -> Float[ndarray, "T 2"]:
-    """(yaw, pitch) of points on a plane before the viewer, whose left and up are positive."""
+    """(yaw, pitch) of points on a plane in front of the viewer, with left and up positive."""
     return np.stack([np.arctan2(left, distance), np.arctan2(up, np.hypot(left, distance))], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""The table of clips of a corpus: clips.parquet, one row a clip. Takes of one sound share the sound's file."""
+"""The index of a corpus: clips.parquet, one row per clip. Takes of a sound share its file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPLITS = ("train", "val", "test", "unseen")
 
 @dataclass(frozen=True)
 class Clip:
-    """One take of one sound. `unseen` is the split of the speakers that no model trains on."""
+    """One take of one sound. `unseen` is the split of the speakers excluded from training."""
 
     id: str
     sound: str

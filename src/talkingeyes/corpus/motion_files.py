@@ -1,10 +1,10 @@
-"""Motion files of anybody: what they hold, and which clip of a corpus each is for.
+"""Reader of motion files for evaluation: their fields, and the clip that each belongs to.
 
-Read: npz without pickles with `fps` and at least one of head (T, 3), gaze (T, 2, 3) and lid (T, 2), or S samples of
-them (S, T, ...); `valid` (T) if some frames were not seen. So Motion files, what `sample` writes, and what others
-write by docs/conventions.md, are read alike, and only the arrays that are needed.
+Input: npz without pickles with `fps` and at least one of head (T, 3), gaze (T, 2, 3) and lid (T, 2), or S samples of
+them (S, T, ...); optionally `valid` (T). Motion files, the output of `sample`, and files of others that follow
+docs/conventions.md are all accepted, and only the needed arrays are read.
 
-A file is for the clip whose name it has: <clip>.npz, <clip>-s3.npz, <clip>_sample_03.npz, or <clip>/sample_03.npz.
+A file belongs to the clip in its name: <clip>.npz, <clip>-s3.npz, <clip>_sample_03.npz, or <clip>/sample_03.npz.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SAMPLE_NAME = re.compile(r"(?:(?P<clip>.+?)[-_.])?s(?:ample)?[-_]?\d+")
 
 @dataclass(frozen=True)
 class MotionFields:
-    """One motion of a file: whichever fields it has."""
+    """One motion of a file, with the fields that it contains."""
 
     fps: float
     fields: dict[str, ndarray]
@@ -35,7 +35,7 @@ class MotionFields:
 
 
 def motion_files(folder: Path) -> dict[str, list[Path]]:
-    """Clip names with their files, all sorted. Raises InputError if there is no file."""
+    """Clip names with their files, sorted. Raises InputError if there is no file."""
     found: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.rglob("*.npz")):
         if not any(part.startswith(".") for part in path.relative_to(folder).parts):
@@ -46,7 +46,7 @@ def motion_files(folder: Path) -> dict[str, list[Path]]:
 
 
 def clip_id_of(path: Path) -> str:
-    """The name of the clip that a file is for."""
+    """The name of the clip that a file belongs to."""
     match = SAMPLE_NAME.fullmatch(path.stem)
     if not match:
         return path.stem
@@ -54,7 +54,7 @@ def clip_id_of(path: Path) -> str:
 
 
 def read_motions(path: Path) -> Iterator[MotionFields]:
-    """The motions of a file: one, or S samples. Raises InputError if it is not such a file."""
+    """Read the motions of a file: one, or S samples. Raises InputError for other files."""
     try:
         with np.load(path, allow_pickle=False) as file:
             if "fps" not in file.files:

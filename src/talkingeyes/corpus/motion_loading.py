@@ -1,4 +1,4 @@
-"""The motions in a file of this project: a Motion, or what `sample` drew of head and gaze or of the face."""
+"""Loads the motions in a file of this project: a Motion, or samples of head and gaze or of the face."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from talkingeyes.corpus.samples import FaceSamples, Samples
 
 
 def load_motions(path: Path) -> list[Motion]:
-    """One motion, or S of them; what a file of samples does not hold is neutral. Raises InputError if it is neither."""
+    """Load one motion or S samples; missing fields are neutral. Raises InputError for other files."""
     keys = _keys(path)
     if "schema" in keys or not {"head", "jaw"} & keys:
         return [Motion.load(path)]
@@ -34,5 +34,5 @@ def _keys(path: Path) -> set[str]:
     try:
         with np.load(path, allow_pickle=False) as file:
             return set(file.files)
-    except (OSError, ValueError, EOFError, AttributeError):  # Motion.load says what is wrong
+    except (OSError, ValueError, EOFError, AttributeError):  # Motion.load reports the error
         return set()

@@ -1,8 +1,8 @@
-"""Head poses of six numbers, as "3D Talking Face with Personalized Pose Dynamics" has them (Zhang et al., section 3).
+"""Head poses as six numbers, as in "3D Talking Face with Personalized Pose Dynamics" (Zhang et al., section 3).
 
-A pose is (pitch, yaw, roll, x, y, z): intrinsic Euler angles in radians (pitch positive up) and metres. From a fitted
-motion: resampled to the paper's 30 frames a second, Gaussian-filtered (eq. 1), centred per set of clips. A set is what
-one camera saw: here a clip, since every clip has its own camera and distance.
+A pose is (pitch, yaw, roll, x, y, z): intrinsic Euler angles in radians (pitch positive up) and metres. Poses are
+fitted motion, resampled to the paper's 30 fps, Gaussian-filtered (eq. 1), and centred per set of clips. A set is the
+clips of one camera; here that is one clip, because every clip has its own camera and distance.
 """
 
 from __future__ import annotations
@@ -29,18 +29,19 @@ POSE_COMPONENTS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
 
 
 class PoseSettings(Settings):
-    """How poses are taken from motions."""
+    """How poses are computed from motions."""
 
-    # Frames a second of poses (the paper: 30).
+    # Frames per second of poses (the paper: 30).
     fps: Annotated[float, Field(gt=0, le=240)]
-    # Width (delta) of the Gaussian of eq. 1 and its reach to each side (m), in frames; a width of 0: no filter.
+    # Standard deviation (delta) of the Gaussian of eq. 1 and its radius (m), in frames; standard deviation 0: no
+    # filter.
     filter_sigma_frames: Annotated[float, Field(ge=0)]
     filter_radius_frames: Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True)
 class PoseRecording:
-    """One clip at the frame rate of poses: speech embedding, centred poses, and the pose that they were centred on."""
+    """One clip at the frame rate of poses: speech embedding, centred poses, and their original mean."""
 
     clip: Clip
     speech: Float[ndarray, "T C"]
@@ -52,7 +53,7 @@ class PoseRecording:
 
 
 def to_poses(head: Float[ndarray, "T 3"], translation: Float[ndarray, "T 3"]) -> Float[ndarray, "T 6"]:
-    """Six numbers a frame of rotation vectors and metres."""
+    """Six numbers per frame from rotation vectors and translations in metres."""
     yaw, down, roll = Rotation.from_rotvec(head).as_euler("YXZ").T
     return np.concatenate([np.stack([-down, yaw, roll], axis=1), translation], axis=1)
 
@@ -65,7 +66,7 @@ def head_rotations(pose: Float[ndarray, "*N 6"]) -> Float[ndarray, "*N 3"]:
 
 
 def resample_cubic(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
-    """Rows at another frame rate, by a cubic spline; the first row stays where it is."""
+    """Resample rows to another frame rate by a cubic spline; the first row stays in place."""
     if fps == new_fps:
         return rows
     from scipy.interpolate import CubicSpline
@@ -77,7 +78,7 @@ def resample_cubic(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> F
 
 
 def resample_linear(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> Float[ndarray, "U C"]:
-    """Rows at another frame rate, by straight lines: for features, which a spline could drive out of their range."""
+    """Resample rows linearly to another frame rate: for features, which a spline could move out of range."""
     if fps == new_fps or not len(rows):
         return rows
     place = (_times(len(rows), fps, new_fps)[1] * fps).clip(0, len(rows) - 1)
@@ -87,12 +88,12 @@ def resample_linear(rows: Float[ndarray, "T C"], fps: float, new_fps: float) -> 
 
 
 def _times(count: int, fps: float, new_fps: float) -> tuple[ndarray, ndarray]:
-    """Moments of the old frames and of the new ones, none of which lies beyond the last of the old."""
+    """Times of the old and of the new frames; no new frame lies beyond the last old one."""
     return np.arange(count) / fps, np.arange(int((count - 1) * new_fps / fps + 1e-9) + 1) / new_fps
 
 
 def gaussian_smooth(pose: Float[ndarray, "T N"], width_frames: float, reach: int) -> Float[ndarray, "T N"]:
-    """Eq. 1 with weights that sum to 1, at the ends of a clip too."""
+    """Eq. 1 with weights that sum to 1, also at the ends of a clip."""
     if width_frames == 0:
         return pose
     offsets = np.arange(-reach, reach + 1)
@@ -103,7 +104,7 @@ def gaussian_smooth(pose: Float[ndarray, "T N"], width_frames: float, reach: int
 
 
 class PoseRecordings(Sequence[PoseRecording]):
-    """The fitted clips of some splits, read lazily; 128 stay in memory."""
+    """The fitted clips of some splits, read lazily; 128 are cached."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path, settings: PoseSettings) -> None:
         self.clips = [clip for clip in clips if shard_path(fit / "motion", clip.id, ".npz").exists()]
@@ -141,8 +142,10 @@ def read_poses(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> Po
 def pose_recordings(
     corpus: Corpus, fit: Path, embed: Path, settings: PoseSettings, *splits: str, take: int | None = None
 ) -> PoseRecordings:
-    """The fitted clips of the given splits. Raises InputError when there is none."""
+    """The fitted clips of the given splits. Raises InputError if there is none."""
     found = PoseRecordings(corpus.select(*splits, take=take), fit, embed, settings)
     if not len(found):
-        raise InputError(f"{corpus.root}: no fitted clip in {', '.join(splits)}; a corpus needs clips in every split")
+        raise InputError(
+            f"{corpus.root}: should contain fitted clips in {', '.join(splits)}, got none; every split needs clips"
+        )
     return found

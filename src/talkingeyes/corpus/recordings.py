@@ -1,4 +1,4 @@
-"""What models train on and are compared with: speech embedding and fitted motion of each clip, frame by frame.
+"""Training data of gaze and head models: speech embedding and fitted motion of each clip, frame by frame.
 
 Embeddings are memory-mapped and motions read on demand, so memory does not grow with the corpus.
 """
@@ -38,7 +38,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Normaliser:
-    """Names of the channels of the speech embedding, their means and standard deviations over the train split."""
+    """Channel names of the speech embedding, with means and standard deviations over the train split."""
 
     channels: tuple[str, ...]
     mean: Float[ndarray, " C"]
@@ -46,14 +46,14 @@ class Normaliser:
 
     @classmethod
     def of(cls, embed: Path) -> Normaliser:
-        """From the embed stage's folder."""
+        """Read from the folder of the embed stage."""
         content = json.loads((embed / "embedding.json").read_text())
         mean, std = (np.asarray(content[name], np.float32) for name in ("mean", "std"))
         return cls(tuple(content["channels"]), mean, std)
 
 
 class Recordings(Sequence[Recording]):
-    """The fitted clips of some splits (rejected ones are not there), read lazily; 4,096 motions stay in memory."""
+    """The fitted clips of some splits (without rejected ones), read lazily; 4,096 motions are cached."""
 
     def __init__(self, clips: Sequence[Clip], fit: Path, embed: Path) -> None:
         self.clips = [clip for clip in clips if _motion_path(fit, clip).exists()]
@@ -81,10 +81,12 @@ class Recordings(Sequence[Recording]):
 
 
 def recordings(corpus: Corpus, fit: Path, embed: Path, *splits: str, take: int | None = None) -> Recordings:
-    """The fitted clips of the given splits. Raises InputError when there is none."""
+    """The fitted clips of the given splits. Raises InputError if there is none."""
     found = Recordings(corpus.select(*splits, take=take), fit, embed)
     if not len(found):
-        raise InputError(f"{corpus.root}: no fitted clip in {', '.join(splits)}; a corpus needs clips in every split")
+        raise InputError(
+            f"{corpus.root}: should contain fitted clips in {', '.join(splits)}, got none; every split needs clips"
+        )
     return found
 
 

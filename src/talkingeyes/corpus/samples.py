@@ -1,4 +1,4 @@
-"""S sampled motions of one clip: what `sample` writes and `evaluate` reads."""
+"""S sampled motions of one clip, written by `sample` and read by `evaluate`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from talkingeyes.core.settings import Settings
 
 
 class SampleSettings(Settings):
-    """How many samples, and the seed that the seeds of all samples are made from."""
+    """Number of samples, and the seed from which the seeds of all samples derive."""
 
     seed: int
     samples: Annotated[int, Field(gt=1)]
@@ -43,7 +43,7 @@ class Samples:
 
     @classmethod
     def load(cls, path: Path) -> Samples:
-        """Read npz written by `save`. Raises InputError if it is not one."""
+        """Read npz written by `save`. Raises InputError for other files."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(float(file["fps"]), file["head"].astype(np.float64), file["gaze"].astype(np.float64))
@@ -53,9 +53,9 @@ class Samples:
 
 @dataclass(frozen=True)
 class FaceSamples:
-    """S faces of T frames for the same sound: what a model of the face gives, in the numbers of one head.
+    """S faces of T frames for the same sound, sampled by a face model for one head.
 
-    `jaw` are rotation vectors, `expression` the head's own basis, as in a Motion.
+    `jaw` contains rotation vectors, `expression` weights of the head's shapes, as in a Motion.
     """
 
     fps: float
@@ -77,7 +77,7 @@ class FaceSamples:
 
     @classmethod
     def load(cls, path: Path) -> FaceSamples:
-        """Read npz written by `save`. Raises InputError if it is not one."""
+        """Read npz written by `save`. Raises InputError for other files."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 names = tuple(json.loads(str(file["expression_names"])))

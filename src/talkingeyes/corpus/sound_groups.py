@@ -1,6 +1,7 @@
-"""The sounds of some splits: fitted takes of each, and other sounds of the same speaker to compare with.
+"""The sounds of some splits: fitted takes of each, and other sounds of the same speaker for comparison.
 
-A sound stands for all clips that share it (takes); figures are over sounds, so that takes do not weigh more.
+A sound represents all clips that share it (takes). Metrics are averaged over sounds, so that takes have no extra
+weight.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from talkingeyes.corpus.store import Corpus
 
 @dataclass(frozen=True)
 class SoundGroup:
-    """A sound to measure: its fitted takes, the first of them take 0, and clips of other sounds of the speaker."""
+    """A sound to evaluate: its fitted takes, starting with take 0, and clips of other sounds of the speaker."""
 
     takes: list[Clip]
     others: list[Clip]
 
     @property
     def clip(self) -> Clip:
-        """Take 0, which models are compared with."""
+        """Take 0, the reference for models."""
         return self.takes[0]
 
 
 def sounds(corpus: Corpus, fit: Path, embed: Path, splits: Collection[str], others: int, seed: int) -> list[SoundGroup]:
-    """The sounds whose take 0 was fitted, in the order of the corpus; `others` are drawn by seed and clip."""
+    """The sounds whose take 0 was fitted, in corpus order; `others` are sampled by seed and clip."""
     takes, of_speaker = defaultdict(list), defaultdict(list)
     for clip in Recordings(corpus.clips, fit, embed).clips:
         takes[clip.sound].append(clip)

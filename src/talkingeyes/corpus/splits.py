@@ -13,9 +13,9 @@ SPLIT_RATIOS = {"train": 0.8, "val": 0.1, "test": 0.1}
 def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Sequence[str]], seed: int) -> dict[str, str]:
     """Split of each sound.
 
-    Sounds that share a sentence stay together among the seen speakers. Groups go, largest first, to the split that is
-    furthest below its share, so a corpus of few sentences still gets all three splits; sounds that share none are
-    dealt out speaker by speaker.
+    Among the seen speakers, sounds that have a sentence in common stay together. These groups go, largest first, to the
+    split furthest below its target size, so a corpus of few sentences still gets all three splits. The other sounds are
+    distributed speaker by speaker.
     """
     rng = np.random.default_rng(seed)
     speakers = sorted(set(speaker_of.values()))
@@ -37,7 +37,7 @@ def split_sounds(speaker_of: Mapping[str, str], sentences_of: Mapping[str, Seque
 
 
 def _distribute(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str, str]:
-    """Sounds in the order of their speakers, so that every speaker has some in each split, if there are enough."""
+    """Distribute sounds in the order of their speakers, so that every speaker is in each split if possible."""
     split: dict[str, str] = {}
     given = dict.fromkeys(wanted, 0)
     per_sound = {name: count / max(sum(wanted.values()), 1e-9) for name, count in wanted.items()}
@@ -49,7 +49,7 @@ def _distribute(sounds: Sequence[str], wanted: Mapping[str, float]) -> dict[str,
 
 
 def _groups(sentences_of: Mapping[str, Sequence[str]]) -> list[list[str]]:
-    """Sounds connected by shared sentences (union-find over sentences)."""
+    """Sounds connected by common sentences (union-find over sentences)."""
     parent = {sound: sound for sound in sentences_of}
 
     def root(sound: str) -> str:

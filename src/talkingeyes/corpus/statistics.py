@@ -1,6 +1,6 @@
-"""A corpus as a row of the paper's Table I: motion types, sequences, subjects, hours, and where it comes from.
+"""A corpus as a row of the paper's Table I: motion types, sequences, subjects, hours, and sources.
 
-Written to table1.md beside the index, and printed, by every stage that makes a corpus.
+Written to table1.md beside the index, and printed, by every stage that creates a corpus.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PAPER_ROW = "| TKED (the paper's) | ✓ | ✓ | ✓ | 5982 | 669 | 14.0 | genera
 
 @dataclass(frozen=True)
 class CorpusStatistics:
-    """What Table I says of a corpus."""
+    """The entries of Table I for a corpus."""
 
     sequences: int
     subjects: int
@@ -25,7 +25,7 @@ class CorpusStatistics:
 
 
 def corpus_statistics(clips: Sequence[Clip]) -> CorpusStatistics:
-    """Sequences are clips, every take counted."""
+    """Count clips (including all takes), speakers and hours, and list the sources."""
     return CorpusStatistics(
         len(clips),
         len({clip.speaker for clip in clips}),
@@ -35,6 +35,6 @@ def corpus_statistics(clips: Sequence[Clip]) -> CorpusStatistics:
 
 
 def table(name: str, row: CorpusStatistics, acquisition: str) -> str:
-    """The row in Markdown under that of the paper's own corpus. All corpora here hold face, head and eyes."""
+    """The row in Markdown, below that of the paper's corpus. All corpora here contain face, head and eyes."""
     own = f"| {name} | ✓ | ✓ | ✓ | {row.sequences} | {row.subjects} | {row.hours:.3g} | {acquisition} |"
     return "\n".join([HEADER, "|" + "---|" * 9, PAPER_ROW, f"{own} {', '.join(row.sources)} |", ""])

@@ -1,4 +1,4 @@
-"""Where the files of a corpus lie. Folders are sharded by a hash of the id, so a million clips stay listable."""
+"""File layout of a corpus. Folders are sharded by a hash of the id, so a million clips can be listed."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from talkingeyes.head.observation import Observation
 def shard_path(folder: Path, name: str, suffix: str) -> Path:
     """folder/a/name+suffix, where a is the first digit of a hash of the name.
 
-    Sixteen folders keep a million clips listable, and `dvc repro` quick, which looks at every folder.
+    Sixteen folders keep a million clips listable, and `dvc repro`, which visits every folder, fast.
     """
     return folder / hashlib.blake2b(name.encode(), digest_size=1).hexdigest()[0] / (name + suffix)
 
 
 def make_shard_path(folder: Path, name: str, suffix: str) -> Path:
-    """The same path, with its folder made."""
+    """The same path, after creating its folder."""
     path = shard_path(folder, name, suffix)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
@@ -47,7 +47,7 @@ def _sound(path: Path) -> Float[ndarray, " N"]:
 
 @dataclass(frozen=True)
 class Corpus:
-    """A corpus folder, as `synthesize` and `track` both write it. Sound: 16 kHz mono. `truth` is there if synthetic."""
+    """A corpus folder, as written by `synthesize` and `track`. Sound: 16 kHz mono. `truth` exists if synthetic."""
 
     root: Path
 
@@ -57,15 +57,15 @@ class Corpus:
         return read_index(self.root / "clips.parquet")
 
     def select(self, *splits: str, take: int | None = None) -> list[Clip]:
-        """Clips of the given splits; `take=0` leaves out the further takes of a sound."""
+        """Clips of the given splits; `take=0` excludes the further takes of a sound."""
         return [clip for clip in self.clips if clip.split in splits and (take is None or clip.take == take)]
 
     def speech(self, clip: Clip) -> Float[ndarray, " N"]:
-        """The clip's sound, float32 at 16 kHz: what the subject says."""
+        """The clip's sound, float32 at 16 kHz: the subject's voice."""
         return _sound(shard_path(self.root / "speech", clip.sound, ".flac"))
 
     def partner(self, clip: Clip) -> Float[ndarray, " N"] | None:
-        """What the partner says meanwhile, as long as `speech`, or None where nobody else speaks."""
+        """The partner's voice, of the same length as `speech`, or None without a partner."""
         path = shard_path(self.root / "partner", clip.sound, ".flac")
         return _sound(path) if path.exists() else None
 
@@ -90,7 +90,7 @@ class Corpus:
         """The true events (synthetic corpora only)."""
         return Events.load(shard_path(self.root / "truth", clip.id, ".events.json"))
 
-    # Writing: per sound, per clip, and last the index, which makes the corpus whole.
+    # Writing: per sound, per clip, and finally the index, which completes the corpus.
 
     def write_sound(
         self,
@@ -99,7 +99,7 @@ class Corpus:
         annotation: Annotation,
         partner: Float[ndarray, " N"] | None = None,
     ) -> None:
-        """Write speech and annotation of a sound that several takes may share, and the partner's channel if any."""
+        """Write speech and annotation of a sound, which several takes may share, and the partner's channel if any."""
         if partner is not None:
             path = make_shard_path(self.root / "partner", sound, ".flac")
             soundfile.write(path, partner, SAMPLE_RATE, subtype="PCM_16")
@@ -108,7 +108,7 @@ class Corpus:
         annotation.save(make_shard_path(self.root / "annotations", sound, ".json"))
 
     def write_clip(self, clip_id: str, observation: Observation, truth: Motion | None, events: Events | None) -> None:
-        """Write what was seen of one clip and, if known, what was true."""
+        """Write the observation of a clip and, if known, the true motion and events."""
         observation.save(make_shard_path(self.root / "observations", clip_id, ".npz"))
         if truth is not None:
             truth.save(make_shard_path(self.root / "truth", clip_id, ".npz"))
