@@ -1,4 +1,4 @@
-"""Sheets of pictures of a head: motions at several times, and what eyes and lids can do."""
+"""Contact sheets of a head: motions at several times, and the range of eyes and lids."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from talkingeyes.rendering.view import FRAMINGS
 GAZE_YAW_DEG, GAZE_PITCH_DEG = (
     (-25.0, 0.0, 25.0),
     (18.0, 0.0, -20.0),
-)  # columns and rows; the left is the picture's right
+)  # columns and rows; the subject's left is the image's right
 LID_CLOSURES = (-0.3, 0.0, 0.35, 0.7, 1.0)  # from wide to shut
 
 
 def contact_sheet(model: HeadModel, motions: list[Motion], times_s: list[float], size: int) -> UInt8[ndarray, "H W 3"]:
-    """One row a motion, one column a time."""
+    """An image grid with one row per motion and one column per time."""
     renderer = HeadRenderer(model, FRAMINGS["head"].centred_on(model.eye_centres).view(size, size))
     rows = []
     for motion in motions:
@@ -30,9 +30,9 @@ def contact_sheet(model: HeadModel, motions: list[Motion], times_s: list[float],
 
 
 def eyes_sheet(model: HeadModel, width: int) -> UInt8[ndarray, "H W 3"]:
-    """The head, beside its eyes in nine directions, over the eyes at five openings of the lids.
+    """The head with its eyes in nine directions, above the eyes at five lid closures.
 
-    The picture is `width` wide, nearly: it is made of tiles of whole pixels.
+    The image width is `width`, rounded down to whole tiles.
     """
     side = width * 4 // 17
     tall = 3 * (side * 9 // 20)
@@ -53,7 +53,7 @@ def eyes_sheet(model: HeadModel, width: int) -> UInt8[ndarray, "H W 3"]:
 
 
 def static_motion(gaze_deg: Float[ndarray, "T 2"] | None = None, lid: Float[ndarray, " T"] | None = None) -> Motion:
-    """Frames of a head that faces the camera: both eyes at (yaw, pitch), both lids at a closure."""
+    """Still frames of a head facing the camera: both eyes at (yaw, pitch), both lids at a closure."""
     frames = len(gaze_deg) if gaze_deg is not None else len(lid) if lid is not None else 1
     angles = np.zeros((frames, 2)) if gaze_deg is None else np.radians(gaze_deg)
     closure = np.zeros(frames) if lid is None else lid

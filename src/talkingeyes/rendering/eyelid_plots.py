@@ -1,7 +1,7 @@
-"""Two pictures of the Eyelid model: what each parameter does, and its tracks over sound (the paper's Fig. 2 and 6).
+"""Two figures of the Eyelid model: effect of each parameter, and tracks over sound (the paper's Fig. 2 and 6).
 
-Elisei, Bailly & Casari (AVSP 2007). The parameter sheet shows the eyes of a head with both of them in the same posture.
-The tracks show what the paper's figure does: sound with its words, azimuth and blink of the right eye, nodding.
+Elisei, Bailly & Casari (AVSP 2007). The parameter sheet shows both eyes of a head in the same posture. The tracks are
+those of the paper's figure: sound with its words, azimuth and blink of the right eye, nodding.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ POSTURES = {  # degrees to the subject's left and up, closure
     "widening eyelids": (0.0, 0.0, -0.3),
 }
 WIDTH_PX, HEIGHT_PX = 480, 190
-BLINK_CLOSURE = 0.3  # of closure
+BLINK_CLOSURE = 0.3  # closure above which a blink is marked
 
 
 def plot_parameters(head: HeadModel, path: Path) -> None:
-    """Write a PNG: each of the three parameters of both eyes, pushed one way and the other."""
+    """Write a PNG with each of the three parameters of both eyes at either extreme."""
     angles = np.radians([posture[:2] for posture in POSTURES.values()])
     gaze = np.repeat(rotation.angles_to_gaze(angles)[:, None], 2, axis=1)
     lid = np.repeat([[posture[2]] for posture in POSTURES.values()], 2, axis=1)
@@ -56,7 +56,7 @@ def plot_parameters(head: HeadModel, path: Path) -> None:
 def plot_tracks(
     motion: Motion, sound: Float[ndarray, " N"], annotation: Annotation, span_s: tuple[float, float], path: Path
 ) -> None:
-    """Write a PNG: sound and words, azimuth and blink of the right eye, nodding of the head, on one time scale."""
+    """Write a PNG: sound and words, azimuth and blink of the right eye, nodding of the head, on one time axis."""
     times_s = np.arange(len(motion)) / motion.fps
     azimuth = np.degrees(rotation.gaze_to_angles(motion.gaze[:, RIGHT])[:, 0])
     nodding = np.degrees(rotation.gaze_to_angles(motion.head)[:, 1])

@@ -1,8 +1,8 @@
-"""Pictures of a head by ray casting on the CPU: no GPU, no GL library (embree through embreex).
+"""Renders a head by ray casting on the CPU, without GPU or GL library (embree through embreex).
 
-One ray a pixel inside the box that the head covers, and four more where the picture changes: part, depth or brightness.
-Normals and colours are interpolated over each face. Eyeballs stand behind the lids, so they are seen through the
-opening alone, in the shadow of the upper lid.
+One ray per pixel inside the box of the head, and four more where part, depth or brightness change. Normals and colours
+are interpolated over each face. Eyeballs lie behind the lids, so they are visible only through the opening, in the
+shadow of the upper lid.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from talkingeyes.rendering.shading import BACKGROUND, EYE, GLOSSY, MATT, specula
 from talkingeyes.rendering.view import OrbitCamera
 
 BLOCK_FRAMES = 16
-DEPTH_STEP_M = 0.004  # between neighbouring pixels, from which an edge is drawn more finely ...
-LIGHT_STEP = 0.06  # ... and of light
+DEPTH_STEP_M = 0.004  # depth difference of adjacent pixels that is supersampled
+LIGHT_STEP = 0.06  # brightness difference that is supersampled
 SUBPIXEL_OFFSETS = np.array(
     [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]], np.float32
 )  # rotated grid
 SHADOW_RAYS = np.array([[-0.35, 0.75, 0.60], [0.10, 0.85, 0.52], [-0.15, 0.60, 0.78], [0.30, 0.65, 0.70]], np.float32)
 SHADOW_RAYS /= np.linalg.norm(SHADOW_RAYS, axis=1, keepdims=True)
-SHADOW_STRENGTH = 0.45  # of the lamps' light, where all of SHADOW_RAYS are cut off
+SHADOW_STRENGTH = 0.45  # fraction of the lamps' light lost if all of SHADOW_RAYS are blocked
 BACKGROUND_DEPTH_M = 1e4
 
 
 @dataclass(frozen=True)
 class RayHits:
-    """What rays met: light, part (-1 nothing) and distance."""
+    """Results of rays: light, part (-1: none) and distance."""
 
     light: Float[ndarray, "N 3"]
     parts: Int[ndarray, " N"]
@@ -47,7 +47,7 @@ class RayHits:
 
 @dataclass(frozen=True)
 class HeadRenderer:
-    """Draws one head from one view; what stays the same from frame to frame is kept."""
+    """Renders one head from one view; caches data that is constant over frames."""
 
     model: HeadModel
     view: OrbitCamera
@@ -62,7 +62,7 @@ class HeadRenderer:
 
     @cached_property
     def matt(self) -> Bool[ndarray, " V"]:
-        """Vertices of parts without light under the surface."""
+        """Vertices of parts without subsurface scattering."""
         matt = np.zeros(len(self.model.template), bool)
         matt[self.model.vertices_of(*(part for part, is_matt in zip(PARTS, MATT, strict=True) if is_matt))] = True
         return matt
@@ -79,19 +79,19 @@ class HeadRenderer:
         return self.view.rays(self._pixels.reshape(-1, 2)).astype(np.float32).reshape(height, width, 3)
 
     def draw(self, motion: Motion) -> Iterator[UInt8[ndarray, "H W 3"]]:
-        """A picture a frame."""
+        """Yield one image per frame."""
         from talkingeyes.head.skinning import posed_vertices
 
         for start in range(0, len(motion), BLOCK_FRAMES):
             vertices = posed_vertices(self.model, motion_to_pose(self.model, motion.cut(start, start + BLOCK_FRAMES)))
             normals = normals_from_incidence(vertices, self.model.faces, self._around)
-            if len(self._brows):  # a strip of hair shows the form of the skin under it
+            if len(self._brows):  # a strip of hair is shaded like the skin under it
                 normals[:, self._brows] = self.model.brows.of(normals)
             for frame, frame_normals in zip(vertices, normals, strict=True):
                 yield self.render_frame(frame, frame_normals.astype(np.float32))
 
     def render_frame(self, vertices: Float[ndarray, "V 3"], normals: Float[ndarray, "V 3"]) -> UInt8[ndarray, "H W 3"]:
-        """One frame."""
+        """Render one frame."""
         camera = self.view.camera
         picture = np.empty((camera.height, camera.width, 3), np.uint8)
         picture[:] = to_pixels(BACKGROUND)
@@ -123,7 +123,7 @@ class HeadRenderer:
 
 @dataclass(frozen=True)
 class RayCaster:
-    """One frame's geometry and light, ready for rays. `faces` are those turned to the camera."""
+    """Geometry and light of one frame, ready for ray casting. `faces` are those that face the camera."""
 
     scene: Any
     origin: Float[ndarray, " 3"]
@@ -151,7 +151,7 @@ class RayCaster:
         return cls(scene, origin, faces, model.parts[turned], np.hstack([light.sky, light.lamps]), normals)
 
     def trace(self, rays: Float[ndarray, "N 3"]) -> RayHits:
-        """What lies along rays from the camera."""
+        """Trace rays from the camera."""
         met = self.scene.run(np.tile(self.origin, (len(rays), 1)), rays, output=True)
         hit = np.flatnonzero(met["primID"] >= 0)
         light = np.empty((len(rays), 3), np.float32)
@@ -178,7 +178,7 @@ class RayCaster:
         return RayHits(light, parts, np.where(parts >= 0, met["tfar"], BACKGROUND_DEPTH_M))
 
     def _lit(self, points: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]) -> Float[ndarray, " N"]:
-        """The share of the lamps that reaches each point: eyes lie in the shadow of lids and brows."""
+        """Fraction of the lamps' light at each point: lids and brows cast shadows on the eyes."""
         lit = np.ones(len(points), np.float32)
         eyes = np.flatnonzero(EYE[parts])
         if len(eyes):
@@ -191,7 +191,7 @@ class RayCaster:
 def interpolate_vertices(
     values: Float[ndarray, "V C"], corners: Int[ndarray, "N 3"], weights: tuple[Float[ndarray, " N"], ...]
 ) -> Float[ndarray, "N C"]:
-    """Values of vertices at points of faces."""
+    """Interpolate vertex values at points of faces."""
     total: ndarray = np.take(values, corners[:, 0], axis=0) * weights[0][:, None]
     for corner in (1, 2):
         total += np.take(values, corners[:, corner], axis=0) * weights[corner][:, None]
@@ -199,7 +199,7 @@ def interpolate_vertices(
 
 
 def face_viewer(normals: Float[ndarray, "N 3"], view_directions: Float[ndarray, "N 3"]) -> Float[ndarray, "N 3"]:
-    """Unit normals bent towards the viewer where interpolation turned them away; flipped, they draw black rims."""
+    """Unit normals bent towards the viewer where interpolation turned them away; flipping would draw black rims."""
     away = np.maximum(np.einsum("nd,nd->n", normals, view_directions), 0.0)
     bent = normals - away[:, None] * view_directions
     return np.asarray(bent / np.sqrt(np.maximum(np.einsum("nd,nd->n", bent, bent), 1e-12))[:, None])

@@ -1,8 +1,9 @@
-"""Light on a head: a sky, three lamps, warm light that wraps round skin, highlights where it is moist.
+"""Shading of a head: a sky, three lamps, subsurface scattering of skin, highlights of moist parts.
 
-Diffuse light is reckoned at vertices; highlights of eyes, lips, teeth at every pixel, from interpolated normals.
-Colours are linear; `to_pixels` turns them into sRGB. Lamps stand in the room, so a head that turns changes its shades.
-Wrapped diffuse light with a tint at its edge stands for light under the skin (Green, GPU Gems 2004, chapter 16).
+Diffuse light is computed at vertices; highlights of eyes, lips and teeth at every pixel, from interpolated normals.
+Colours are linear; `to_pixels` converts them to sRGB. Lamps are fixed in the scene, so shading changes with head
+rotation. Wrapped diffuse light with a tint at its edge approximates subsurface scattering (Green, GPU Gems 2004,
+chapter 16).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from talkingeyes.head.model import PARTS
 
 @dataclass(frozen=True)
 class DirectionalLight:
-    """Direction to the lamp, and its colour times strength."""
+    """Direction to the lamp, and its colour times intensity."""
 
     towards: tuple[float, float, float]
     colour: tuple[float, float, float]
@@ -36,8 +37,8 @@ LAMPS = (
     DirectionalLight((0.35, 0.55, -0.75), (0.45, 0.47, 0.52)),
 )
 SKY, GROUND = np.array([0.38, 0.40, 0.44], np.float32), np.array([0.21, 0.17, 0.15], np.float32)
-WRAP = 0.35  # how far beyond the terminator light still reaches on skin
-TINT = np.array([1.0, 0.55, 0.40], np.float32)  # of that light
+WRAP = 0.35  # how far diffuse light extends beyond the terminator on skin
+TINT = np.array([1.0, 0.55, 0.40], np.float32)  # of the light beyond it
 BACKGROUND = np.array([0.62, 0.67, 0.72], np.float32)
 
 SKIN_STRENGTH, SKIN_SHARPNESS = 0.075, 14.0
@@ -47,12 +48,12 @@ _GLOSS |= {"tissue": (0.25, 40), "tongue": (0.2, 24)}
 STRENGTH, SHARPNESS = (np.array([_GLOSS.get(part, (0, 1))[at] for part in PARTS], np.float32) for at in range(2))
 GLOSSY = STRENGTH > 0
 EYE = np.isin(PARTS, ["sclera", "iris", "pupil"])
-MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth"])  # no light under the surface
+MATT = np.isin(PARTS, ["sclera", "iris", "pupil", "teeth"])  # without subsurface scattering
 
 
 @dataclass(frozen=True)
 class VertexLight:
-    """What vertices send to the camera, without the highlights of moist parts: from the sky, and from the lamps."""
+    """Light from vertices to the camera, without the highlights of moist parts: from the sky, and from the lamps."""
 
     sky: Float[ndarray, "V 3"]
     lamps: Float[ndarray, "V 3"]
@@ -65,7 +66,7 @@ def vertex_light(
     ambient: Float[ndarray, " V"],
     matt: Bool[ndarray, " V"],
 ) -> VertexLight:
-    """Diffuse light, the broad shine of skin. `view_directions`: from the camera; `matt`: no light inside."""
+    """Diffuse light, and the broad highlight of skin. `view_directions`: from the camera; `matt`: no scattering."""
     upward = 0.5 + 0.5 * normals[:, 1:2]
     sky = colours * (GROUND + upward * (SKY - GROUND)) * ambient[:, None]
     soft = np.where(matt, 0.0, WRAP).astype(np.float32)
@@ -89,7 +90,7 @@ def specular(
     lamp: DirectionalLight,
     sharpness: Float[ndarray, "*N"] | float,
 ) -> Float[ndarray, " N"]:
-    """The mirror image of a lamp, blurred (Blinn 1977)."""
+    """The specular reflection of a lamp (Blinn 1977)."""
     half = lamp.direction - view_directions
     half /= np.sqrt(np.einsum("nd,nd->n", half, half))[:, None]
     cosine = np.maximum(np.einsum("nd,nd->n", normals, half), 1e-6)
@@ -99,13 +100,13 @@ def specular(
 def specular_highlights(
     normals: Float[ndarray, "N 3"], view_directions: Float[ndarray, "N 3"], parts: Int[ndarray, " N"]
 ) -> Float[ndarray, " N"]:
-    """Highlights of the parts with a sharp one, of the first lamp: a second one in an eye would hide its pupil."""
+    """Highlights of glossy parts, from the first lamp only: a second one in an eye would hide its pupil."""
     return np.asarray(STRENGTH[parts] * specular(normals, view_directions, LAMPS[0], SHARPNESS[parts]))
 
 
 _LEVELS, _BRIGHTEST = 4096, 2.0
 _LIGHT = np.linspace(0, _BRIGHTEST, _LEVELS)
-_LIGHT = np.where(_LIGHT > 0.7, 1 - 0.09 / np.maximum(_LIGHT - 0.4, 0.3), _LIGHT)  # bright parts are softly limited
+_LIGHT = np.where(_LIGHT > 0.7, 1 - 0.09 / np.maximum(_LIGHT - 0.4, 0.3), _LIGHT)  # soft limit for bright parts
 _SRGB = np.where(_LIGHT <= 0.0031308, 12.92 * _LIGHT, 1.055 * np.maximum(_LIGHT, 1e-9) ** (1 / 2.4) - 0.055)
 _PIXELS = np.rint(255 * _SRGB).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""A picture of several motions of one sound over time: gaze in space, eye-in-head, head, lids, under the waveform."""
+"""Plot of several motions of one sound over time: waveform, gaze in space, eye-in-head, head, lids."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENVELOPE_COLUMNS = 2000
 
 
 def plot_traces(motions: Sequence[Motion], sound: Float[ndarray, " N"], path: Path) -> None:
-    """Write a PNG: one colour a motion, angles in degrees (yaw to the subject's left, pitch up), time in seconds."""
+    """Write a PNG: one colour per motion, angles in degrees (yaw to the subject's left, pitch up), time in seconds."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -47,7 +47,7 @@ def plot_traces(motions: Sequence[Motion], sound: Float[ndarray, " N"], path: Pa
 
 
 def _traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
-    """What is drawn, by its label. Both eyes are averaged."""
+    """Traces by label, averaged over both eyes."""
     space = np.degrees(rotation.gaze_in_space(motion.head, motion.gaze)).mean(axis=1)
     eye = np.degrees(rotation.gaze_to_angles(motion.gaze)).mean(axis=1)
     head = np.degrees(rotation.gaze_to_angles(motion.head))
@@ -63,7 +63,7 @@ def _traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
 
 
 def _envelope(sound: Float[ndarray, " N"]) -> Float[ndarray, "K 3"]:
-    """Time, lowest and highest sample of each column."""
+    """Time, minimum and maximum of each column."""
     edges = np.linspace(0, len(sound), min(ENVELOPE_COLUMNS, len(sound)) + 1).astype(int)
     lowest, highest = (extreme.reduceat(sound, edges[:-1]) for extreme in (np.minimum, np.maximum))
     return np.stack([edges[:-1] / SAMPLE_RATE, lowest, highest], axis=1)

@@ -1,4 +1,4 @@
-"""Frames and sound as an mp4 (h264, yuv420p, aac) that plays everywhere, at any frame rate."""
+"""Writes frames and sound as a widely compatible mp4 (h264, yuv420p, aac), at any frame rate."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ AAC_FRAME = 1024
 def write_video(
     path: Path, frames: Iterable[UInt8[ndarray, "H W 3"]], fps: float, sound: Float[ndarray, " N"] | None
 ) -> None:
-    """Write frames with 16 kHz sound; the sound ends with the last frame. The file appears whole or not at all.
+    """Write frames with 16 kHz sound, atomically; the sound ends with the last frame.
 
-    An odd height or width loses its last row or column, for yuv420p needs even ones.
+    An odd height or width loses its last row or column, because yuv420p needs even sizes.
     """
     import av
 
@@ -41,7 +41,7 @@ def write_video(
             if count == 1:
                 video.height, video.width = even.shape[:2]
             container.mux(video.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
-            if sound is not None:  # beside the picture, so that neither stream has to wait in memory
+            if sound is not None:  # interleaved with the frames, so that neither stream has to be buffered
                 until = min(round(count / rate * SAMPLE_RATE), len(sound))
                 for start in range(heard, until - AAC_FRAME + 1, AAC_FRAME):
                     container.mux(audio.encode(_sound_frame(sound, start, start + AAC_FRAME)))

@@ -1,4 +1,4 @@
-"""Where a picture is taken from: a camera that looks at a point of the head from an angle."""
+"""Views of a head: a camera that looks at a point of the head from an angle."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import rotvec_to_matrix
 from talkingeyes.head.camera import Camera
 
-ANNY_EYE_CENTRE_M = np.array([0.0, 0.041374, 0.084397])  # the middle between the eyes of the open head
-MIN_CAMERA_DISTANCE_M = 0.2  # to the neutral head's origin: nearer is in the head, or cannot see it whole
+ANNY_EYE_CENTRE_M = np.array([0.0, 0.041374, 0.084397])  # midpoint of the eyes of the open head
+MIN_CAMERA_DISTANCE_M = 0.2  # to the neutral head's origin: nearer cameras are inside the head or cannot show all of it
 
 
 @dataclass(frozen=True)
 class OrbitCamera:
-    """A camera swung about `pivot` (metres): by `yaw_rad` to the subject's left, then up by `pitch_rad`."""
+    """A camera rotated around `pivot` (metres): by `yaw_rad` to the subject's left, then up by `pitch_rad`."""
 
     camera: Camera
     pivot: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -27,21 +27,21 @@ class OrbitCamera:
 
     @property
     def turn(self) -> Float[ndarray, "3 3"]:
-        """From the camera's axes to the room's."""
+        """Rotation from camera axes to scene axes."""
         sideways, up = rotvec_to_matrix(np.array([[0.0, self.yaw_rad, 0.0], [-self.pitch_rad, 0.0, 0.0]]))
         return np.asarray(sideways @ up)
 
     @property
     def origin(self) -> Float[ndarray, " 3"]:
-        """Where the camera stands."""
+        """Position of the camera."""
         return np.asarray(self.turn[:, 2] * self.camera.distance_m + self.pivot)
 
     def project(self, points: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 2"]:
-        """Pixels of points in the room."""
+        """Project scene points to pixels."""
         return self.camera.project((points - np.asarray(self.pivot)) @ self.turn)
 
     def rays(self, pixels: Float[ndarray, "N 2"]) -> Float[ndarray, "N 3"]:
-        """Unit directions in which pixels (x, y) look."""
+        """Unit directions of the rays through pixels (x, y)."""
         x, y = ((pixels[:, axis] - self.camera.centre_px[axis]) / self.camera.focal_px for axis in range(2))
         rays = np.stack([x, -y, np.full_like(x, -1.0)], axis=-1) @ self.turn.T
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
@@ -49,7 +49,7 @@ class OrbitCamera:
 
 @dataclass(frozen=True)
 class Framing:
-    """What a picture shows: the height it spans at its pivot, from where. Angles in degrees, for people."""
+    """Framing of an image: height at its pivot, pivot, and viewing angles (degrees)."""
 
     height_m: float
     pivot: tuple[float, float, float]
@@ -58,12 +58,12 @@ class Framing:
     pitch_deg: float = 0.0
 
     def centred_on(self, eyes: Float[ndarray, "2 3"]) -> Framing:
-        """The same picture of a head whose eyes are elsewhere: pivots are meant for those of the open head."""
+        """The same framing for a head with other eye positions; pivots are defined for the open head."""
         pivot = np.array(self.pivot) + eyes.mean(axis=0) - ANNY_EYE_CENTRE_M
         return replace(self, pivot=(float(pivot[0]), float(pivot[1]), float(pivot[2])))
 
     def view(self, width: int, height: int) -> OrbitCamera:
-        """For a picture of this size. Raises InputError if the camera would be inside the head."""
+        """The camera for an image of this size. Raises InputError if it would be inside the head."""
         camera = Camera(
             focal_px=height * self.distance_m / self.height_m,
             centre_px=(width / 2, height / 2),
