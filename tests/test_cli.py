@@ -135,7 +135,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt", "-o", "data", "--force"], "should be a new or empty folder"),
         (["my speech.txt", "-o", "."], "should be a new or empty folder"),
         (["my speech.txt", "-o", "my speech.txt"], "should be a new or empty folder"),
-        (["my speech.txt", "-o", "my speech.txt/out"], "cannot hold it"),
+        (["my speech.txt", "-o", "my speech.txt/out"], "should be in a writable folder"),
     ],
 )
 def test_a_mistake_is_one_line_and_changes_nothing(

@@ -60,7 +60,7 @@ def test_the_same_motion_plays_on_flame(place: Path) -> None:
     ("words", "message"),
     [
         (["none.npz", "-o", "b.mp4"], "none.npz: not a readable motion"),
-        (["nan.npz", "-o", "b.mp4"], "head holds NaN"),
+        (["nan.npz", "-o", "b.mp4"], "head should be finite, got NaN"),
         (["strange.npz", "-o", "b.mp4"], "expression should be of the head anny, got wing (of bird)"),
         (["a.npz", "-o", "b.avi"], "should be a name that ends in .mp4"),
         (["a.npz", "-o", "no/b.mp4"], "should be a file in a folder that exists"),

@@ -1,4 +1,4 @@
-"""A file that appears whole or not at all: written beside its place, then renamed."""
+"""Atomic file writes: a file is written beside its target, then renamed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Where to write; it takes its name when the block ends well."""
+    """Yield a temporary path that is renamed to `path` if the block succeeds."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         yield partial

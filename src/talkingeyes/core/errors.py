@@ -1,5 +1,5 @@
-"""The one error that a person can mend: shown as one line, exit status 2."""
+"""The one error that a user can fix: shown as one line, exit status 2."""
 
 
 class InputError(ValueError):
-    """Bad input or configuration. The message says what is wrong and what would be right, in one line."""
+    """Bad input or configuration. The message states the problem and the expected value in one line."""

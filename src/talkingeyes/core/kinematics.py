@@ -1,8 +1,8 @@
-"""How fast eyes, gaze and head move, and how often they rest.
+"""Speeds of eyes, gaze and head, and the fraction of still frames.
 
-Speeds are great-circle angles between neighbouring frames times the frame rate, in degrees a second, so they are the
-same in any axes. A frame is still below 2.5 degrees a second: true gaze in space rests in about nine frames of ten,
-true eye-in-head in a quarter, because the eyes counter-rotate under the head (LEARNING.md, second trial).
+Speeds are great-circle angles between successive frames times the frame rate, in degrees per second, so they do not
+depend on the axes. A frame is still below 2.5 degrees per second: true gaze in space is still in about nine of ten
+frames, true eye-in-head in a quarter, because the eyes counter-rotate the head (LEARNING.md, second trial).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ STILL_THRESHOLD_DEG_S = 2.5
 
 
 def angle_between_deg(one: Float[ndarray, "*N 3"], other: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N"]:
-    """Angle between unit vectors in degrees, exact for tiny angles too."""
+    """Angle between unit vectors in degrees, accurate also for tiny angles."""
     sine = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, (one * other).sum(axis=-1))))
 
@@ -36,17 +36,18 @@ def gaze_in_space_speed_deg_s(
 
 
 def head_speed_deg_s(head: Float[ndarray, "*S T 3"], fps: float) -> Float[ndarray, "*S T-1"]:
-    """Speed of the head between frames: the angle of the rotation from one to the next, roll included."""
+    """Speed of the head between frames: the angle of the rotation from one to the next, including roll."""
     quaternion = Rotation.from_rotvec(head.reshape(-1, 3)).as_quat().reshape(*head.shape[:-1], 4)
     before, after = quaternion[..., :-1, :], quaternion[..., 1:, :]
-    # Half the turn is the angle between the quaternions; of their sum and difference it is exact for tiny turns too.
+    # Half the rotation is the angle between the quaternions; from their sum and difference it is accurate for tiny
+    # angles.
     same = np.where((before * after).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     half = np.arctan2(np.linalg.norm(after - same * before, axis=-1), np.linalg.norm(after + same * before, axis=-1))
     return np.asarray(np.degrees(4 * half) * fps)
 
 
 def still_fraction(speed_deg_s: Float[ndarray, "*N"]) -> float:
-    """Share of frames that rest."""
+    """Fraction of frames that are still."""
     return float((speed_deg_s < STILL_THRESHOLD_DEG_S).mean())
 
 

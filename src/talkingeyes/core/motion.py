@@ -1,7 +1,7 @@
-"""The Motion record: what a performance is, as arrays, and the events that it is rendered from.
+"""The Motion record: the motion of head, eyes, lids and face as arrays, and its events.
 
-A frame t is the state at time t / fps (point sampled). Files are npz without pickles; units, axes, eye order, frame
-rate and head model are written in every file (docs/conventions.md). Events are JSON beside the npz.
+Frame t is the state at time t / fps (point-sampled). Files are npz without pickles; units, axes, eye order, frame rate
+and head model are stored in every file (docs/conventions.md). Events are JSON beside the npz.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CONVENTIONS = {
     "rotations": "rotation vectors",
     "eye_order": "left,right (the subject's)",
 }
-# What numpy and zipfile raise for a file that is cut, altered or of another kind.
+# Errors of numpy and zipfile for a truncated, altered or different file.
 NPZ_READ_ERRORS = (
     OSError,
     ValueError,
@@ -43,11 +43,11 @@ ARRAY_FIELDS = ("head", "translation", "gaze", "lid", "jaw", "expression", "vali
 
 @dataclass(frozen=True)
 class Motion:
-    """One performance of T frames at `fps`.
+    """Motion of T frames at `fps`.
 
-    `head` is root and neck in one, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 at the
-    opening that gaze alone gives, 1 shut, negative wider), `expression` the head model's own basis without gaze, blink
-    and jaw.
+    `head` combines root and neck, `gaze` is eye-in-head, `lid` the third parameter of the Eyelid model (0 as gaze alone
+    opens the eye, 1 shut, negative wider), `expression` the weights of the head model's shapes without gaze, blink and
+    jaw.
     """
 
     fps: float
@@ -77,7 +77,9 @@ class Motion:
             if array.shape != shape:
                 raise InputError(f"motion: {name} should have shape {shape}, got {array.shape}")
             if not np.isfinite(array).all():
-                raise InputError(f"motion: {name} holds NaN or infinite values; mark such frames as not valid instead")
+                raise InputError(
+                    f"motion: {name} should be finite, got NaN or infinite values; mark such frames as not valid"
+                )
         if not self.fps > 0:
             raise InputError(f"motion: fps should be above 0, got {self.fps}")
 
@@ -96,7 +98,7 @@ class Motion:
         gaze: Float[ndarray, "T 2 3"],
         **others: Any,
     ) -> Motion:
-        """A motion of head and gaze; whatever is not given is neutral."""
+        """A motion of head and gaze; other fields are neutral unless given."""
         frames = len(head)
         neutral: dict[str, Any] = {
             "translation": np.zeros((frames, 3)),
@@ -108,11 +110,11 @@ class Motion:
         return cls(fps=fps, head=head, gaze=gaze, **{**neutral, **others})
 
     def cut(self, start: int, stop: int) -> Motion:
-        """Frames start to stop."""
+        """Frames from `start` up to `stop`."""
         return replace(self, **{name: getattr(self, name)[start:stop] for name in ARRAY_FIELDS})
 
     def save(self, path: Path) -> None:
-        """Write as npz (float32), with fps, units, axes, rotation form, eye order and head model inside."""
+        """Write as npz (float32), including fps, units, axes, rotation form, eye order and head model."""
         arrays = {name: getattr(self, name) for name in ARRAY_FIELDS}
         arrays = {name: a if a.dtype == bool else a.astype(np.float32) for name, a in arrays.items()}
         texts = {**CONVENTIONS, "head_model": self.head_model, "expression_names": json.dumps(self.expression_names)}
@@ -182,7 +184,7 @@ class Blink:
 
 @dataclass(frozen=True)
 class VergenceMovement:
-    """From `onset_s` on the eyes converge on a target `distance_m` away (slowly: physiology.vergence)."""
+    """A change of vergence from `onset_s` on, to a target at `distance_m` (slow: physiology.vergence)."""
 
     onset_s: float
     distance_m: float
@@ -190,7 +192,7 @@ class VergenceMovement:
 
 @dataclass(frozen=True)
 class Events:
-    """The events of a performance, each list in order of onset."""
+    """The events of a motion, each list in order of onset."""
 
     saccades: tuple[Saccade, ...] = ()
     head_movements: tuple[HeadMovement, ...] = ()
@@ -198,12 +200,12 @@ class Events:
     vergence_movements: tuple[VergenceMovement, ...] = ()
 
     def save(self, path: Path) -> None:
-        """Write as JSON with the schema inside."""
+        """Write as JSON, including the schema."""
         path.write_text(json.dumps({"schema": EVENTS_SCHEMA, **asdict(self)}, indent=1))
 
     @classmethod
     def load(cls, path: Path) -> Events:
-        """Read events JSON; a kind that is absent has none. Raises InputError if it is not events."""
+        """Read events JSON; absent kinds are empty. Raises InputError if it is not an events file."""
         try:
             content = json.loads(path.read_text())
             if content.get("schema") != EVENTS_SCHEMA:

@@ -1,6 +1,6 @@
-"""Arrays to npz, in the same bytes by every Python 3.11: a cache of stages tells files by their hashes.
+"""Writes arrays to npz with identical bytes in every Python 3.11, because stages identify files by hash.
 
-`numpy.savez_compressed` asks for the headers of huge files (ZIP64), and Python before 3.11.4 wrote other ones for them.
+`numpy.savez_compressed` requests headers for huge files (ZIP64), which Python before 3.11.4 wrote differently.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The folder that a command writes for a person: checked before any work, whole when it appears."""
+"""Output folder of a command: checked before any work, and written atomically."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from talkingeyes.core.errors import InputError
 
 
 def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool) -> Path:
-    """The folder to write. Raises InputError unless it is new, empty, or (with `force`) holds only what we wrote."""
+    """Check the output folder of a command.
+
+    Raises InputError unless it is new, empty, or (with `force`) contains only files matching `own_file_pattern`.
+    """
     try:
         folder = out.resolve()
         nearest = next(path for path in (folder, *folder.parents) if path.exists())
@@ -24,15 +27,15 @@ def output_path(out: Path, own_file_pattern: re.Pattern[str], force: bool) -> Pa
     if strange:
         raise InputError(f"{out}: should be a new or empty folder, or earlier output, got one with {strange[0]} in it")
     if found and not force:
-        raise InputError(f"{out}: holds earlier output; should be a new or empty folder, or be replaced by --force")
+        raise InputError(f"{out}: should be a new or empty folder, got one with earlier output; --force replaces it")
     if not (nearest.is_dir() and os.access(nearest, os.W_OK)):
-        raise InputError(f"{out}: should be a folder that can be written, got {nearest}, which cannot hold it")
+        raise InputError(f"{out}: should be in a writable folder, got {nearest}")
     return folder
 
 
 @contextlib.contextmanager
 def atomic_folder(folder: Path) -> Iterator[Path]:
-    """A new folder beside the target that takes its place when the block ends well."""
+    """Yield a new folder beside the target, which replaces the target if the block succeeds."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     try:

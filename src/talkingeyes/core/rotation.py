@@ -2,7 +2,7 @@
 
 Axes: right-handed, y up, +z out of the face, +x to the subject's left, radians. A rotation vector with +x looks down,
 +y turns to the subject's left, +z tilts to the subject's right shoulder. Gaze angles are `yaw_rad` (positive to the
-subject's left) and `pitch_rad` (positive up). Gaze in space is R(head) R(eye); eyes stand in the order left, right.
+subject's left) and `pitch_rad` (positive up). Gaze in space is R(head) R(eye); eyes are in the order left, right.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ def matrix_to_rotvec(rotation_matrices: Float[ndarray, "*N 3 3"]) -> Float[ndarr
 
 
 def rotvec_to_direction(rotation_vectors: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
-    """Where +z goes under the rotations: unit vectors."""
+    """Unit vectors to which the rotations map +z."""
     return rotvec_to_matrix(rotation_vectors)[..., :, 2]
 
 
 def direction_to_rotvec(direction: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3"]:
-    """Torsion-free rotation vectors that turn +z to the unit vectors (Listing's law: the z component is 0)."""
+    """Torsion-free rotation vectors that map +z to the unit vectors (Listing's law: the z component is 0)."""
     sine = np.hypot(direction[..., 0], direction[..., 1])
     angle = np.arctan2(sine, direction[..., 2])
     scale = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)
@@ -58,7 +58,7 @@ def direction_to_angles(direction: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N
 
 
 def angles_to_gaze(angles_rad: Float[ndarray, "*N 2"]) -> Float[ndarray, "*N 3"]:
-    """Eye rotation vectors without torsion of (yaw, pitch)."""
+    """Torsion-free eye rotation vectors of (yaw, pitch)."""
     return direction_to_rotvec(angles_to_direction(angles_rad))
 
 
@@ -73,13 +73,13 @@ def gaze_in_space(head: Float[ndarray, "*N 3"], gaze: Float[ndarray, "*N E 3"]) 
 
 
 def cyclopean_gaze(gaze_in_space_rad: Float[ndarray, "*N E 2"]) -> Float[ndarray, "*N 2"]:
-    """Where both eyes look together: (yaw, pitch) of the mean of their directions."""
+    """Cyclopean gaze: (yaw, pitch) of the mean direction of both eyes."""
     return direction_to_angles(angles_to_direction(gaze_in_space_rad).mean(axis=-2))
 
 
 def eye_in_head(head: Float[ndarray, "*N 3"], gaze_in_space_rad: Float[ndarray, "*N E 2"]) -> Float[ndarray, "*N E 3"]:
-    """Torsion-free eye rotation vectors that look in direction `gaze_in_space_rad` from a head turned by `head`.
+    """Torsion-free eye rotation vectors for gaze direction `gaze_in_space_rad` with head rotation `head`.
 
-    The inverse of `gaze_in_space`: the counter-rotation of the eyes (vestibulo-ocular reflex, gain 1) is this product.
+    The inverse of `gaze_in_space`: this product is the counter-rotation of the eyes (vestibulo-ocular reflex, gain 1).
     """
     return direction_to_rotvec(angles_to_direction(gaze_in_space_rad) @ rotvec_to_matrix(head))

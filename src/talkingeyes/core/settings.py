@@ -1,4 +1,4 @@
-"""What every configuration section is made of: frozen, typed, no unknown keys; defaults live in conf/ only."""
+"""Base of all configuration sections: frozen, typed, without unknown keys; defaults are in conf/ only."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from talkingeyes.core.errors import InputError
 
 
 class Settings(BaseModel):
-    """Parent of every configuration section; a section stands beside the class or function that it configures."""
+    """Base of every configuration section; a section is defined beside the class or function that it configures."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
 
 
 class ComponentSettings(Settings):
-    """The section of a part that can be exchanged: its `kind` says which class it configures."""
+    """The section of an exchangeable component: its `kind` names the class that it configures."""
 
     kind: str
 
@@ -30,17 +30,17 @@ S = TypeVar("S", bound=Settings)
 
 
 def bounds_error(requirement: str, value: object) -> PydanticCustomError:
-    """The error of a validator that looks at several keys: `requirement` names key and bound, `value` is the value."""
-    # Braces would be taken for a template.
+    """The error of a validator over several keys: `requirement` names key and bound, `value` is the actual value."""
+    # braces in the message itself would be a template
     return PydanticCustomError("bounds", "{what}, got {came}", {"what": requirement, "came": str(value)})
 
 
 @dataclass(frozen=True)
 class ComponentRegistry:
-    """A part that can be exchanged: classes that do the same in different ways, one of which a section's `kind` names.
+    """An exchangeable component: alternative classes, one of which is selected by the `kind` of a section.
 
-    A kind is one of the short names in `kinds`, or `package.module:Class` for a class from anywhere (docs/extend.md).
-    The class names its settings in `settings_class` and has the methods of the contract.
+    A kind is one of the short names in `kinds`, or `package.module:Class` for any importable class (docs/extend.md).
+    The class has its settings class as `settings_class`, and the required `methods`.
     """
 
     name: str
@@ -48,7 +48,7 @@ class ComponentRegistry:
     methods: tuple[str, ...]
 
     def parse(self, node: Any) -> Settings:
-        """A section as the settings of the class that it names; used as a validator of pydantic."""
+        """Validate a section with the settings of its kind; used as a pydantic validator."""
         if isinstance(node, Settings):
             return node
         if not isinstance(node, Mapping) or "kind" not in node:
@@ -57,7 +57,7 @@ class ComponentRegistry:
         return settings
 
     def build(self, settings: ComponentSettings, *arguments: Any) -> Any:
-        """The part that a section configures."""
+        """Construct the component of a section."""
         return self.component_class(settings.kind)(settings, *arguments)
 
     def component_class(self, kind: str) -> Any:
@@ -75,12 +75,12 @@ class ComponentRegistry:
         return found
 
     def _kind_error(self, requirement: str, value: Any) -> PydanticCustomError:
-        # Braces would be taken for a template.
+        # braces in the message itself would be a template
         return PydanticCustomError("kind", "{what}, got {came}", {"what": requirement, "came": str(value)})
 
 
 def validate_section(section: str, kind: type[S], node: Any) -> S:
-    """A section as its frozen settings. Raises InputError: one line with the key, the bound and the value that came."""
+    """Validate a section. Raises InputError: one line with the key, the bound and the actual value."""
     try:
         return kind.model_validate(node)
     except pydantic.ValidationError as error:
@@ -88,11 +88,11 @@ def validate_section(section: str, kind: type[S], node: Any) -> S:
 
 
 def _line(section: str, error: pydantic.ValidationError, node: Any) -> str:
-    """The first thing that is wrong; in a part that can be exchanged, what is wrong inside it."""
+    """The first error; inside an exchangeable component, the first error of its section."""
     first = error.errors()[0]
     keys: list[str] = [section] if section else []
     for step in first["loc"]:
-        # Where kinds of sections are told apart by `kind`, pydantic names the kind, which is no key.
+        # In a union discriminated by `kind`, pydantic adds the kind to the location, which is not a key.
         if isinstance(node, Mapping) and step not in node and step == node.get("kind"):
             continue
         keys.append(str(step))
