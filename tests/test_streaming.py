@@ -213,8 +213,8 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
             },
             "head",
         ),
-        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze not told ahead"),
-        ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze not told ahead"),
+        ({"gaze": content("model", "talkingeyes.yaml")["gaze"]}, "gaze without lookahead"),
+        ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze without lookahead"),
     ],
 )
 def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:

@@ -101,7 +101,7 @@ def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, 
     told = ConditioningProvider({"sound"}, [], (), conditioning_paths).clip_inputs(one.clip, FRAMES)
     direct = task.module.generate(torch.from_numpy(one.speech), [5], None, told)
     np.testing.assert_allclose(again.generate(one.speech, [5], 25.0, told).gaze, direct.gaze.numpy(), atol=1e-5)
-    with pytest.raises(InputError, match=r"^speech.wave: .*got none$"):
+    with pytest.raises(InputError, match=r"^speech.waveform_encoder: .*got none$"):
         again.generate(one.speech, [5], 25.0)
 
 
@@ -118,5 +118,7 @@ def test_windows_carry_their_own_sound(tmp_path: Path) -> None:
 def test_wrong_settings_are_one_line(folder: Path) -> None:
     with pytest.raises(InputError, match=r"^speech.waveform_encoder.trainable_layers: should be at most 2, got 3$"):
         WaveformEncoder(waveform_encoder(folder, trainable_layers=3), None)
-    with pytest.raises(InputError, match=r"^speech.wave.checkpoint: should be a local folder or a hub name"):
+    with pytest.raises(
+        InputError, match=r"^speech.waveform_encoder.checkpoint: should be a local folder or a reachable hub"
+    ):
         WaveformEncoder(waveform_encoder(folder / "nothing"), None)

@@ -1,8 +1,8 @@
 """The paper's baselines without a network: Mean, Random, Similar Sample (TalkingEyes section V-B.2).
 
-Each gives head and gaze (or the face) from one place, so that gaze in space stays what a person did: Mean the mean of
-the train split, Random a clip that does not belong to the sound, Similar Sample a clip whose sound is among the
-nearest. A longer source is cropped and a shorter one is never looped: only clips that are long enough are drawn.
+Each takes head and gaze (or the face) from one source, so that gaze in space stays human: Mean uses the mean of the
+train split, Random a random training clip with another sound, Similar Sample one of the clips with the most similar
+sounds. A longer source is cropped. A shorter one is never looped: only clips of sufficient length are candidates.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from talkingeyes.core.settings import Settings
 
 
 class BaselineSettings(Settings):
-    """A baseline. `neighbours` is what Similar Sample draws among (1 gives it no Diversity; the paper has .06)."""
+    """Settings of a baseline. Similar Sample chooses among `neighbours` clips (with 1 its Diversity is 0; the paper has
+    0.06)."""
 
     kind: Literal["mean", "random", "similar"]
     parts: tuple[Literal["head", "gaze", "face"], ...]
@@ -30,7 +31,7 @@ class BaselineSettings(Settings):
 
 @dataclass(frozen=True)
 class MotionBank:
-    """Training motions end to end: clip i is frames starts[i] to starts[i + 1]; `features` describe its sound.
+    """Concatenated training motions: clip i is frames starts[i] to starts[i + 1]; `features` describe its sound.
 
     `features` are means and standard deviations of the standardised speech embedding over the clip.
     """
@@ -46,14 +47,14 @@ class MotionBank:
 
 @dataclass(frozen=True)
 class BaselineMotion:
-    """Head and eye-in-head rotation vectors, a row a seed."""
+    """Head and eye-in-head rotation vectors, one row per seed."""
 
     head: Float[ndarray, "B T 3"]
     gaze: Float[ndarray, "B T 2 3"]
 
 
 def mean_and_std(standardised: Float[ndarray, "T C"]) -> Float[ndarray, " D"]:
-    """What Similar Sample compares of a sound."""
+    """Descriptor of a sound that Similar Sample compares."""
     return np.concatenate([standardised.mean(0), standardised.std(0)]).astype(np.float32)
 
 
@@ -62,14 +63,14 @@ def build_bank(
     head: Sequence[Float[ndarray, "T 3"]],
     gaze: Sequence[Float[ndarray, "T 2 3"]],
 ) -> MotionBank:
-    """A bank of training clips; `speech` is standardised."""
+    """A bank of the head and gaze of training clips; `speech` is standardised."""
     return build_motion_bank(
         speech, [np.concatenate([h, g.reshape(len(g), 6)], axis=1) for h, g in zip(head, gaze, strict=True)]
     )
 
 
 def build_motion_bank(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence[Float[ndarray, "T M"]]) -> MotionBank:
-    """A bank of any numbers a frame; a bank of faces is made of expression and jaw."""
+    """A bank of any motion vectors; a bank of faces holds expression and jaw."""
     return MotionBank(
         starts=np.cumsum([0, *map(len, motions)]),
         motion=np.concatenate(motions).astype(np.float32),
@@ -80,7 +81,7 @@ def build_motion_bank(speech: Sequence[Float[ndarray, "T C"]], motions: Sequence
 def generate(
     settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> BaselineMotion:
-    """Head and gaze for a sound, a seed each."""
+    """Head and gaze for a sound, one row per seed."""
     motion = sample_bank(settings, bank, standardised, seeds)
     return BaselineMotion(motion[..., :3], motion[..., 3:].reshape(*motion.shape[:2], 2, 3))
 
@@ -88,7 +89,7 @@ def generate(
 def sample_bank(
     settings: BaselineSettings, bank: MotionBank, standardised: Float[ndarray, "T C"], seeds: Sequence[int]
 ) -> Float[ndarray, "B T M"]:
-    """Rows of the bank for a sound, a seed each. Frames beyond the longest training clip hold its last pose."""
+    """Motions of the bank for a sound, one row per seed. Frames beyond the longest training clip hold its last pose."""
     frames = len(standardised)
     return np.stack([_sample_one(settings, bank, standardised, frames, np.random.default_rng(seed)) for seed in seeds])
 

@@ -1,13 +1,14 @@
-"""The contrastive network behind Corr. (section V-B.3): does this motion belong to this sound?
+"""Contrastive audio-motion critic behind Corr. (section V-B.3): does this motion belong to this sound?
 
-Two convolutional towers at 6.25 Hz, one for the speech embedding and one for motion, each give a feature vector a step.
-The similarity of a window is the cosine between the features of all its steps, so sound and motion must agree in time.
-A network that pools each window to one vector learns who speaks instead (LEARNING.md, point 8); here motion loses the
-median of its window and speech its mean (without that, a toy coupling learnt from nine speakers was lost on three new
-ones: AUC .65 instead of 1.0), and negatives come from the same speaker (evaluation/critic/contrastive_training.py).
+Two convolutional towers at 6.25 Hz, one for the speech embedding and one for motion, each output a feature vector per
+step. The similarity of a window is the cosine between the concatenated features of its steps, so sound and motion must
+agree in time. A network that pools a window to one vector learns the identity of the speaker instead (docs/log.md). For
+the same reason, the window's median is subtracted from motion and its mean from speech (otherwise a toy coupling
+learned from nine speakers did not generalise to three unseen ones: AUC 0.65 instead of 1.0), and negatives come from
+the same speaker (evaluation/critic/contrastive_training.py).
 
-Departures from the paper, which says only that a binary classifier's features are compared by their cosine: features
-aligned in time, one network a part, and for the eyes both eye-in-head (the paper's; largely driven by the head through
+The paper says only that features of a binary classifier are compared by their cosine. Our departures: features aligned
+in time, one network per part, and for the eyes both eye-in-head (as in the paper; largely driven by the head through
 counter-rotation) and gaze in space.
 """
 
@@ -27,25 +28,25 @@ from talkingeyes.core.rotation import gaze_in_space
 from talkingeyes.core.settings import Settings
 
 CRITIC_PARTS = ("eyes", "gaze_in_space", "head")
-# What a mirror image does to the angles of each part.
+# Signs by which mirroring multiplies the angles of each part.
 MIRROR_SIGNS = {"eyes": (1.0, -1.0), "gaze_in_space": (-1.0, 1.0), "head": (1.0, -1.0, -1.0)}
 
 
 class CriticNetworkSettings(Settings):
     """Size of both towers."""
 
-    step_frames: Annotated[int, Field(gt=0)]  # motion frames a step: 4 at 25 fps is 6.25 Hz
+    step_frames: Annotated[int, Field(gt=0)]  # motion frames per step: 4 at 25 fps is 6.25 Hz
     width: Annotated[int, Field(gt=0)]
     layers: Annotated[int, Field(gt=0)]
     kernel: Annotated[int, Field(gt=0)]  # steps, odd
-    features: Annotated[int, Field(gt=0)]  # a step
+    features: Annotated[int, Field(gt=0)]  # per step
     dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
 def part_angles(
     part: str, head: Float[ndarray, "*S T 3"], gaze: Float[ndarray, "*S T 2 3"]
 ) -> Float[ndarray, "*S T A"]:
-    """The angles (radians) that the critic of a part sees; of the eyes their mean, since they are conjugate."""
+    """Input angles (radians) of the critic of a part; for the eyes their mean, because they are conjugate."""
     if part == "head":
         return head
     if part == "eyes":
@@ -54,7 +55,7 @@ def part_angles(
 
 
 class Tower(nn.Module):
-    """Steps to features: a projection, then residual convolutions over time."""
+    """From steps to features: a projection, then residual convolutions over time."""
 
     def __init__(self, channels: int, settings: CriticNetworkSettings) -> None:
         super().__init__()
@@ -73,7 +74,7 @@ class Tower(nn.Module):
 
 
 class Critic(nn.Module):
-    """Both towers, with the statistics that standardise what they are given."""
+    """Both towers, with the statistics that standardise their inputs."""
 
     speech_channels: Tensor
     speech_mean: Tensor
@@ -89,9 +90,9 @@ class Critic(nn.Module):
         motion_scale: Float[Tensor, 2],
         motion_angles: int,
     ) -> None:
-        """`speech_channels`: the channels of the embedding that it hears, with their statistics.
+        """`speech_channels`: the input channels of the embedding, with their statistics.
 
-        `motion_scale`: one for all angles (radians) and one for their speed (radians a frame).
+        `motion_scale`: one scale for all angles (radians) and one for their speed (radians per frame).
         """
         super().__init__()
         self.step_frames = settings.step_frames
@@ -101,16 +102,17 @@ class Critic(nn.Module):
         self.register_buffer("motion_scale", motion_scale)
         self.speech_tower = Tower(len(speech_mean), settings)
         self.motion_tower = Tower(motion_angles + 3, settings)
-        self.log_scale = nn.Parameter(torch.zeros(()))  # of InfoNCE; Corr. does not use it
+        self.log_scale = nn.Parameter(torch.zeros(()))  # temperature of InfoNCE, not used by Corr.
 
     def speech(self, speech_features: Float[Tensor, "B T H"]) -> Float[Tensor, "B N F"]:
-        """Features of windows of the channels heard, without their mean over the window, which tells who speaks."""
+        """Features of windows of the input channels. The mean over the window is subtracted, because it identifies the
+        speaker."""
         standard = (self._steps(speech_features).mean(dim=2) - self.speech_mean) / self.speech_std
         features: Tensor = self.speech_tower(standard - standard.mean(dim=1, keepdim=True))
         return features
 
     def motion(self, angles: Float[Tensor, "B T A"]) -> Float[Tensor, "B N F"]:
-        """Features of windows of motion: angles from their median over the window, how far, mean and peak speed."""
+        """Features of windows of motion: angles relative to their median, the norm of these, mean and peak speed."""
         centred = angles - angles.median(dim=1, keepdim=True).values
         speed = functional.pad(angles.diff(dim=1).norm(dim=-1), (1, 0))
         pose = self._steps(centred).mean(dim=2) / self.motion_scale[0]

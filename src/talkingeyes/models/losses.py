@@ -1,6 +1,6 @@
-"""Reconstruction and velocity losses of motions (TalkingEyes eq. 11 and 12), as means over frames and numbers.
+"""Reconstruction and velocity losses of motions (TalkingEyes eq. 11 and 12), as means over frames and dimensions.
 
-Motions come in units of their standard deviation, so that weights mean the same for head and eyes.
+Motions are in standard deviations, so that weights mean the same for head and eyes.
 """
 
 from __future__ import annotations
@@ -16,5 +16,5 @@ def reconstruction(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F
 
 
 def velocity(predicted: Float[Tensor, "B T F"], true: Float[Tensor, "B T F"]) -> Float[Tensor, ""]:
-    """Eq. 12 for one part: the same for first differences between frames."""
+    """Eq. 12 for one part: the mean squared error of first differences between frames."""
     return F.mse_loss(predicted.float().diff(dim=1), true.diff(dim=1))

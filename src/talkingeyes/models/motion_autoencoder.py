@@ -1,11 +1,11 @@
-"""The fixed encoder behind the Frechet distance and MMD: a small variational autoencoder of 2.56 s of head and gaze.
+"""Fixed encoder for the Frechet distance and MMD: a small variational autoencoder of 2.56 s of head and gaze.
 
-A window is told as steps of .16 s: mean angles (gaze in space, eye-in-head, head) and the logarithms of mean and peak
-speed of each. An autoencoder of angles alone spends its few numbers on posture and hardly sees trembling, smoothing or
-stillness; with speeds as targets beside angles it has to keep them. The features are the means of the code, of unit
-scale where it is used and near 0 where it is not (Kingma & Welling 2014), and two more: how badly angles and speeds
-come back, as logarithms in SDs of the train split. A code holds what varies in life; what never happens in life, such
-as trembling in every frame, it leaves out, and only the error shows it.
+A window is described by steps of 0.16 s: mean angles (gaze in space, eye-in-head, head) and the logarithms of their
+mean and peak speeds. An autoencoder of angles alone spends its few latent dimensions on posture and is nearly blind to
+jitter, smoothing and stillness. With speeds as further targets, it has to encode them. The features are the means of
+the latent code, which have unit scale where a dimension is used and are near 0 where it is not (Kingma & Welling 2014),
+and two reconstruction errors, of angles and of speeds, as standardised logarithms. A code represents the variation of
+real motion. Motion that never occurs in real data, such as jitter in every frame, is visible in the errors only.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from talkingeyes.core.kinematics import eye_speed_deg_s, gaze_in_space_speed_deg
 from talkingeyes.core.rotation import gaze_in_space, gaze_to_angles
 from talkingeyes.core.settings import Settings
 
-# Yaw and pitch of gaze in space and of eye-in-head and the head's rotation vector; then speeds, mean and peak.
+# Yaw and pitch of gaze in space and of eye-in-head, and the head's rotation vector; mean and peak speeds follow.
 ANGLE_COUNT = 2 + 2 + 3
-SPEED_FLOOR_DEG_S = 1.0  # speeds below count as none: they are noise of trackers
+SPEED_FLOOR_DEG_S = 1.0  # lower speeds are tracker noise
 
 
 class MotionAutoencoderSettings(Settings):
-    """Its size."""
+    """Size of the autoencoder."""
 
     step_frames: Annotated[int, Field(gt=0)]
     width: Annotated[int, Field(gt=0)]
-    latent: Annotated[int, Field(gt=0, le=14)]  # a Gaussian of more needs more windows than corpora have
-    kl_weight: Annotated[float, Field(gt=0)]  # of eq. 10 of Kingma & Welling, a described number
+    latent: Annotated[int, Field(gt=0, le=14)]  # a Gaussian of more dimensions needs larger corpora
+    kl_weight: Annotated[float, Field(gt=0)]  # weight of the KL term in eq. 10 of Kingma & Welling
 
 
 def window_features(
     head: Float[ndarray, "B T 3"], gaze: Float[ndarray, "B T 2 3"], fps: float, step_frames: int
 ) -> Float[ndarray, "B N 13"]:
-    """Steps of windows: mean angles (degrees) and logarithms of mean and peak speed (degrees a second)."""
+    """Steps of windows: mean angles (degrees) and logarithms of mean and peak speed (degrees per second)."""
     poses = [gaze_in_space(head, gaze).mean(axis=-2), gaze_to_angles(gaze).mean(axis=-2), head]
     speeds = [gaze_in_space_speed_deg_s(head, gaze, fps), eye_speed_deg_s(gaze, fps), head_speed_deg_s(head, fps)]
     pose = _steps(np.degrees(np.concatenate(poses, axis=-1)), step_frames)
@@ -63,14 +63,14 @@ def _steps(frames: Float[ndarray, "B T C"], step_frames: int) -> Float[ndarray, 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What came back of the standardised steps, and the divergence of the code from its prior (nats a window)."""
+    """Reconstructed standardised steps, and the KL divergence of the code from its prior (nats per window)."""
 
     steps: Float[Tensor, "B N C"]
     divergence: Float[Tensor, " B"]
 
 
 class MotionAutoencoder(nn.Module):
-    """Two layers in, two layers out, over all numbers of a window at once."""
+    """MLPs over all numbers of a window as encoder and decoder."""
 
     mean: Tensor
     std: Tensor
@@ -80,7 +80,7 @@ class MotionAutoencoder(nn.Module):
     def __init__(
         self, settings: MotionAutoencoderSettings, steps: int, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]
     ) -> None:
-        """`steps` a window; `mean` and `std` of the channels over the train split."""
+        """`steps` per window; `mean` and `std` of the channels over the train split."""
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
@@ -96,17 +96,17 @@ class MotionAutoencoder(nn.Module):
         )
 
     def standardised(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B N C"]:
-        """Channels of mean 0 and deviation 1."""
+        """Channels of mean 0 and standard deviation 1."""
         return (steps - self.mean) / self.std
 
     def fit_error_statistics(self, steps: Float[Tensor, "B N C"]) -> None:
-        """Take the statistics of reconstruction errors from these windows; once, when it is trained."""
+        """Set the statistics of reconstruction errors from these windows, once after training."""
         errors = self._errors(steps, self._code_mean(steps))
         self.error_mean.copy_(errors.mean(dim=0))
         self.error_std.copy_(errors.std(dim=0))
 
     def features(self, steps: Float[Tensor, "B N C"]) -> Float[Tensor, "B D"]:
-        """The means of the code and both errors."""
+        """Means of the code and both standardised errors."""
         mean = self._code_mean(steps)
         return torch.cat([mean, (self._errors(steps, mean) - self.error_mean) / self.error_std], dim=1)
 
@@ -120,7 +120,7 @@ class MotionAutoencoder(nn.Module):
         return torch.stack([square[:, :ANGLE_COUNT].mean(dim=1), square[:, ANGLE_COUNT:].mean(dim=1)], dim=1).log()
 
     def forward(self, steps: Float[Tensor, "B N C"], noise: Float[Tensor, "B D"]) -> Reconstruction:
-        """`noise`: standard normal, 0 for the mean."""
+        """Reconstruct from a sampled code; `noise` is standard normal, or 0 for the mean."""
         mean, log_variance = self.encoder(self.standardised(steps).flatten(1)).chunk(2, dim=1)
         log_variance = log_variance.clamp(-10.0, 4.0)
         reconstructed: Tensor = self.decoder(mean + noise * torch.exp(0.5 * log_variance))

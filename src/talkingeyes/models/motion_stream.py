@@ -1,8 +1,8 @@
-"""A trained network played part by part: embedding of a few frames in, head and gaze of the frames that follow out.
+"""Streaming generation: consumes the embedding of a few frames at a time and yields head and gaze.
 
-Gives what `SpeechToMotion.generate` gives for the whole embedding (to rounding: tests/test_streaming.py), a step of
-gaze at a time. It takes a model that hears no farther ahead than its settings say (conf/model/talkingeyes_live.yaml):
-causal speech layers, the head `causal_vae`, and gaze that depends on nothing ahead (`StreamableGazeGenerator`).
+The result equals that of `SpeechToMotion.generate` for the whole embedding (up to rounding: tests/test_streaming.py),
+one gaze step at a time. The model must have limited lookahead (conf/model/talkingeyes_live.yaml): causal speech layers,
+the head `causal_vae`, and gaze without lookahead (`StreamableGazeGenerator`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 
 @dataclass(frozen=True)
 class StreamingModules:
-    """The parts of a network that can be played part by part."""
+    """The modules of a network that can be streamed."""
 
     speech: CausalConvolutionStack
     head: CausalVAEHead
@@ -31,16 +31,17 @@ class StreamingModules:
 
     @classmethod
     def of(cls, network: SpeechToMotion) -> StreamingModules:
-        """Raises InputError for a model that hears the whole speech, or what no stream can tell it."""
+        """Modules of a network. Raises InputError if it uses the whole speech, or conditions that a stream does not
+        provide."""
         if network.conditions or network.waveform_encoder is not None:
             raise InputError(
-                "model: a stream is told nothing but its speech, got a model with conditions or a wave encoder"
+                "model: should have no conditions and no waveform encoder for streaming, got a model with them"
             )
         speech, head, gaze = network.speech.stack, network.head, network.gaze
         causal = isinstance(speech, CausalConvolutionStack) and isinstance(head, CausalVAEHead)
         if not causal or not isinstance(gaze, StreamableGazeGenerator) or gaze.has_lookahead:
             raise InputError(
-                "model: should be one for streams (speech.ahead, head causal_vae, gaze not told ahead), got none"
+                "model: should be streamable (speech.lookahead, head causal_vae, gaze without lookahead), got another"
             )
         assert isinstance(speech, CausalConvolutionStack)
         assert isinstance(head, CausalVAEHead)
@@ -48,12 +49,12 @@ class StreamingModules:
 
     @property
     def lookahead_frames(self) -> int:
-        """Frames after its own of which the embedding must be known before a frame is given."""
+        """Number of future frames of the embedding that a frame needs."""
         return self.speech.lookahead + self.gaze.step_frames - 1
 
 
 class MotionStream:
-    """The state of one stream of one seed."""
+    """State of one stream with one seed."""
 
     def __init__(self, network: SpeechToMotion, seed: int, temperature: float | None = None) -> None:
         self._network, parts = network, StreamingModules.of(network)
@@ -61,17 +62,18 @@ class MotionStream:
         chosen = float(network.temperature) if temperature is None else temperature
         self._speech, self._head = parts.speech.stream(), parts.head.stream(seed)
         self._gaze = parts.gaze.stream(seed, chosen)
-        self._frames_to_skip = parts.speech.lookahead  # what the layers say before the first frame
-        self._pending_features = torch.zeros(1, 0, network.settings.speech.width)  # features of less than a step
+        self._frames_to_skip = parts.speech.lookahead  # outputs before the first frame
+        self._pending_features = torch.zeros(1, 0, network.settings.speech.width)  # less than one step
 
     @torch.inference_mode()
     def push(self, embedding: Float[Tensor, "T C"]) -> GeneratedMotion:
-        """The motion that can be given now: whole steps, perhaps none. Parts of one length give the same bits."""
+        """Motion that can be generated now: whole steps, perhaps none. Chunks of equal length give bit-identical
+        results."""
         return self._push_embedding(self._network.speech.standardise(embedding[None]))
 
     @torch.inference_mode()
     def finish(self) -> GeneratedMotion:
-        """The rest of the motion, the last step perhaps not whole."""
+        """The rest of the motion; the last step may be incomplete."""
         found = self._push_embedding(torch.zeros(1, self._stack.lookahead, self._stack.input_projection.in_features))
         return (
             concat_motions([found, self._generate_step(self._pending_features)])
@@ -93,13 +95,13 @@ class MotionStream:
         return concat_motions(parts)
 
     def _generate_step(self, speech: Float[Tensor, "1 P S"]) -> GeneratedMotion:
-        """The frames of a step, or of its beginning where the stream ends."""
+        """Motion of one step, or of its beginning at the end of the stream."""
         head = self._head.step(speech)
         return GeneratedMotion(head, self._gaze.step(GazeCondition(speech, head, self._network.head.normal(head))))
 
 
 def concat_motions(parts: Sequence[GeneratedMotion]) -> GeneratedMotion:
-    """Parts of a motion, one after another; perhaps none."""
+    """Concatenate parts of a motion, perhaps none."""
     head = torch.cat([torch.zeros(1, 0, 3), *(part.head for part in parts)], dim=1)
     gaze = torch.cat([torch.zeros(1, 0, 2, 3), *(part.gaze for part in parts)], dim=1)
     return GeneratedMotion(head, gaze)

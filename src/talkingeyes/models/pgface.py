@@ -1,10 +1,10 @@
-"""PGFace: the face's shape from speech and head pose (Zhang et al., section 4.2, eq. 7 and 8).
+"""PGFace: face shape from speech and head pose (Zhang et al., section 4.2, eq. 7 and 8).
 
-A window of 16 frames of speech and poses gives the shape at its 8th frame, as 64 coefficients of a basis of shapes (the
-paper's basis of expression has 64). The losses are those of vertices: squared distances of shapes, and of what changes
-to the next frame, both weighed by the mask m, 10 on the lower face. Since vertices are linear in coefficients, a sum
-over all vertices is a quadratic form of coefficients, and that is how it is reckoned. Eq. 6 is missing from the text
-that we have; assumed: f = PGFace(x, p).
+A window of 16 frames of speech and poses predicts the shape at its 8th frame, as 64 coefficients of a shape basis (the
+paper's expression basis has 64). The losses are those of vertices: squared distances of shapes, and of their
+differences to the next frame, both weighted by the mask m, which is 10 on the lower face. Vertices are linear in the
+coefficients, so a sum over all vertices is computed as a quadratic form of coefficients. Eq. 6 is missing from the text
+that we have. We assume f = PGFace(x, p).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PGFaceNetworkSettings(Settings):
     speech: SpeechProjectionSettings
     width: Annotated[int, Field(gt=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # Frames of a window, and the one of them whose shape is told, counted from 1 (the paper: 16 and 8).
+    # Frames of a window, and the one whose shape is predicted, counted from 1 (the paper: 16 and 8).
     window: Annotated[int, Field(gt=1)]
     output_frame: Annotated[int, Field(gt=0)]
     coefficients: Annotated[int, Field(gt=0)]
@@ -40,7 +40,8 @@ class PGFaceNetworkSettings(Settings):
 
 
 class PGFace(nn.Module):
-    """Coefficients in units of their deviations. `mean`, `basis`: vertices (metres) of coefficients."""
+    """Predicts coefficients in units of their standard deviations. `mean`, `basis`: the vertices (metres) of
+    coefficients."""
 
     mean: Tensor
     basis: Tensor
@@ -62,7 +63,7 @@ class PGFace(nn.Module):
         self.register_buffer("pose_scale", torch.ones(6))
 
     def set_basis(self, mean: Float[Tensor, "V 3"], basis: Float[Tensor, "K V 3"], lower: Tensor) -> None:
-        """Take the basis, and the quadratic form that stands for the masked sum over vertices (square millimetres)."""
+        """Set the basis, and the quadratic form of the masked sum over vertices (square millimetres)."""
         self.mean.copy_(mean)
         self.basis.copy_(basis)
         mask = torch.where(lower, self.settings.lower_face_weight, 1.0)[:, None]
@@ -70,7 +71,7 @@ class PGFace(nn.Module):
         self.weighted_gram.copy_(masked @ masked.T / (3 * len(mean)))
 
     def forward(self, speech: Float[Tensor, "B W C"], pose: Float[Tensor, "B W 6"]) -> Float[Tensor, "B K"]:
-        """Coefficients of the frame that is told of each window."""
+        """Coefficients of the output frame of each window."""
         h = self.input_projection(torch.cat([self.speech(speech), pose / self.pose_scale], dim=-1)).transpose(1, 2)
         for convolution in self.convolutions:
             h = h + self.drop(functional.leaky_relu(convolution(h), 0.2))
@@ -82,7 +83,7 @@ class PGFace(nn.Module):
         return self.mean + torch.einsum("bk,kvc->bvc", coefficients, self.basis)
 
     def masked_squared_error(self, difference: Float[Tensor, "B K"]) -> Float[Tensor, ""]:
-        """Eq. 7 of a difference: the masked square, mean over vertices and their coordinates."""
+        """Eq. 7 of a difference: the masked square, mean over vertices and coordinates."""
         return torch.einsum("bk,kl,bl->b", difference, self.weighted_gram, difference).mean()
 
     def loss_terms(

@@ -1,7 +1,7 @@
-"""The trainable end of the speech encoder: standardises an embedding and projects it (A_1:T of the paper).
+"""The trainable part of the speech encoder: standardises an embedding and projects it (A_1:T of the paper).
 
-The packaged or loaded encoder itself is frozen and its output cached by the `embed` stage; this part is trained with
-each model, as the paper trains a part of its encoder.
+The packaged or loaded encoder is frozen, and its output is cached by the `embed` stage. This part is trained with each
+model, as the paper trains a part of its encoder.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from talkingeyes.models.layers.convolution import CausalConvolutionStack, Convol
 
 
 class SpeechProjectionSettings(Settings):
-    """Size of the projection."""
+    """Settings of the projection."""
 
-    # Channels of the embedding that are heard; null: all; none of them: the model is deaf, its features constant.
+    # Input channels of the embedding; null: all; empty: no speech input, constant features.
     channels: tuple[str, ...] | None
     width: Annotated[int, Field(gt=0)]
     # Convolutions of kernel 5 with dilation 1, 2, 4, ...: 3 layers reach 14 frames to each side.
     layers: Annotated[int, Field(ge=0)]
     dropout: Annotated[float, Field(ge=0, lt=1)]
-    # Share of the embedding's channels that are hidden from a whole window in training.
+    # Fraction of the embedding's channels that are hidden from a whole window in training.
     channel_dropout: Annotated[float, Field(ge=0, lt=1)]
 
 
 class CausalSpeechProjectionSettings(SpeechProjectionSettings):
-    """A projection for streams: it hears the past and no more than `lookahead` frames of what comes."""
+    """A projection for streaming: it uses the past and at most `lookahead` future frames."""
 
     lookahead: Annotated[int, Field(ge=0)]
 
 
 class SpeechProjection(nn.Module):
-    """Speech features a frame from an embedding of C named channels."""
+    """Speech features per frame from an embedding of C named channels."""
 
     channel_indices: Tensor
     mean: Tensor
@@ -63,7 +63,7 @@ class SpeechProjection(nn.Module):
         self.stack = ConvolutionStack(*size) if lookahead is None else CausalConvolutionStack(*size, lookahead)
 
     def standardise_by(self, mean: Float[Tensor, " C"], std: Float[Tensor, " C"]) -> None:
-        """Set the statistics of the train split; channels that never vary are left at zero."""
+        """Set the statistics of the train split; constant channels become zero."""
         self.mean.copy_(mean)
         self.std.copy_(torch.where(std > 1e-6, std, torch.inf))
 
@@ -73,7 +73,7 @@ class SpeechProjection(nn.Module):
         return features
 
     def standardise(self, embedding: Float[Tensor, "B T C"]) -> Float[Tensor, "B T H"]:
-        """The channels that are heard, in units of their standard deviations; of a deaf model, one of zeros."""
+        """Standardised input channels; one channel of zeros for a model without speech input."""
         if not len(self.channel_indices):
             return torch.zeros_like(embedding[..., :1])
         return ((embedding - self.mean) / self.std)[..., self.channel_indices]

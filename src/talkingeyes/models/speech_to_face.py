@@ -1,6 +1,6 @@
-"""Speech to face: features of speech, multiplied by the style, then a face generator (ProbTalk3D section 3.3.2).
+"""Speech to face: speech features, multiplied by the style, then a face generator (ProbTalk3D section 3.3.2).
 
-`probtalk3d`, its variants and all it is compared with are this one model with different generators (conf/model/).
+`probtalk3d`, its variants and all compared models are instances of this model with different generators (conf/model/).
 """
 
 from __future__ import annotations
@@ -22,38 +22,39 @@ from talkingeyes.models.speech_projection import SpeechProjection, SpeechProject
 
 
 class SpeechToFaceSettings(Settings):
-    """What the model is made of. Weights name the terms of the loss (eq. 5)."""
+    """Components of the model. Weights are keyed by loss term (eq. 5)."""
 
     kind: Literal["speech_to_face"]
     parts: tuple[Literal["face"], ...]
     # The pretrained motion autoencoder that the generator needs; null: none.
     tokenizer: str | None
     speech: SpeechProjectionSettings
-    # What of the style is told; none: the paper's ablation.
+    # Components of the style that the model is conditioned on; none: the paper's ablation.
     style: tuple[StyleInput, ...]
-    # Share of the windows whose speaker is the mean of all in training, so that a stranger has a style.
+    # Fraction of training windows whose speaker is replaced by the mean of all, so that unseen speakers have a style.
     speaker_dropout: Annotated[float, Field(ge=0, lt=1)]
     face: FaceComponentSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
-    # Temperatures to choose from on val; one: taken as it is.
+    # Candidate temperatures, chosen on val; a single one is used as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
 
 
 @dataclass(frozen=True)
 class FaceBatch:
-    """Speech embedding, style vectors (one for all frames, or one each) and true faces of B windows of T frames."""
+    """Speech embedding, style vectors (one for all frames, or one per frame) and true faces of B windows of T
+    frames."""
 
     speech: Float[Tensor, "B T C"]
     style: Float[Tensor, "B U D"]
     face: Float[Tensor, "B T F"]
 
     def to(self, device: torch.device) -> FaceBatch:
-        """The same on a device."""
+        """A copy on a device."""
         return FaceBatch(self.speech.to(device), self.style.to(device), self.face.to(device))
 
 
 class SpeechToFace(nn.Module):
-    """The whole model. `temperature` is chosen on val after training; faces stay between `min_face` and `max_face`."""
+    """The whole model. `temperature` is chosen on val after training; faces are limited to `min_face` .. `max_face`."""
 
     temperature: Tensor
     min_face: Tensor
@@ -75,19 +76,19 @@ class SpeechToFace(nn.Module):
         self.register_buffer("style_columns", torch.tensor(columns, dtype=torch.long))
         self.style = nn.Linear(len(columns), settings.speech.width) if columns else None
         if self.style is not None:
-            nn.init.ones_(self.style.bias)  # training starts from speech as it is
+            nn.init.ones_(self.style.bias)  # the initial style factor is near 1
         self.face: FaceGenerator = FACE_GENERATORS.build(settings.face, settings.speech.width, face_dim, tokenizer)
         self.register_buffer("temperature", torch.tensor(settings.temperatures[0]))
         self.register_buffer("min_face", torch.full((face_dim,), -torch.inf))
         self.register_buffer("max_face", torch.full((face_dim,), torch.inf))
 
     def set_range(self, min_face: Float[Tensor, " F"], max_face: Float[Tensor, " F"]) -> None:
-        """Take how far each number goes in the train split."""
+        """Set the range of each dimension in the train split."""
         self.min_face.copy_(min_face)
         self.max_face.copy_(max_face)
 
     def loss_terms(self, batch: FaceBatch) -> dict[str, Tensor]:
-        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported."""
+        """All loss terms and their weighted sum, `total`. Terms without a weight are only reported."""
         batch = batch.to(self.temperature.device)
         loss_terms = self.face.loss_terms(
             self._stylised_speech(batch.speech, self._drop_speakers(batch.style)), batch.face
@@ -103,7 +104,7 @@ class SpeechToFace(nn.Module):
         seeds: list[int],
         temperature: float | None = None,
     ) -> Float[Tensor, "B T F"]:
-        """Faces of one speech under one course of style (a vector for all frames, or one each), a seed each."""
+        """Faces of one speech with a style (a vector for all frames, or one per frame), one row per seed."""
         device = self.temperature.device
         fused = self._stylised_speech(embedding[None].to(device), style[None].to(device))
         chosen = float(self.temperature) if temperature is None else temperature

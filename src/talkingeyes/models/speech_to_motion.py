@@ -1,6 +1,6 @@
 """Speech to head and gaze: a head generator, then a gaze generator conditioned on it, trained jointly (section IV-D).
 
-`talkingeyes`, `talkingeyes_paper` and `vae` are this one model with different generators (conf/model/).
+`talkingeyes`, `talkingeyes_paper` and `vae` are instances of this model with different generators (conf/model/).
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from talkingeyes.models.waveform_encoder import WaveformEncoder, WaveformSpeechS
 
 
 class HeadMixSettings(Settings):
-    """The head that gaze is conditioned on in training: shares of the clips of a batch, 1 together."""
+    """The head motion that gaze is conditioned on in training: fractions of the clips of a batch that sum to 1."""
 
-    # As it was (fitted).
+    # The true (fitted) head.
     truth: Annotated[float, Field(ge=0, le=1)]
-    # As the head generator reconstructs it (the paper: 1), with the gradient.
+    # The head generator's reconstruction (the paper: 1), with gradient.
     posterior: Annotated[float, Field(ge=0, le=1)]
-    # As the head generator draws it for the speech alone, as in use.
+    # The head generator's sample for the speech alone, as at inference.
     prior: Annotated[float, Field(ge=0, le=1)]
 
     @model_validator(mode="after")
@@ -60,26 +60,27 @@ class HeadMixSettings(Settings):
 
 
 class SpeechToMotionSettings(Settings):
-    """What the model is made of. Weights name the terms of the loss (eq. 15)."""
+    """Components of the model. Weights are keyed by loss term (eq. 15)."""
 
     kind: Literal["speech_to_motion"]
-    # The parts of a performance that the model gives.
+    # The parts of the motion that the model generates.
     parts: tuple[Literal["head", "gaze"], ...]
     # The pretrained codebook that the gaze generator needs; null: none.
     tokenizer: str | None
     speech: CausalSpeechProjectionSettings | WaveformSpeechSettings | SpeechProjectionSettings
-    # What it is told besides its own speech: parts of models/condition/, perhaps none.
+    # Conditioning besides the own speech: entries of models/condition/, perhaps none.
     conditions: tuple[ConditionSettings, ...]
     head: HeadComponentSettings
     gaze: GazeComponentSettings
     head_mix: HeadMixSettings
     weights: dict[str, Annotated[float, Field(ge=0)]]
-    # Temperatures to choose from on val, by aliveness; one: taken as it is.
+    # Candidate temperatures, chosen on val by free-running statistics; a single one is used as it is.
     temperatures: tuple[Annotated[float, Field(ge=0)], ...]
 
     @model_validator(mode="after")
     def _learns(self) -> SpeechToMotionSettings:
-        """Codes that are decoded are moved by their own term alone: without a weight they stay where they began."""
+        """VQ-VAE mixture centres are trained by their own loss term only: without a weight they keep their initial
+        values."""
         for part in ("head", "gaze"):
             process = getattr(getattr(self, part), "process", None)
             if getattr(process, "mixture_centres", None) == "vq_vae" and not self.weights.get(
@@ -102,7 +103,7 @@ class MotionBatch:
     conditioning: ConditioningInputs = NO_CONDITIONING
 
     def to(self, device: torch.device) -> MotionBatch:
-        """The same on a device."""
+        """A copy on a device."""
         return MotionBatch(
             self.speech.to(device), self.head.to(device), self.gaze.to(device), self.conditioning.to(device)
         )
@@ -110,14 +111,14 @@ class MotionBatch:
 
 @dataclass(frozen=True)
 class GeneratedMotion:
-    """Sampled head and eye-in-head rotation vectors, a row a seed."""
+    """Sampled head and eye-in-head rotation vectors, one row per seed."""
 
     head: Float[Tensor, "B T 3"]
     gaze: Float[Tensor, "B T 2 3"]
 
 
 class SpeechToMotion(nn.Module):
-    """The joint model. `temperature` is chosen on val after training and kept with the weights."""
+    """The joint model. `temperature` is chosen on val after training and stored with the weights."""
 
     temperature: Tensor
 
@@ -129,7 +130,8 @@ class SpeechToMotion(nn.Module):
         speakers: Sequence[str] = (),
         architecture: Mapping[str, Any] | None = None,
     ) -> None:
-        """`speakers` are those of the train split; `architecture` rebuilds a wave encoder without its checkpoint."""
+        """`speakers` are those of the train split; `architecture` rebuilds a waveform encoder without its
+        checkpoint."""
         super().__init__()
         self.settings, self.speakers = settings, tuple(speakers)
         speech_settings, names = settings.speech, tuple(channels)
@@ -154,28 +156,28 @@ class SpeechToMotion(nn.Module):
 
     @property
     def conditioners(self) -> list[Conditioner]:
-        """What it is told by."""
+        """The conditioners of the model."""
         return list(self.conditions)  # type: ignore[arg-type]
 
     @property
     def required_inputs(self) -> frozenset[InputName]:
-        """What must be given besides the embedding of the speech."""
+        """Inputs needed besides the speech embedding."""
         condition_features = frozenset(need for each in self.conditioners for need in each.required_inputs)
         return condition_features | {"sound"} if self.waveform_encoder is not None else condition_features
 
     def fit_statistics(self, seen: TrainingStatistics) -> None:
-        """Take the statistics of the train split; what the wave encoder says has its own scale."""
+        """Set the statistics of the train split; channels of the waveform encoder are not standardised."""
         more = len(self.waveform_encoder.channels) if self.waveform_encoder is not None else 0
         self.speech.standardise_by(F.pad(seen.mean, (0, more)), F.pad(seen.std, (0, more), value=1.0))
         for each in self.conditioners:
             each.fit_statistics(seen)
 
     def encode_speech(self, embedding: Float[Tensor, "B T C"], conditioning: ConditioningInputs) -> ConditionFeatures:
-        """Speech features, and beside them all that is told, a row a frame. Raises InputError if the waveform is heard
-        and missing."""
+        """Speech features concatenated with all condition vectors, per frame. Raises InputError if the model needs the
+        waveform and it is missing."""
         if self.waveform_encoder is not None:
             if conditioning.sound is None:
-                raise InputError("speech.wave: a model that hears the waveform needs the sound, got none")
+                raise InputError("speech.waveform_encoder: should be given the sound of the speech, got none")
             embedding = torch.cat([embedding, self.waveform_encoder(conditioning.sound, embedding.shape[1])], dim=-1)
         features: Tensor = self.speech(embedding)
         condition_features = [each.forward(conditioning, len(features)) for each in self.conditioners]
@@ -186,9 +188,9 @@ class SpeechToMotion(nn.Module):
         )
 
     def loss_terms(self, batch: MotionBatch) -> dict[str, Tensor]:
-        """All terms of the loss and their weighted sum, `total`. Terms without a weight are only reported.
+        """All loss terms and their weighted sum, `total`. Terms without a weight are only reported.
 
-        Raises InputError for a weight of a term that there is not.
+        Raises InputError for a weight of an unknown term.
         """
         batch = batch.to(self.temperature.device)
         speech = self.encode_speech(batch.speech, batch.conditioning)
@@ -204,7 +206,7 @@ class SpeechToMotion(nn.Module):
     def _mix_heads(
         self, speech: Float[Tensor, "B T S"], true: Float[Tensor, "B T 3"], posterior: Float[Tensor, "B T 3"]
     ) -> Float[Tensor, "B T 3"]:
-        """The heads that gaze is conditioned on in training, mixed from all that there are."""
+        """The heads that gaze is conditioned on in training, mixed by `head_mix`."""
         mix, drawn = self.settings.head_mix, torch.rand(len(true), device=true.device)
         head = torch.where((drawn < mix.posterior)[:, None, None], posterior, true)
         if mix.prior == 0:
@@ -222,7 +224,7 @@ class SpeechToMotion(nn.Module):
         temperature: float | None = None,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> GeneratedMotion:
-        """Motions of one speech, a seed each; `conditioning` is one window, the whole speech."""
+        """Sample motions for one speech, one row per seed; `conditioning` holds one window, the whole speech."""
         speech = self._encode_utterance(embedding, conditioning, len(seeds))
         head = self.head.sample(speech.head, seeds)
         return GeneratedMotion(head, self._gaze(speech.gaze, head, seeds, temperature))
@@ -231,7 +233,7 @@ class SpeechToMotion(nn.Module):
     def generate_head(
         self, embedding: Float[Tensor, "T C"], seeds: list[int], conditioning: ConditioningInputs = NO_CONDITIONING
     ) -> Float[Tensor, "B T 3"]:
-        """Heads alone, a seed each."""
+        """Sample head motion alone, one row per seed."""
         return self.head.sample(self._encode_utterance(embedding, conditioning, len(seeds)).head, seeds)
 
     @torch.no_grad()
@@ -242,7 +244,7 @@ class SpeechToMotion(nn.Module):
         seeds: list[int],
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Float[Tensor, "B T 2 3"]:
-        """Gaze for heads that another model moves, a seed each."""
+        """Sample gaze for the heads of another model, one row per seed."""
         speech = self._encode_utterance(embedding, conditioning, len(seeds)).gaze
         return self._gaze(speech, head.to(speech.device), seeds, None)
 

@@ -1,7 +1,7 @@
-"""Speech to head poses of six numbers, a model of the head alone: what is heard, a person's style, a generator.
+"""Speech to head poses of six dimensions: speech features, a speaker's style and a pose generator.
 
-`kind: speech_to_pose` in conf/model/: PoseGAN (Zhang et al., section 4.1), its baselines, VAE and VQ-VAE are this one
-model with different generators. A style is a mixture of those of the training speakers, given as K shares.
+`kind: speech_to_pose` in conf/model/: PoseGAN (Zhang et al., section 4.1), its baselines, VAE and VQ-VAE are instances
+of this model with different generators. A style is a mixture of the training speakers, given by K weights.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from talkingeyes.models.head.pose_generator import (
 )
 from talkingeyes.models.speech_projection import SpeechProjection, SpeechProjectionSettings
 
-# Poses that a first window may start at, of each speaker.
+# Number of stored poses per speaker at which a first window may start.
 START_POSES = 64
 
 
 class SpeechToPoseSettings(Settings):
-    """What the model is made of. Weights name the terms of the loss."""
+    """Components of the model. Weights are keyed by loss term."""
 
     kind: Literal["speech_to_pose"]
     parts: tuple[Literal["head"], ...]
@@ -57,7 +57,7 @@ class PoseBatch:
 
 
 class SpeechToPose(nn.Module):
-    """The model. `scale` is the deviation of each number, `start_poses` are poses of the speakers."""
+    """The model. `scale` holds the standard deviation of each dimension, `start_poses` poses of the speakers."""
 
     scale: Tensor
     mean_pose: Tensor
@@ -76,12 +76,12 @@ class SpeechToPose(nn.Module):
         self.register_buffer("start_poses", torch.zeros(len(speakers), START_POSES, 6))
 
     def encode_speech(self, speech: Float[Tensor, "B T C"], style: Float[Tensor, "B K"]) -> PoseInputs:
-        """Learnt features with the style added, the style, and the embedding as it comes."""
+        """Learned features with the style added, the style alone, and the standardised embedding."""
         vector = self.style_embedding(style)
         return PoseInputs(self.speech(speech) + vector[:, None], vector, self.speech.standardise(speech))
 
     def predict(self, batch: PoseBatch) -> PosePrediction:
-        """Poses (in units of the deviation), all terms of the loss and their weighted sum, `total`."""
+        """Poses (in standard deviations), all loss terms and their weighted sum, `total`."""
         true = batch.pose / self.scale
         predicted = self.head.predict(self.encode_speech(batch.speech, batch.style), true)
         loss_terms = dict(predicted.loss_terms)
@@ -91,16 +91,16 @@ class SpeechToPose(nn.Module):
         return PosePrediction(predicted.pose, {"total": total, **loss_terms})  # type: ignore[dict-item]
 
     def discriminator_terms(self, batch: PoseBatch, generated: Float[Tensor, "B T 6"]) -> dict[str, Tensor]:
-        """The terms of the rival for poses that were made (in units of the deviation)."""
+        """Loss terms of the discriminator for generated poses (in standard deviations)."""
         assert self.discriminator is not None
         return self.discriminator.loss_terms(batch.pose / self.scale, generated.detach(), batch.style)
 
     def stream(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
     ) -> Iterator[Float[ndarray, "S U 6"]]:
-        """Centred poses, window by window: each starts at the last pose of the one before. Memory does not grow.
+        """Centred poses, window by window: each starts at the last pose of the one before. Memory is constant.
 
-        Without a style, each seed draws one of the training speakers.
+        Without a style, a random training speaker is used for each seed.
         """
         generators = [torch.Generator().manual_seed(int(seed)) for seed in seeds]
         styles = torch.stack([self._style(style, each) for each in generators]).to(self.scale.device)
@@ -109,13 +109,13 @@ class SpeechToPose(nn.Module):
         for first in range(0, max(len(speech) - 1, 1), length - 1):
             generated = self._window(speech[first : first + length], styles, pose, generators)
             pose = generated[:, -1]
-            # The first frame of a further window is the last one of the window before.
+            # The first frame of each further window repeats the last one of the window before.
             yield (generated[:, min(first, 1) :] * self.scale).cpu().numpy()
 
     def sample(
         self, speech: Float[ndarray, "T C"], seeds: Sequence[int], style: Float[ndarray, " K"] | None
     ) -> Float[ndarray, "S T 6"]:
-        """Centred poses at the frame rate of poses, a seed each."""
+        """Centred poses at the frame rate of poses, one row per seed."""
         return np.concatenate(list(self.stream(speech, seeds, style)), axis=1)
 
     def style_of(self, speaker: str) -> Float[ndarray, " K"]:
@@ -140,5 +140,5 @@ class SpeechToPose(nn.Module):
         return torch.eye(len(self.speakers))[drawn[0]]
 
     def _start(self, style: Float[Tensor, " K"], generators: torch.Generator) -> Float[Tensor, " 6"]:
-        """A pose that the person that the style is most of has had; the paper starts at rest."""
+        """A random stored pose of the speaker with the largest weight; the paper starts at rest."""
         return self.start_poses[style.argmax(), torch.randint(START_POSES, (1,), generator=generators)[0]]

@@ -1,8 +1,8 @@
-"""wav2vec 2.0 trained along with a model, as the paper trains it: its last layers learn, what is below them stays.
+"""wav2vec 2.0 fine-tuned with a model, as in the paper: its last layers are trained, the layers below are frozen.
 
-The convolutions and the first transformer layers of a released checkpoint are frozen. What the last layer says is
-interpolated to motion frames. A sound that is longer than `window_s` is heard in windows that fade into each other.
-The `embed` stage gives the same features with nothing trained, at a small share of the cost (conf/embed/wav2vec2.yaml).
+The convolutions and the first transformer layers of a released checkpoint are frozen. The output of the last layer is
+interpolated to motion frames. A sound longer than `window_s` is processed in windows that are crossfaded. The `embed`
+stage computes the same features without training, at a small fraction of the cost (conf/embed/wav2vec2.yaml).
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ if TYPE_CHECKING:
 
 
 class WaveformEncoderSettings(Settings):
-    """The encoder of waveforms, and how much of it is trained."""
+    """The encoder of waveforms, and its trainable part."""
 
     # A local folder or a hub name of a wav2vec 2.0 model.
     checkpoint: Annotated[str, Field(min_length=1)]
-    # Transformer layers that are trained, counted from the last.
+    # Number of trained transformer layers, counted from the last.
     trainable_layers: Annotated[int, Field(ge=0)]
     window_s: Annotated[float, Field(ge=1, le=30)]
     overlap_s: Annotated[float, Field(ge=0, lt=1)]
 
 
 class WaveformSpeechSettings(SpeechProjectionSettings):
-    """A projection that hears wav2vec 2.0 beside those channels of the embedding that it names."""
+    """A projection of wav2vec 2.0 features and of the embedding channels that it names."""
 
     waveform_encoder: WaveformEncoderSettings
 
 
 class WaveformEncoder(nn.Module):
-    """Sound to features a motion frame."""
+    """From sound to features per motion frame."""
 
     def __init__(self, settings: WaveformEncoderSettings, architecture: Mapping[str, Any] | None) -> None:
-        """`architecture` builds the network of a trained model, whose weights follow; None reads the checkpoint.
+        """`architecture` rebuilds the network of a trained model, whose weights are loaded afterwards; None loads the
+        checkpoint.
 
-        Raises InputError if that cannot be read, or has fewer layers than are to be trained.
+        Raises InputError if it cannot be loaded, or has fewer layers than are to be trained.
         """
         super().__init__()
         self.settings = settings
@@ -68,16 +69,16 @@ class WaveformEncoder(nn.Module):
             layer.requires_grad_(True)
 
     def trainable_modules(self) -> list[nn.Module]:
-        """The layers that learn."""
+        """The trainable layers."""
         return list(self.network.encoder.layers[self.first_trained :])
 
     def architecture(self) -> dict[str, Any]:
-        """What the network is rebuilt from without its checkpoint."""
+        """The configuration that rebuilds the network without its checkpoint."""
         found: dict[str, Any] = self.network.config.to_diff_dict()
         return found
 
     def train(self, mode: bool = True) -> WaveformEncoder:
-        """What is frozen stays as in use: no dropout, no masks, no skipped layers."""
+        """Set training mode; frozen layers stay in evaluation mode (no dropout, no masks, no skipped layers)."""
         super().train(mode)
         self.network.eval()
         for layer in self.trainable_modules():
@@ -105,14 +106,15 @@ class WaveformEncoder(nn.Module):
         return torch.stack(parts).sum(0) / torch.stack(weights).sum(0)
 
     def _encoded(self, sound: Float[Tensor, "B N"]) -> Float[Tensor, "B K H"]:
-        """Zero mean and unit variance, as the feature extractor of every released checkpoint gives it."""
+        """Normalise to zero mean and unit variance, as the feature extractors of released checkpoints do, and
+        encode."""
         normal = (sound - sound.mean(1, keepdim=True)) / (sound.var(1, correction=0, keepdim=True) + 1e-7).sqrt()
         encoded: Tensor = self.network(normal).last_hidden_state
         return encoded
 
 
 def interpolate_at(features: Float[Tensor, "B K H"], positions: Float[Tensor, " T"]) -> Float[Tensor, "B T H"]:
-    """Linear interpolation at fractional indices; beyond the ends the end value holds."""
+    """Linear interpolation at fractional indices; beyond the ends, the end value is repeated."""
     place = positions.clamp(0, features.shape[1] - 1)
     low = place.floor().long().clamp(max=max(features.shape[1] - 2, 0))
     high = (low + 1).clamp(max=features.shape[1] - 1)
@@ -124,18 +126,18 @@ def _network(settings: WaveformEncoderSettings, architecture: Mapping[str, Any] 
     try:
         from transformers import Wav2Vec2Config, Wav2Vec2Model
     except ImportError:
-        raise InputError("speech.wave: needs the package transformers, got none installed") from None
+        raise InputError("speech.waveform_encoder: should have the package transformers installed, got none") from None
     if architecture is not None:
         return Wav2Vec2Model(Wav2Vec2Config.from_dict(dict(architecture)))
     try:
         config: Wav2Vec2Config = Wav2Vec2Config.from_pretrained(settings.checkpoint)
         if config.model_type != "wav2vec2":
-            raise InputError(f"speech.wave.checkpoint: should be a wav2vec2 model, got {config.model_type}")
+            raise InputError(f"speech.waveform_encoder.checkpoint: should be a wav2vec2 model, got {config.model_type}")
         return Wav2Vec2Model.from_pretrained(settings.checkpoint, config=config)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"speech.wave.checkpoint: should be a local folder or a hub name that can be reached, got "
+            f"speech.waveform_encoder.checkpoint: should be a local folder or a reachable hub name, got "
             f"{settings.checkpoint!r} ({' '.join(str(error).split())[:200]})"
         ) from None
