@@ -62,7 +62,7 @@ def test_a_killed_stage_ends_in_the_same_bytes(stage: tuple[str, ...], whole: Pa
     kill_halfway(tmp_path, resume, *stage)
     assert not (tmp_path / "data").joinpath(*stage).exists()
     said = finish(tmp_path, *stage)
-    assert f"{resume}: goes on from step" in said
+    assert f"{resume}: resuming from step" in said
     assert files((tmp_path / "data").joinpath(*stage)) == files((whole / "data").joinpath(*stage))
     assert not list((tmp_path / "data").glob(".*.resume*")), "nothing is left when the stage has ended"
 
@@ -120,7 +120,7 @@ def restored(resume: ResumeFile) -> TrainingState:
 def test_progress_of_something_else_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     resume = interrupted(tmp_path / "p", "a")
     assert restored(resume).step == 20
-    assert "goes on from step 20" in capsys.readouterr().err
+    assert "resuming from step 20" in capsys.readouterr().err
     assert restored(ResumeFile.of(tmp_path / "p", ["b"], [])).step == 0
     assert "other settings, data or code" in capsys.readouterr().err
     data = tmp_path / "data"
@@ -146,7 +146,7 @@ def test_a_damaged_file_is_one_line_and_a_new_start(
     capsys.readouterr()
     resume.path.write_bytes(damage(resume.path.read_bytes()))
     assert restored(resume).step == 0
-    assert capsys.readouterr().err == "p: is damaged; the training starts again\n"
+    assert capsys.readouterr().err == "p: is damaged; training restarts\n"
 
 
 def test_nothing_half_written_takes_the_place_of_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
-"""Gaze by canonical correlation behind the head of another trained model: fitted, saved and loaded.
+"""Gaze by canonical correlation, given the head of another trained model: fit, save and load.
 
-There are no training steps (models/gaze/canonical_correlation.py has the closed form). The folder holds the relation
-and a copy of the model that moves the head.
+The fit is in closed form, without training steps (models/gaze/canonical_correlation.py). The folder holds the fitted
+regression and a copy of the model that generates the head.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ HEAD_PREFIX = "head"
 
 
 class CanonicalModelSettings(Settings):
-    """The model: whose head it looks from, and how gaze is related."""
+    """The model that generates the head, and the settings of the canonical correlation."""
 
     kind: Literal["canonical_correlation"]
     parts: tuple[Literal["head", "gaze"], ...]
     tokenizer: None
-    # The model that moves the head (any that gives one).
+    # The model that generates the head (any model with a head).
     source_models: tuple[str]
     gaze: CanonicalCorrelationSettings
 
 
 @dataclass(frozen=True)
 class CanonicalGaze:
-    """Gaze for a speech embedding and a head."""
+    """Generates gaze for a speech embedding and a head."""
 
     settings: CanonicalCorrelationSettings
     correlation: CanonicalCorrelation
@@ -54,7 +54,7 @@ class CanonicalGaze:
     def generate_gaze(
         self, embedding: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"]
     ) -> Float[ndarray, "S T 2 3"]:
-        """One gaze a head."""
+        """One gaze motion per head motion."""
         standard = _standard(embedding, self.mean, self.std)
         return np.stack([generate_gaze(self.settings, self.correlation, standard, each) for each in head])
 
@@ -62,7 +62,7 @@ class CanonicalGaze:
 def fit_canonical_gaze(
     settings: CanonicalModelSettings, recordings: Sequence[Recording], normaliser: Normaliser, seed: int
 ) -> CanonicalGaze:
-    """The relation in the train split."""
+    """Fit the regression to the train split."""
     mean, std = normaliser.mean, normaliser.std
     examples = [Example(_standard(np.asarray(each.speech), mean, std), each.head, each.gaze) for each in recordings]
     return CanonicalGaze(settings.gaze, fit_canonical_correlation(settings.gaze, examples, seed), mean, std)
@@ -71,7 +71,7 @@ def fit_canonical_gaze(
 def save_canonical(
     folder: Path, settings: CanonicalModelSettings, correlation: CanonicalGaze, head: Checkpoint
 ) -> None:
-    """Write the relation and the head's model as one checkpoint."""
+    """Write the regression and the model of the head as one checkpoint."""
     arrays = {f"lift.{name}": value for name, value in asdict(correlation.correlation.feature_map).items()}
     arrays |= {name: getattr(correlation.correlation, name) for name in _own_arrays()} | {
         "mean": correlation.mean,
@@ -83,7 +83,7 @@ def save_canonical(
 
 
 def load_canonical(checkpoint: Checkpoint) -> CanonicalGaze:
-    """The relation in a checkpoint; the model of the head is its part `head`."""
+    """Load the regression of a checkpoint; the model of the head is its part `head`."""
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
     feature_map = FeatureMap(**{each.name: arrays[f"lift.{each.name}"] for each in fields(FeatureMap)})
     correlation = CanonicalCorrelation(feature_map=feature_map, **{name: arrays[name] for name in _own_arrays()})

@@ -17,7 +17,7 @@ from talkingeyes.core.errors import InputError
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The configuration a network was made from, and its tensors."""
+    """Configuration and tensors of a network."""
 
     config: dict[str, Any]
     tensors: dict[str, Tensor]

@@ -1,8 +1,8 @@
-"""What windows and whole clips come with besides their speech (models/condition/), for the models that need it.
+"""Conditioning inputs of windows and whole clips, for models that need them (models/condition/).
 
-Who moves and the partner's channel are the clip's own; whoever was in no training is one of those who were, drawn for
-each sound. A reference is another clip of the same speaker, of the train split: in training a window of it, as long as
-the window itself, else the whole.
+The speaker and the partner's channel belong to the clip. An unseen speaker is replaced by a random training speaker,
+chosen by the sound. A reference is another clip of the same speaker from the train split: in training a window of it,
+as long as the window itself, otherwise the whole clip.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ WindowInputs = Mapping[str, ndarray]
 
 @dataclass(frozen=True)
 class ConditioningPaths:
-    """Where the sound and the partner's embedding lie."""
+    """Paths of the sound and of the partner's embedding."""
 
     corpus: Corpus
     embed: Path
 
 
 class ConditioningProvider:
-    """Gives what a model needs, of clips; references are chosen among `reference_recordings`."""
+    """Provides the conditioning inputs of clips; references are chosen among `reference_recordings`."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class ConditioningProvider:
         reference_recordings: Sequence[Recording],
         conditioning_paths: ConditioningPaths | None,
     ) -> None:
-        """Raises InputError for a partner whose channel was not embedded."""
+        """Raises InputError if the partner's channel is needed and was not embedded."""
         self.required_inputs, self.speakers, self.reference_recordings, self.conditioning_paths = (
             required_inputs,
             list(speakers),
@@ -61,21 +61,23 @@ class ConditioningProvider:
         if "partner" in required_inputs and (
             conditioning_paths is None or not (conditioning_paths.embed / "partner").is_dir()
         ):
-            raise InputError("embed.include_partner: should be true for a model that hears the partner, got false")
+            raise InputError(
+                "embed.include_partner: should be true for a model conditioned on the partner's speech, got false"
+            )
 
     def window(self, clip: Clip, frames: slice, mirror: bool) -> WindowInputs:
-        """Of some frames of a clip; the same window is always told the same."""
+        """Inputs of some frames of a clip. The same window always gets the same inputs."""
         length = frames.stop - frames.start
         found = self._own(clip, frames)
         if "speaker" in found and mirror:
-            found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # his mirror image
+            found["speaker"] = np.asarray(found["speaker"] + len(self.speakers))  # the speaker's mirror image
         if "reference" in self.required_inputs:
             drawn = np.random.default_rng([*clip.id.encode(), frames.start])
             found["reference"] = self._reference(clip, length, mirror, drawn)
         return found
 
     def clip_inputs(self, clip: Clip, frames: int) -> ConditioningInputs:
-        """Of a whole clip, as one window."""
+        """Inputs of a whole clip, as one window."""
         found = self._own(clip, slice(0, frames))
         others = self._others(clip) if "reference" in self.required_inputs else []
         if others:
@@ -94,7 +96,7 @@ class ConditioningProvider:
         return found
 
     def _others(self, clip: Clip) -> list[int]:
-        """Clips of the same speaker, another sound."""
+        """Reference clips of the same speaker with another sound."""
         return [
             each
             for each in self.clips_by_speaker[clip.speaker]
@@ -120,34 +122,34 @@ class ConditioningProvider:
 
     def _sound(self, clip: Clip, frames: slice) -> Float[ndarray, " N"]:
         if self.conditioning_paths is None:
-            raise InputError("speech.wave: a model that hears the waveform needs a corpus with sound, got none")
+            raise InputError("speech.waveform_encoder: should be given a corpus with sound, got none")
         step = SAMPLE_RATE / clip.fps
         start, count = round(frames.start * step), round((frames.stop - frames.start) * step)
         return pad_or_trim(self.conditioning_paths.corpus.speech(clip)[start:], count)
 
 
 def speaker_index(speakers: Sequence[str], name: str, seed_text: str) -> int:
-    """A speaker's number; whom no training saw is one of those whom it saw, by a text always the same."""
+    """Index of a speaker; for an unseen speaker, that of a random training speaker, seeded by a text."""
     return list(speakers).index(name) if name in speakers else random_speaker(speakers, list(seed_text.encode()))
 
 
 def random_speaker(speakers: Sequence[str], seeds: Sequence[int]) -> int:
-    """The number of one of the training speakers, drawn by seeds."""
+    """Index of a random training speaker."""
     return int(np.random.default_rng(seeds).integers(len(speakers)))
 
 
 def pad_or_trim(sound: Float[ndarray, " N"], count: int) -> Float[ndarray, " M"]:
-    """The first samples; silence stands for those that are not there."""
+    """The first `count` samples, padded with silence."""
     return np.pad(sound[:count], (0, max(count - len(sound), 0))).astype(np.float32)
 
 
 def motion_array(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 9"]:
-    """A motion as the reference of a style: head, then both eyes in the head."""
+    """A motion in the layout of a style reference: head, then both eyes in the head."""
     return np.concatenate([head, gaze.reshape(len(gaze), 6)], axis=1).astype(np.float32)
 
 
 def collate_inputs(window_inputs: Sequence[WindowInputs]) -> ConditioningInputs:
-    """A batch of what windows come with."""
+    """Stack the inputs of windows to a batch."""
     return ConditioningInputs(
         **{name: torch.from_numpy(np.stack([row[name] for row in window_inputs])) for name in window_inputs[0]}
     )

@@ -1,7 +1,7 @@
-"""Where a training runs: the device, the precision, and the processes that torchrun started, if it did.
+"""Execution context of a training: device, precision, and the processes of torchrun, if any.
 
-`machine=gpu` (conf/machine/gpu.yaml) names the card; `torchrun --nproc-per-node 2 -m pipelines.train talkingeyes`
-shares every batch between two processes, of which the first writes.
+`machine=gpu` (conf/machine/gpu.yaml) selects a GPU. `torchrun --nproc-per-node 2 -m pipelines.train talkingeyes` splits
+every batch between two processes, of which the first writes the results.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ LossFunction = Callable[[int], dict[str, Tensor]]
 
 @dataclass(frozen=True)
 class ExecutionContext:
-    """A device with a precision. With `bfloat16`, losses are computed under autocast; weights stay float32."""
+    """A device and a precision. With `bfloat16`, losses are computed under autocast; weights stay float32."""
 
     device: torch.device
     precision: str
 
     @classmethod
     def of(cls, machine: Mapping[str, Any]) -> ExecutionContext:
-        """The place of a `machine` section; under torchrun this process joins the others.
+        """The context of a `machine` section; under torchrun, this process joins the process group.
 
-        Raises InputError (one line) if there is no such device.
+        Raises InputError (one line) if the device does not exist.
         """
         for key in ("device", "precision"):
             if key not in machine:
@@ -52,31 +52,31 @@ class ExecutionContext:
 
     @classmethod
     def single_process(cls, machine: Mapping[str, Any]) -> ExecutionContext:
-        """The place of a training that cannot be shared, because the rows of its batches belong together."""
+        """The context of a training that cannot be distributed, because its losses compare all rows of a batch."""
         if int(os.environ.get("WORLD_SIZE", "1")) > 1:
-            raise InputError(f"torchrun: this stage trains in one process each, got {os.environ['WORLD_SIZE']}")
+            raise InputError(f"torchrun: should start a single process for this stage, got {os.environ['WORLD_SIZE']}")
         return cls.of(machine)
 
     @property
     def is_main(self) -> bool:
-        """Whether this process writes."""
+        """Whether this process writes the results."""
         return distributed.rank() == 0
 
     def exit_unless_main(self) -> None:
-        """The work is done: every process but the one that writes ends here."""
+        """Exit all processes but the one that writes, after the work is done."""
         if not self.is_main:
             sys.exit(0)
 
     def describe(self) -> dict[str, Any]:
-        """What of it the last digits of a result depend on."""
+        """The properties that rounding differences of results depend on."""
         return {"device": self.device.type, "precision": self.precision, "world_size": distributed.world_size()}
 
     def autocast(self) -> AbstractContextManager[Any]:
-        """The precision of the losses."""
+        """Context manager for the precision of the losses."""
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
     def distribute(self, module: nn.Module, losses: LossFunction, batch: int) -> LossFunction:
-        """The losses of this process's share of a batch, with gradients that become the mean over all processes."""
+        """Losses of this process's rows of a batch; gradients are averaged over all processes."""
         if distributed.world_size() == 1:
             return losses
         if batch % distributed.world_size():
@@ -92,7 +92,7 @@ CPU_CONTEXT = ExecutionContext(torch.device("cpu"), "float32")
 
 
 class _DistributedLosses(nn.Module):
-    """The module and its losses as DDP wants them: one forward; terms that are only reported have no gradient."""
+    """Wraps the module and its losses in one forward for DDP; terms that are only reported are detached."""
 
     def __init__(self, module: nn.Module, losses: LossFunction) -> None:
         super().__init__()
@@ -105,11 +105,11 @@ class _DistributedLosses(nn.Module):
 
 
 def _prepare_gpu(index: int) -> None:
-    """The card, made to repeat itself. Raises InputError if there is none of this number."""
+    """Select a GPU and enable deterministic algorithms. Raises InputError if there is no GPU of this index."""
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if index >= count:
         raise InputError(
-            f"machine.device: cuda needs {index + 1} card(s) that torch can use, got {count}; machine=cpu needs none"
+            f"machine.device: should be cpu or have {index + 1} GPU(s) usable by torch, got cuda with {count}"
         )
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True, warn_only=True)

@@ -1,6 +1,6 @@
-"""Any trained model of the face as a generator: one contract for networks and baselines.
+"""Trained face models behind one interface, for networks and baselines.
 
-Reads a folder of the train stage; everything that generation needs is in it (autoencoder, speakers, the head's shapes).
+A folder of the train stage contains everything that generation needs (autoencoder, speakers, shapes of the head model).
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from talkingeyes.training.checkpoint import Checkpoint, load, save
 from talkingeyes.training.face_task import FaceData, FaceTaskSettings
 from talkingeyes.training.face_tokenizer import FaceTokenizer, build_face_tokenizer
 
-STYLE_FADE_S = 0.5  # of a change of style along a clip
+STYLE_FADE_S = 0.5  # crossfade of style changes within a clip
 
 
 @runtime_checkable
 class TrainedFaceGenerator(Protocol):
-    """Speech embedding and a course of style in, S faces out; a seed gives the same face alone or with others."""
+    """From speech embedding and style keys to S faces. A seed gives the same face in any batch."""
 
     @property
     def basis(self) -> FaceBasis: ...
@@ -56,7 +56,7 @@ class NetworkFaceGenerator:
     def generate(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
     ) -> FaceSamples:
-        """Sample the network. Raises InputError for a speaker whom it does not know."""
+        """Sample the network. Raises InputError for an unknown speaker."""
         style_course = torch.from_numpy(self.vocabulary.per_frame(style, len(embedding), fps, STYLE_FADE_S))
         faces = self.network.generate(torch.from_numpy(np.array(embedding, np.float32)), style_course, seeds)
         return _samples(faces.numpy(), fps, self.basis)
@@ -64,7 +64,7 @@ class NetworkFaceGenerator:
 
 @dataclass(frozen=True)
 class BaselineFaceGenerator:
-    """A baseline over the bank of training faces; style counts for nothing."""
+    """A baseline over the bank of training faces; it ignores the style."""
 
     settings: BaselineSettings
     bank: MotionBank
@@ -76,7 +76,7 @@ class BaselineFaceGenerator:
     def generate(
         self, embedding: Float[ndarray, "T C"], style: Sequence[StyleKey], seeds: list[int], fps: float
     ) -> FaceSamples:
-        """Draw from the bank. Raises InputError for a speaker whom it does not know."""
+        """Sample from the bank. Raises InputError for an unknown speaker."""
         for key in style:
             self.vocabulary.style_vector(key.style)
         standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
@@ -84,7 +84,7 @@ class BaselineFaceGenerator:
 
 
 def face_config(settings: FaceTaskSettings, data: FaceData, tokenizer: FaceTokenizer | None) -> dict[str, Any]:
-    """What a network is rebuilt from."""
+    """The configuration that rebuilds a network."""
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(data.normaliser.channels),
@@ -107,7 +107,7 @@ def save_face_baseline(folder: Path, settings: BaselineSettings, bank: MotionBan
 
 
 def is_face_model(folder: Path) -> bool:
-    """Whether the model in a folder of the train stage is one of the face. Raises InputError if it is none at all."""
+    """Whether a folder of the train stage holds a face model. Raises InputError if it holds no model."""
     try:
         return "face" in json.loads((folder / "config.json").read_text())["model"]["parts"]
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -115,9 +115,9 @@ def is_face_model(folder: Path) -> bool:
 
 
 def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedFaceGenerator:
-    """The model of the face in a folder of the train stage.
+    """Load the face model of a folder of the train stage.
 
-    Raises InputError (one line) if it is missing, damaged, no model of the face, or of another head than `head`.
+    Raises InputError (one line) if it is missing, damaged, not a face model, or of another head model than `head`.
     """
     checkpoint = load(folder)
     try:

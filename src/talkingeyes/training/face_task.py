@@ -1,4 +1,4 @@
-"""Stage 2: speech and style to the face, for ProbTalk3D and all that it is compared with; watched on val."""
+"""Stage 2: from speech and style to the face, for ProbTalk3D and the models it is compared with; monitored on val."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ VALIDATION_SAMPLES = 4
 
 
 class FaceTaskSettings(SpeechToFaceSettings):
-    """A model and how it is trained."""
+    """Settings of a model and of its training."""
 
     windows: WindowSettings
     loop: LoopSettings
-    # Val clips whose faces are generated at each validation.
+    # Number of val clips for which faces are generated at each validation.
     validation_clips: int
 
 
 @dataclass(frozen=True)
 class FaceData:
-    """What a face is learned from: fitted faces of one head, their speech and its statistics."""
+    """Training data: fitted faces of one head model, with speech features and their statistics."""
 
     train: Sequence[FaceRecording]
     val: Sequence[FaceRecording]
@@ -44,14 +44,14 @@ class FaceData:
 
 
 class FaceTask:
-    """Losses on windows; validation by free generation."""
+    """Losses on windows; validation on generated faces."""
 
     def __init__(self, settings: FaceTaskSettings, seed: int, data: FaceData, tokenizer: FaceTokenizer | None) -> None:
         torch.manual_seed(seed)
         self.settings, self.data = settings, data
         self.windows = FaceWindowDataset(data.train, data.basis, data.vocabulary, settings.windows, seed)
         self.rng = self.windows.rng
-        # The first take of each val sound, as many as are watched.
+        # The first take of each val sound, up to the number of validation clips.
         self.validation_recordings = [each for each in data.val if each.clip.take == 0][: settings.validation_clips]
         network = tokenizer.network if tokenizer else None
         channels, numbers = data.normaliser.channels, data.basis.numbers
@@ -66,11 +66,11 @@ class FaceTask:
         return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
 
     def validate(self) -> dict[str, float]:
-        """The energy score of faces of the watched clips; the score is its negative."""
+        """Energy score of faces of the validation clips; the validation score is its negative."""
         return self._metrics(float(self.module.temperature))
 
     def choose_temperature(self) -> dict[str, float]:
-        """Take the temperature of the least energy score on val."""
+        """Set the temperature with the lowest energy score on val."""
         found = {each: -self._metrics(each)["validation_score"] for each in self.settings.temperatures}
         self.module.temperature.fill_(min(found, key=lambda each: found[each]))
         return {f"energy_score/{each:g}": score for each, score in found.items()}

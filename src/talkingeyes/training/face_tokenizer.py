@@ -1,4 +1,4 @@
-"""Stage 1 of ProbTalk3D: a motion autoencoder of the face is trained on itself (section 3.3.1, eq. 4; 3.4)."""
+"""Stage 1 of ProbTalk3D: self-supervised training of a motion autoencoder of the face (section 3.3.1, eq. 4; 3.4)."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from talkingeyes.training.face_windows import FaceStatistics, FaceWindowDataset
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import WindowSettings
 
-STATISTICS_WINDOWS = 64  # of training faces, from which the units of latents are taken
+STATISTICS_WINDOWS = 64  # training windows for the statistics of latents
 
 
 class FaceTokenizerSettings(Settings):
-    """A motion autoencoder and how it is trained. Weights name the terms of eq. 4."""
+    """Settings of a motion autoencoder and of its training. Weights are keyed by term of eq. 4."""
 
     kind: Literal["face"]
     seed: int
@@ -43,7 +43,7 @@ class FaceTokenizerSettings(Settings):
 
 @dataclass(frozen=True)
 class FaceReconstructionError:
-    """What reconstruction is off by: expression in weights, jaw in degrees (both root mean squares); use of codes."""
+    """Reconstruction error (root mean squares of expression weights and of the jaw in degrees) and code counts."""
 
     expression: float
     jaw_deg: float
@@ -51,7 +51,7 @@ class FaceReconstructionError:
     counts: Float[Tensor, " K"]
 
     def figures(self) -> dict[str, float]:
-        """For the record; of codes where there are any."""
+        """Metrics to report, with code usage for codebooks."""
         found = {"expression_rmse": self.expression, "jaw_rmse_deg": self.jaw_deg}
         if len(self.counts):
             used = int((self.counts > 0).sum())
@@ -86,18 +86,18 @@ class FaceTokenizerTask:
         return {"total": sum(weight * loss_terms[name] for name, weight in self.settings.weights.items()), **loss_terms}
 
     def validate(self) -> dict[str, float]:
-        """Error on val clips, without draws; the score is its negative."""
+        """Error on val clips without sampling; the validation score is its negative."""
         error = self.error(self.val_faces)
         return {"validation_score": -error.normalised_l1, **error.figures()}
 
     @torch.no_grad()
     def fit_latent_statistics(self) -> None:
-        """The autoencoder's units of its own latents, from training faces, when the loop has ended."""
+        """Fit the statistics of the latents to training faces, after the loop."""
         self.module.fit_latent_statistics(self.windows.sample_batch(STATISTICS_WINDOWS).face.to(self._device))
 
     @torch.no_grad()
     def error(self, recordings: Sequence[FaceRecording]) -> FaceReconstructionError:
-        """Over whole clips of a split."""
+        """Reconstruction error over whole clips of a split."""
         sums, frames = np.zeros(3), 0
         codes = self.settings.network.quantiser.codes if isinstance(self.module, FaceVQVAE) else 0  # type: ignore[attr-defined]
         counts = torch.zeros(codes)
@@ -126,24 +126,24 @@ class FaceTokenizerTask:
 
 @dataclass(frozen=True)
 class FaceTokenizer:
-    """A trained autoencoder, frozen, and the head whose faces it knows."""
+    """A trained, frozen autoencoder and the head model of its faces."""
 
     settings: FaceAutoencoderComponentSettings
     network: FaceAutoencoder
     basis: FaceBasis
 
     def to_dict(self) -> dict[str, Any]:
-        """What it is rebuilt from, beside its weights."""
+        """The configuration that rebuilds it, without weights."""
         return face_tokenizer_config(self.settings, self.basis)
 
 
 def face_tokenizer_config(settings: FaceAutoencoderComponentSettings, basis: FaceBasis) -> dict[str, Any]:
-    """What an autoencoder is rebuilt from."""
+    """The configuration that rebuilds an autoencoder."""
     return {"network": settings.model_dump(mode="json"), "basis": basis.to_dict()}
 
 
 def build_face_tokenizer(content: Any) -> FaceTokenizer:
-    """An autoencoder as its configuration says, frozen; weights follow. Raises KeyError, TypeError or ValueError."""
+    """Build a frozen autoencoder from its configuration, without weights. Raises KeyError, TypeError or ValueError."""
     settings, basis = FACE_AUTOENCODERS.parse(content["network"]), FaceBasis.of(content["basis"])
     autoencoder = FACE_AUTOENCODERS.build(settings, basis.numbers)  # type: ignore[arg-type]
     autoencoder.freeze()
@@ -151,7 +151,7 @@ def build_face_tokenizer(content: Any) -> FaceTokenizer:
 
 
 def load_face_tokenizer(folder: Path) -> FaceTokenizer:
-    """From a folder of the pretrain stage. Raises InputError if it is missing or damaged."""
+    """Load an autoencoder from a folder of the pretrain stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
     try:
         tokenizer = build_face_tokenizer(checkpoint.config)

@@ -1,9 +1,9 @@
-"""How good sampled faces are on val: the energy score (Gneiting & Raftery 2007, eq. 22), and whether they move.
+"""Quality of sampled faces on val: the energy score (Gneiting & Raftery 2007, eq. 22) and a ratio of speeds.
 
-    mean |x - y|  -  mean |x - x'| / 2        over samples x of the model and the one face y that was
+    mean |x - y|  -  mean |x - x'| / 2        over samples x of the model and the one observed face y
 
-It is least, in the mean, for samples of the true distribution: a face that is always the mean and one that is diverse
-beyond the truth both lose. Of a model that draws nothing it is the mean error.
+Its expectation is minimal for samples of the true distribution: it penalises a constant mean face as well as too much
+diversity. For a deterministic model it is the mean error.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from numpy import ndarray
 
 
 def energy_score(samples: Float[ndarray, "S T F"], true: Float[ndarray, "T F"]) -> float:
-    """Mean over frames; norms of all numbers of a frame. Of one sample, the mean error."""
+    """Energy score, mean over frames, with norms over all dimensions of a frame; for a single sample, the mean
+    error."""
     error = np.linalg.norm(samples - true, axis=-1).mean()
     count = len(samples)
     if count < 2:
@@ -24,6 +25,6 @@ def energy_score(samples: Float[ndarray, "S T F"], true: Float[ndarray, "T F"]) 
 
 
 def speed_ratio(samples: Float[ndarray, "S T F"], true: Float[ndarray, "T F"]) -> float:
-    """Mean change a frame of samples to the truth's: 0 is frozen, above 1 trembles."""
+    """Mean change per frame of samples relative to the truth: 0 is frozen, above 1 jitters."""
     change = np.linalg.norm(np.diff(true, axis=0), axis=-1).mean()
     return float(np.linalg.norm(np.diff(samples, axis=1), axis=-1).mean() / max(change, 1e-9))

@@ -1,4 +1,4 @@
-"""Random windows of fitted faces as training batches, and the statistics that faces are normalised by."""
+"""Random windows of fitted faces as training batches, and the statistics that normalise faces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from talkingeyes.training.windows import Window, WindowSampler, WindowSettings, 
 
 @dataclass(frozen=True)
 class FaceStatistics:
-    """Of the faces of a split: their mean, a scale (one for expression, one for the jaw), and how far they go."""
+    """Statistics of the faces of a split: mean, scale (one for expression, one for the jaw) and range."""
 
     mean: Float[Tensor, " F"]
     scale: Float[Tensor, " F"]
@@ -29,7 +29,7 @@ class FaceStatistics:
 
     @classmethod
     def of(cls, recordings: Sequence[FaceRecording]) -> FaceStatistics:
-        """Over all frames."""
+        """Statistics over all frames."""
         expression = np.concatenate([each.expression for each in recordings])
         jaw = np.concatenate([each.jaw for each in recordings])
         parts = [statistics(expression), statistics(jaw)]
@@ -40,7 +40,7 @@ class FaceStatistics:
 
 
 class FaceWindowDataset:
-    """Draws batches of faces with their speech and style."""
+    """Samples batches of faces with their speech and style."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class FaceWindowDataset:
         self.rng = self.window_sampler.rng
 
     def sample_batch(self, batch: int) -> FaceBatch:
-        """A batch of windows."""
+        """Sample a batch of windows."""
         speech, style, face = zip(*map(self._slice_window, self.window_sampler.sample_batch(batch)), strict=True)
         return FaceBatch(*(torch.from_numpy(np.stack(part)) for part in (speech, style, face)))
 

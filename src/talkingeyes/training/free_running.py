@@ -1,7 +1,7 @@
-"""Is motion alive when a model runs free? Eye speed, its 99th percentile, still frames, beside the truth's.
+"""Free-running statistics of generated motion, compared with those of the truth: speeds and still frames.
 
-A teacher-forced loss cannot tell: copying the last frame beats it (docs/log.md). So every training of a gaze generator
-is watched, and its weights chosen, by these figures on val, with the model's own head.
+A teacher-forced loss cannot detect frozen motion: copying the last frame beats it (docs/log.md). So every training of a
+gaze generator is monitored, and its weights selected, by these statistics on val, with the model's own head.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from talkingeyes.core import kinematics
 
 @dataclass(frozen=True)
 class FreeRunningStatistics:
-    """Mean eye-in-head speed and its 99th percentile, mean head speed (degrees a second), stillness in space."""
+    """Mean and 99th percentile of eye-in-head speed, mean head speed (degrees per second), still fraction in space."""
 
     eye_speed: float
     eye_speed_p99: float
@@ -27,7 +27,8 @@ class FreeRunningStatistics:
     head_speed: float
 
     def distance(self, truth: FreeRunningStatistics) -> float:
-        """0 when alive as the truth: log ratios of speeds and four times the difference in still frames."""
+        """Distance from the truth (0 is best): absolute log ratios of speeds plus four times the difference in still
+        fractions."""
         ratios = [
             (self.eye_speed, truth.eye_speed),
             (self.eye_speed_p99, truth.eye_speed_p99),
@@ -41,7 +42,7 @@ class FreeRunningStatistics:
 def free_running_statistics(
     head: Sequence[Float[ndarray, "T 3"]], gaze: Sequence[Float[ndarray, "T 2 3"]], fps: float
 ) -> FreeRunningStatistics:
-    """Figures of several motions together."""
+    """Statistics of several motions together."""
     eye = np.concatenate([kinematics.eye_speed_deg_s(each, fps) for each in gaze])
     space = np.concatenate([kinematics.gaze_in_space_speed_deg_s(h, g, fps) for h, g in zip(head, gaze, strict=True)])
     head_speeds = np.concatenate([kinematics.head_speed_deg_s(each, fps) for each in head])

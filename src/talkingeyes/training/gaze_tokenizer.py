@@ -24,7 +24,7 @@ from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, st
 
 
 class GazeTokenizerSettings(Settings):
-    """A codebook and how it is trained."""
+    """Settings of a codebook and of its training."""
 
     kind: Literal["gaze"]
     seed: int
@@ -35,14 +35,14 @@ class GazeTokenizerSettings(Settings):
 
 @dataclass(frozen=True)
 class CodeUsage:
-    """How often each code is used over all windows of a split, and what the reconstruction is off by."""
+    """Counts of codes over all windows of a split, the reconstruction error, and the fraction of stays."""
 
     counts: Float[Tensor, " K"]
     error_deg: float
     stay_fraction: float
 
     def figures(self) -> dict[str, float]:
-        """Distinct codes used, their share, perplexity, share of stays, error."""
+        """Number and fraction of used codes, perplexity, fraction of stays, reconstruction error."""
         used = int((self.counts > 0).sum())
         return {
             "codes_used": float(used),
@@ -67,7 +67,7 @@ class GazeTokenizerTask:
         self.module.normalise_by(torch.from_numpy(measured.mean), measured.scale)
 
     def losses(self, step: int) -> dict[str, Tensor]:
-        """Eq. 7 on a batch; the codebook term is the quantiser's moving average."""
+        """Eq. 7 on a batch; the codebook term is minimised by the moving average of the quantiser."""
         batch = self.windows.sample_batch(self.settings.loop.batch)
         signal = self._whole(to_signal_tensor(self.settings.network.signal, batch.head, batch.gaze))
         stay = stay_mask(self.module, signal)
@@ -82,7 +82,7 @@ class GazeTokenizerTask:
         return {"total": mean_error + beta * commitment, "reconstruction": mean_error, "commitment": commitment}
 
     def validate(self) -> dict[str, float]:
-        """Error on val clips; the score is its negative."""
+        """Error on val clips; the validation score is its negative."""
         code_usage = self.code_usage(self.val_recordings)
         return {
             "validation_score": -code_usage.error_deg,
@@ -92,7 +92,7 @@ class GazeTokenizerTask:
 
     @torch.no_grad()
     def code_usage(self, recordings: Sequence[Recording]) -> CodeUsage:
-        """Codes over every clip of a split, whole clips at once."""
+        """Code usage over whole clips of a split."""
         counts = torch.zeros(self.settings.network.quantiser.codes)
         squares, numbers, stay_fraction, patches = 0.0, 0, 0, 0
         for recording in recordings:
@@ -105,12 +105,12 @@ class GazeTokenizerTask:
             squares += float((self.module.render(quantised.values, stay) - signal).square().sum())
             numbers += signal.numel() // signal.shape[-1]
             stay_fraction, patches = stay_fraction + int(stay.sum()), patches + stay.numel()
-        # Both eyes' errors together, so half of the sum of squares is one eye's.
+        # The squares of both eyes are summed, so half of the sum is that of one eye.
         return CodeUsage(
             counts, math.degrees(math.sqrt(squares / 2 / max(numbers, 1))), stay_fraction / max(patches, 1)
         )
 
     def _whole(self, signal: Float[Tensor, "B T F"]) -> Float[Tensor, "B U F"]:
-        """Whole patches only, where the network is."""
+        """Trim to whole patches and move to the device of the network."""
         patch = self.settings.network.frames_per_code
         return signal[:, : signal.shape[1] // patch * patch].to(self.module.mean.device)

@@ -1,7 +1,7 @@
-"""A training that starts from what another model has learnt: a motion prior that was learnt without sound (UniLS).
+"""Initialise a training from another model, for example from a motion prior trained without speech (UniLS).
 
-Head and gaze generators are taken as they are. What the other did not hear comes in with weight zero, so that the model
-moves as the other at first, and sound takes hold of it from there.
+The weights of head and gaze generators are copied. Weights of speech channels that the other model lacks start at zero,
+so that the model initially moves like the other one and gradually learns to use the speech.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SPEECH_INPUT_WEIGHT = "speech.stack.input_projection.weight"
 
 @torch.no_grad()
 def init_from(network: SpeechToMotion, other: Checkpoint) -> None:
-    """Take the weights of a trained model. Raises InputError if its generators are others."""
+    """Copy the weights of a trained model. Raises InputError if its modules have other shapes."""
     for name, own in network.state_dict().items():
         if not name.startswith(COPIED_PREFIXES):
             continue

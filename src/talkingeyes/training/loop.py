@@ -1,9 +1,9 @@
-"""The training loop, the only one: AdamW, one-cycle or constant learning rate, gradient clipping, best weights on val.
+"""The training loop: AdamW, one-cycle or constant learning rate, gradient clipping, best weights on val.
 
-A `TrainingTask` owns its network, draws its batches and computes its losses. The loop does the rest on any device, in
-one process or several (execution.py), and resumes after an interruption (resume.py). An `AdversarialTask` also has a
-discriminator, which is updated after each step by an optimiser of its own. Seeds: a task draws from generators that it
-seeds itself, so the same settings give the same weights.
+A `TrainingTask` owns its network, samples its batches and computes its losses. The loop runs on any device, in one or
+several processes (execution.py), and resumes after an interruption (resume.py). An `AdversarialTask` also has a
+discriminator, which is updated after each step by its own optimiser. A task samples from generators that it seeds
+itself, so equal settings give equal weights.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LOSS_PREFIX = "loss/"
 
 
 class LoopSettings(Settings):
-    """How a network is trained."""
+    """Settings of the optimisation."""
 
     steps: Annotated[int, Field(gt=0)]
     batch: Annotated[int, Field(gt=0)]
@@ -41,12 +41,13 @@ class LoopSettings(Settings):
 
 @runtime_checkable
 class TrainingTask(Protocol):
-    """What is trained. `losses` draws a batch and returns named scalars, `total` is minimised.
+    """Interface of a training. `losses` samples a batch and returns named scalars, of which `total` is minimised.
 
-    `validate` returns named figures; `score` is maximised: the weights of its best value are kept (of NaN: the last).
+    `validate` returns named metrics. The weights with the highest `validation_score` are kept (with NaN: the last
+    ones).
     """
 
-    # What batches are drawn with. Noise in the network comes from torch's own generator.
+    # Random generator of batches. Noise in the network uses torch's global generator.
     rng: np.random.Generator
 
     @property
@@ -59,12 +60,12 @@ class TrainingTask(Protocol):
 
 @runtime_checkable
 class AdversarialTask(Protocol):
-    """A task whose network has a rival, a part of its module that is trained against the rest of it (PoseGAN)."""
+    """A task whose network includes a discriminator, which is trained against the rest of the network (PoseGAN)."""
 
     @property
     def discriminator(self) -> nn.Module | None: ...
 
-    # On the batch of `losses` of the same step; `total` is minimised by the rival alone.
+    # Losses on the batch of `losses` of the same step; only the discriminator minimises `total`.
     def discriminator_losses(self, step: int) -> dict[str, Tensor]: ...
 
 
@@ -79,10 +80,10 @@ def train(
     context: ExecutionContext = CPU_CONTEXT,
     resume: ResumeFile | None = None,
 ) -> list[dict[str, float]]:
-    """Train in place; returns the history, a row a validation: step, mean of each loss since the last row, figures.
+    """Train in place. Returns the history, a row per validation: step, mean losses since the last row, metrics.
 
-    `on_validation` is given the step and the figures of every validation, and may raise to end a training that leads
-    nowhere. With `resume`, a training that was killed goes on from its last validation; the caller removes the file.
+    `on_validation` receives the step and the metrics of every validation, and may raise to prune a training. With
+    `resume`, an interrupted training resumes from its last validation; the caller removes the file.
     """
     module = task.module.to(context.device)
     discriminator = task.discriminator if isinstance(task, AdversarialTask) else None
@@ -116,7 +117,7 @@ def train(
                 group["lr"] = _learning_rate(settings, step)
             with context.autocast():
                 replies = task.discriminator_losses(step)
-            discriminator_optimiser.zero_grad(set_to_none=True)  # what the other's turn has left there
+            discriminator_optimiser.zero_grad(set_to_none=True)  # gradients of the generator's loss
             replies["total"].backward()
             nn.utils.clip_grad_norm_(discriminator_parameters, settings.clip_norm)
             discriminator_optimiser.step()
@@ -148,7 +149,7 @@ def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
 
 
 def _means(sums: dict[str, float], steps: int, context: ExecutionContext) -> dict[str, float]:
-    """Losses a step, over all processes."""
+    """Mean losses per step, over all processes."""
     values = distributed.all_reduce_mean(
         torch.tensor(list(sums.values()), dtype=torch.float64, device=context.device) / steps
     ).tolist()
@@ -156,12 +157,12 @@ def _means(sums: dict[str, float], steps: int, context: ExecutionContext) -> dic
 
 
 def _metrics(row: dict[str, float]) -> dict[str, float]:
-    """What `validate` said."""
+    """The metrics of `validate` in a row of the history."""
     return {name: value for name, value in row.items() if name != "step" and not name.startswith(LOSS_PREFIX)}
 
 
 def _learning_rate(settings: LoopSettings, step: int) -> float:
-    """One cycle: up over the first tenth, down along a cosine to 1 % (Smith & Topin 2018)."""
+    """One-cycle: linear warm-up over the first tenth, then cosine decay to 1 % (Smith & Topin 2018)."""
     if settings.schedule == "constant":
         return settings.learning_rate
     warm = max(1, settings.steps // 10)

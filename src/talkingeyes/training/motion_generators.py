@@ -1,6 +1,6 @@
-"""Any trained model as a generator of head and gaze: one contract for networks and baselines.
+"""Trained models as generators of head and gaze behind one interface, for networks and baselines.
 
-Reads a folder of the train stage; everything that generation needs is in it (codebook, statistics of the embedding).
+A folder of the train stage contains everything that generation needs (codebook, statistics of the embedding).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from talkingeyes.training.pose_generators import PoseModelGenerator, pose_networ
 
 @runtime_checkable
 class TrainedGenerator(Protocol):
-    """Speech embedding in, S motions of head and gaze out; a seed gives the same motion alone or with others.
+    """From speech embedding to S motions of head and gaze. A seed gives the same motion in any batch.
 
-    `conditioning` is what the model can be told besides (`required_inputs`), of the whole speech.
+    `conditioning` holds the model's further inputs (`required_inputs`) for the whole speech.
     """
 
     def generate(
@@ -79,7 +79,7 @@ class BaselineGenerator:
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
-        """Draw from the bank."""
+        """Sample from the bank."""
         standardised = (embedding - self.mean) / np.maximum(self.std, 1e-6)
         out = baselines.generate(self.settings, self.bank, standardised, seeds)
         return Samples(fps, out.head.astype(np.float64), out.gaze.astype(np.float64))
@@ -91,13 +91,13 @@ class HeadThenGazeSettings(Settings):
     kind: Literal["head_then_gaze"]
     parts: tuple[Literal["head", "gaze"], ...]
     tokenizer: None
-    # The model that moves the head (any), and the one whose gaze decoder follows (`kind: speech_to_motion`).
+    # The model that generates the head (any), and the one with the gaze decoder (`kind: speech_to_motion`).
     source_models: tuple[str, str]
 
 
 @dataclass(frozen=True)
 class HeadThenGaze:
-    """One model's head, and another's gaze for it."""
+    """The head of one model, and the gaze of another for this head."""
 
     head: TrainedGenerator
     gaze: SpeechToMotion
@@ -109,7 +109,7 @@ class HeadThenGaze:
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
-        """The head first, then gaze under the same speech and head, both told the same."""
+        """Sample the head first, then gaze for the same speech and head. Both models get the same conditioning."""
         speech, head = np.array(embedding, np.float32), self.head.generate(embedding, seeds, fps, conditioning).head
         gaze = self.gaze.generate_gaze(
             torch.from_numpy(speech), torch.from_numpy(head.astype(np.float32)), seeds, conditioning
@@ -119,7 +119,7 @@ class HeadThenGaze:
 
 @dataclass(frozen=True)
 class HeadThenCanonical:
-    """One model's head, and gaze for it by canonical correlation."""
+    """The head of one model, and gaze for it by canonical correlation."""
 
     head: TrainedGenerator
     gaze: CanonicalGaze
@@ -131,7 +131,7 @@ class HeadThenCanonical:
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
-        """The head first; what differs between seeds is the head."""
+        """Sample the head first. Seeds differ only in the head."""
         head = self.head.generate(embedding, seeds, fps, conditioning).head
         return Samples(fps, head, self.gaze.generate_gaze(embedding, head))
 
@@ -150,7 +150,7 @@ def save_head_then_gaze(folder: Path, settings: HeadThenGazeSettings, head: Chec
 
 
 def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
-    """What a trained model should be given besides the embedding."""
+    """Inputs of a trained model besides the embedding."""
     if isinstance(generator, NetworkGenerator):
         return generator.network.required_inputs
     if isinstance(generator, HeadThenGaze):
@@ -161,7 +161,7 @@ def required_inputs(generator: TrainedGenerator) -> frozenset[InputName]:
 
 
 def training_speakers(generator: TrainedGenerator) -> tuple[str, ...]:
-    """The speakers whom a trained model knows by number."""
+    """The training speakers of a model with a speaker embedding, in index order."""
     if isinstance(generator, HeadThenGaze):
         return generator.gaze.speakers
     return generator.network.speakers if isinstance(generator, NetworkGenerator) else ()
@@ -173,7 +173,7 @@ def network_config(
     codebook: GazeVQVAE | None,
     network: SpeechToMotion | None = None,
 ) -> dict[str, Any]:
-    """What a network is rebuilt from; one that is told things, or hears the waveform, says what of."""
+    """The configuration that rebuilds a network, with its speakers and the architecture of a waveform encoder."""
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(channels),
@@ -194,7 +194,7 @@ def save_baseline(folder: Path, settings: BaselineSettings, bank: MotionBank, me
 
 
 def load_generator(folder: Path) -> TrainedGenerator:
-    """The model in a folder of the train stage. Raises InputError if it is missing or damaged."""
+    """Load the model of a folder of the train stage. Raises InputError if it is missing or damaged."""
     checkpoint = load(folder)
     try:
         return _generator(checkpoint)
@@ -216,7 +216,7 @@ def _generator(checkpoint: Checkpoint) -> TrainedGenerator:
 
 
 def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
-    """One of the two models in a checkpoint of both."""
+    """One of the two models of a combined checkpoint."""
     tensors = {name: tensor for name, tensor in checkpoint.tensors.items() if name.startswith(f"{part}.")}
     return Checkpoint(checkpoint.config[part], {name.removeprefix(f"{part}."): each for name, each in tensors.items()})
 

@@ -1,4 +1,4 @@
-"""Joint training of speech to head and gaze (TalkingEyes section IV-D, eq. 8 to 15), watched in free running."""
+"""Joint training of speech to head and gaze (TalkingEyes section IV-D, eq. 8 to 15), monitored in free running."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from talkingeyes.training.initialisation import init_from
 from talkingeyes.training.loop import LoopSettings
 from talkingeyes.training.windows import MotionWindowDataset, WindowSettings, statistics
 
-EQUALISER_CLIPS = 256  # clips
+EQUALISER_CLIPS = 256  # maximum number of training clips for the fit of the equaliser
 
 
 class TrainSettings(Settings):
-    """What all models of the train stage share."""
+    """Settings shared by all models of the train stage."""
 
     seed: int
 
 
 class MotionTaskSettings(SpeechToMotionSettings):
-    """A model and how it is trained."""
+    """Settings of a model and of its training."""
 
-    # A trained model whose generators this one starts with; null: from random weights.
+    # A trained model whose generators initialise this one; null: random initialisation.
     init_from: str | None
     windows: WindowSettings
     loop: LoopSettings
-    # Val clips that are generated, freely and with the model's own head, at each validation.
+    # Number of val clips generated at each validation, in free running with the model's own head.
     validation_clips: int
 
 
@@ -58,10 +58,10 @@ class MotionTask:
         conditioning_paths: ConditioningPaths | None = None,
         start: Checkpoint | None = None,
     ) -> None:
-        """`conditioning_paths`: where that lies which a model is told; `start`: the model that `init_from` names."""
+        """`conditioning_paths`: paths of the conditioning inputs; `start`: the model named by `init_from`."""
         torch.manual_seed(seed)
         self.settings = settings
-        # The first take of each val sound, as many as are watched.
+        # The first take of each val sound, up to the number of validation clips.
         self.validation_recordings = [each for each in val if each.clip.take == 0][: settings.validation_clips]
         speakers = sorted({each.clip.speaker for each in train}) if settings.conditions else []
         self.module = SpeechToMotion(settings, normaliser.channels, codebook, speakers)
@@ -96,17 +96,18 @@ class MotionTask:
         return self.module.loss_terms(self.windows.sample_batch(self.settings.loop.batch))
 
     def validate(self) -> dict[str, float]:
-        """Free running on the watched clips; the score is minus the distance from the truth's aliveness."""
+        """Free running on the validation clips; the score is the negative distance to the statistics of the truth."""
         alive = self._free_running_statistics(float(self.module.temperature))
         figures = {f"free_running/{name}": value for name, value in asdict(alive).items()}
         return {"validation_score": -alive.distance(self.truth), **figures}
 
     def truth_metrics(self) -> dict[str, float]:
-        """The same figures of the watched clips themselves."""
+        """The same statistics of the true validation clips."""
         return {f"ground_truth/{name}": value for name, value in asdict(self.truth).items()}
 
     def fit_equaliser(self) -> None:
-        """Give heads drawn for the train split the spectrum of its own, if this head has a filter for it."""
+        """Fit the head's equaliser, if it has one, to match the spectrum of sampled heads to that of the train
+        split."""
         equaliser = getattr(self.module.head, "equaliser", None)
         if not isinstance(equaliser, Equaliser):
             return
@@ -122,7 +123,7 @@ class MotionTask:
         equaliser.match([each.head for each in some], drawn)
 
     def choose_temperature(self) -> dict[str, float]:
-        """Take the temperature whose free-running motion on val is nearest to the truth's aliveness."""
+        """Set the temperature whose free-running statistics on val are nearest to those of the truth."""
         distances = {
             each: self._free_running_statistics(each).distance(self.truth) for each in self.settings.temperatures
         }

@@ -1,4 +1,4 @@
-"""Training of PGFace on the fitted faces of the train split, hanging as the head is held (head/sag.py)."""
+"""Training of PGFace on the fitted faces of the train split, with head-dependent sag (head/sag.py)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from talkingeyes.models.pgface import PGFace, PGFaceNetworkSettings
 from talkingeyes.training.checkpoint import Checkpoint
 from talkingeyes.training.loop import LoopSettings
 
-BASIS_FRAMES = 800  # that the basis of shapes is made of
-MIN_POSE_SD = 1e-6  # a number of the pose that varies by less stays as it is
+BASIS_FRAMES = 800  # approximate number of frames for the shape basis
+MIN_POSE_SD = 1e-6  # dimensions of lower spread are not scaled
 
 
 class PGFaceTaskSettings(Settings):
-    """The model and how it is trained."""
+    """Settings of the model and of its training."""
 
     kind: Literal["pgface"]
     parts: tuple[Literal["shape"], ...]
@@ -38,13 +38,13 @@ class PGFaceTaskSettings(Settings):
     poses: PoseSettings
     network: PGFaceNetworkSettings
     loop: LoopSettings
-    # Windows that a validation looks at.
+    # Number of windows of a validation.
     validation_windows: Annotated[int, Field(gt=0)]
 
 
 @dataclass(frozen=True)
 class ShapeRecording:
-    """One clip at the frame rate of poses: speech embedding, poses as the head is held, and the face's motion."""
+    """One clip at the frame rate of poses: speech embedding, absolute poses, and the motion of the face."""
 
     speech: Float[ndarray, "T C"]
     pose: Float[ndarray, "T 6"]
@@ -55,7 +55,7 @@ class ShapeRecording:
 
 
 def read_shape_recording(fit: Path, embed: Path, clip: Clip, settings: PoseSettings) -> ShapeRecording:
-    """A fitted clip; its face is resampled by straight lines."""
+    """Read a fitted clip; its face is linearly resampled."""
     found = read_poses(fit, embed, clip, settings)
     fitted = Motion.load(shard_path(fit / "motion", clip.id, ".npz"))
     frames = len(found)
@@ -76,7 +76,7 @@ def read_shape_recording(fit: Path, embed: Path, clip: Clip, settings: PoseSetti
 
 
 class PGFaceTask:
-    """Windows of 16 frames and those one frame later."""
+    """Windows of 16 frames and the same windows one frame later."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class PGFaceTask:
         return self.module.loss_terms(generated, true, generated_next, true_next)
 
     def validate(self) -> dict[str, float]:
-        """Mean distance of vertices from the fitted ones on val; the score is its negative."""
+        """Mean vertex distance from the fitted faces on val; the score is its negative."""
         speech, pose, vertices = (each.to(self.module.mean.device) for each in self.validation_windows)
         distance_mm = (self.module.shapes(self.module(speech, pose)) - vertices).norm(dim=-1) * 1000
         lower = torch.from_numpy(self.surface.lower)
@@ -133,7 +133,7 @@ class PGFaceTask:
         }
 
     def _learn_basis(self) -> None:
-        """Principal components of training shapes, each times its deviation."""
+        """Set the basis to the principal components of training shapes, each scaled by its standard deviation."""
         every = max(1, sum(map(len, self.train)) // BASIS_FRAMES)
         shapes = self.surface.shapes(np.concatenate([self._factors(each)[::every] for each in self.train]))
         mean = shapes.mean(0)
@@ -153,7 +153,7 @@ class PGFaceTask:
         return self.surface.factors(recording.motion, recording.motion.head)
 
     def _coefficients(self, recording: ShapeRecording) -> Float[Tensor, "T K"]:
-        """True shapes in the basis; what the basis lacks is left out. Both are linear in the factors."""
+        """True shapes projected onto the basis. Shapes and coefficients are linear in the factors."""
         flat = self.module.basis.flatten(1).double()
         to_coefficients = flat.T / flat.square().sum(1).clamp(min=1e-15)
         rest = torch.from_numpy(self.surface.model.template[self.surface.vertices]).double() - self.module.mean
@@ -162,7 +162,7 @@ class PGFaceTask:
         return (rest.flatten() @ to_coefficients + factors @ directions).float()
 
     def _validation_windows(self, val: Sequence[ShapeRecording]) -> tuple[Tensor, ...]:
-        """Windows of val, evenly spread, with the vertices of the frames that are told."""
+        """Evenly spread windows of val, with the true vertices of the output frames."""
         window, output_frame = self.settings.network.window, self.settings.network.output_frame - 1
         each_clip = max(1, self.settings.validation_windows // len(val))
         cuts = [
@@ -178,7 +178,7 @@ class PGFaceTask:
 def cut_windows(
     recordings: Sequence[ShapeRecording], cuts: Sequence[tuple[int, int]], window: int, shift: int
 ) -> tuple[Float[Tensor, "B W C"], Float[Tensor, "B W 6"]]:
-    """Speech and poses of windows, `shift` frames after where they are cut."""
+    """Speech and poses of windows, shifted by `shift` frames."""
     parts = [(recordings[index], slice(start + shift, start + shift + window)) for index, start in cuts]
     return (
         torch.from_numpy(np.stack([each.speech[part] for each, part in parts])),
@@ -187,7 +187,7 @@ def cut_windows(
 
 
 def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface: FaceSurface) -> dict[str, Any]:
-    """What the network is rebuilt from."""
+    """The configuration that rebuilds the network."""
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(normaliser.channels),
@@ -196,7 +196,7 @@ def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface:
 
 
 def pgface_network(checkpoint: Checkpoint) -> PGFace:
-    """The network of a checkpoint."""
+    """Load the network of a checkpoint."""
     settings = PGFaceTaskSettings.model_validate(checkpoint.config["model"])
     network = PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"])
     network.load_state_dict(checkpoint.tensors)

@@ -1,4 +1,5 @@
-"""A trained model of the head alone, in a folder of the train stage; as a generator it rests the eyes in the head."""
+"""A trained model of the head alone, loaded from a folder of the train stage; its generator keeps the eyes straight
+ahead."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from talkingeyes.training.pose_task import PoseTaskSettings
 
 @dataclass(frozen=True)
 class PoseModelGenerator:
-    """Speech embedding in, S motions of the head out, about the mean pose of the train split."""
+    """From speech embedding to S head motions around the mean pose of the train split."""
 
     network: SpeechToPose
 
@@ -31,14 +32,14 @@ class PoseModelGenerator:
         fps: float,
         conditioning: ConditioningInputs = NO_CONDITIONING,
     ) -> Samples:
-        """Each seed draws a training speaker's style; the eyes look straight ahead of the head."""
+        """Sample a random training speaker's style per seed; the eyes look straight ahead."""
         head = self.generate_heads(embedding, seeds, fps, None)
         return Samples(fps, head, np.zeros((*head.shape[:2], 2, 3)))
 
     def generate_heads(
         self, embedding: Float[ndarray, "T C"], seeds: list[int], fps: float, style: Float[ndarray, " K"] | None
     ) -> Float[ndarray, "S T 3"]:
-        """Rotation vectors at the frame rate of the embedding, in a style (shares of the training speakers')."""
+        """Rotation vectors at the frame rate of the embedding in a style (weights of the training speakers)."""
         own = self.network.settings.poses.fps
         speech = resample_linear(embedding, fps, own).astype(np.float32)
         pose = self.network.sample(speech, seeds, style) + self.network.mean_pose.numpy()
@@ -47,7 +48,7 @@ class PoseModelGenerator:
 
 
 def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: SpeechToPose) -> dict[str, Any]:
-    """What a model of the head alone is rebuilt from."""
+    """The configuration that rebuilds a model of the head alone."""
     return {
         "model": settings.model_dump(mode="json"),
         "channels": list(normaliser.channels),
@@ -56,7 +57,7 @@ def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: Spe
 
 
 def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
-    """The network of a checkpoint."""
+    """Load the network of a checkpoint."""
     config = checkpoint.config
     settings = PoseTaskSettings.model_validate(config["model"])
     network = SpeechToPose(settings, config["channels"], config["speakers"])
@@ -65,5 +66,5 @@ def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
 
 
 def _pad_or_trim(rows: Float[ndarray, "T C"], frames: int) -> Float[ndarray, "U C"]:
-    """The first frames; the last row stands for those that resampling has lost."""
+    """The first frames; the last row is repeated for frames lost in resampling."""
     return np.pad(rows[:frames], ((0, max(frames - len(rows), 0)), (0, 0)), mode="edge")

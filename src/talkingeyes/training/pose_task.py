@@ -1,7 +1,8 @@
-"""Training of a model of the head alone: windows of poses, and, for PoseGAN, a rival (Zhang et al., section 4).
+"""Training of a model of the head alone on windows of poses, for PoseGAN with a discriminator (Zhang et al., section
+4).
 
-The weights kept are those whose poses on val move most like true ones (`MovementRatios`): the paper keeps the "best
-performing" and does not say by what; by distance it would be the stillest.
+The weights kept are those whose poses on val move most like true ones (`MovementRatios`). The paper keeps the "best
+performing" weights without naming a criterion; a distance would select the stillest.
 """
 
 from __future__ import annotations
@@ -28,44 +29,44 @@ from talkingeyes.models.layers.schedules import set_trained_steps
 from talkingeyes.models.speech_to_pose import START_POSES, PoseBatch, SpeechToPose, SpeechToPoseSettings
 from talkingeyes.training.loop import LoopSettings
 
-MIN_POSE_SD = 1e-6  # a number of the pose that varies by less stays as it is
+MIN_POSE_SD = 1e-6  # dimensions of lower spread are not scaled
 
 
 class PoseWindowSettings(Settings):
     """Training windows."""
 
-    # Frames of a window and between the starts of two (the paper: 256 and 5).
+    # Frames of a window and between the starts of two windows (the paper: 256 and 5).
     frames: Annotated[int, Field(gt=1)]
     hop: Annotated[int, Field(gt=0)]
 
 
 class PoseTaskSettings(SpeechToPoseSettings):
-    """A model of the head alone and how it is trained."""
+    """Settings of a model of the head alone and of its training."""
 
     windows: PoseWindowSettings
-    # null: nothing is learnt.
+    # null: no training.
     loop: LoopSettings | None
-    # Val clips that are generated at each validation, of all speakers in turn.
+    # Number of val clips, of training speakers, generated at each validation.
     validation_clips: Annotated[int, Field(gt=0)]
 
 
 @dataclass(frozen=True)
 class MovementRatios:
-    """Mean over the six numbers of: the range of poses, of motion, and of its change, as shares of the true ones."""
+    """Spread of pose, velocity and acceleration relative to the truth, as means over the six dimensions."""
 
     range: float
     speed: float
     acceleration: float
 
     def distance(self) -> float:
-        """0 when as the truth: the sum of logarithms of the shares, above and below alike."""
+        """Distance from the truth (0 is best): the sum of absolute log ratios."""
         return sum(abs(math.log(max(each, 1e-3))) for each in asdict(self).values())
 
 
 def movement_ratios(
     generated: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
 ) -> MovementRatios:
-    """Of several clips together."""
+    """Ratios over several clips together."""
     shares = []
     for order in range(3):
         ours, theirs = (np.concatenate([np.diff(each, order, axis=0) for each in poses]) for poses in (generated, true))
@@ -74,7 +75,7 @@ def movement_ratios(
 
 
 class PoseTask:
-    """Windows of all speakers; validation by free running, chained as in use."""
+    """Windows of all training speakers; validation by free running over successive windows, as at inference."""
 
     def __init__(
         self,
@@ -92,7 +93,9 @@ class PoseTask:
             (index, start) for index, each in enumerate(train) for start in range(0, len(each) - length + 1, hop)
         ]
         if not self.window_starts:
-            raise InputError(f"no training clip has {length} frames at {settings.poses.fps:g} a second")
+            raise InputError(
+                f"windows.frames: should be at most the longest training clip, got {length} (at {settings.poses.fps:g} fps)"
+            )
         speakers = sorted({each.clip.speaker for each in train})
         self.validation_recordings = [each for each in val if each.clip.speaker in speakers][
             : settings.validation_clips
@@ -107,7 +110,7 @@ class PoseTask:
         return self.module.discriminator
 
     def losses(self, step: int) -> dict[str, Tensor]:
-        """A batch; it is kept for the rival's turn."""
+        """Losses on a new batch, which is kept for the discriminator."""
         set_trained_steps(self.module, step - 1)
         self.batch = self._draw()
         predicted = self.module.predict(self.batch)
@@ -115,11 +118,11 @@ class PoseTask:
         return predicted.loss_terms
 
     def discriminator_losses(self, step: int) -> dict[str, Tensor]:
-        """The rival's turn on the same batch."""
+        """Losses of the discriminator on the same batch."""
         return self.module.discriminator_terms(self.batch, self.generated)
 
     def validate(self) -> dict[str, float]:
-        """Free running; the score is minus the distance from how true heads move."""
+        """Free running; the score is the negative distance to the movement of true heads."""
         generated = [
             self.module.sample(each.speech, [index], self.module.style_of(each.clip.speaker))[0]
             for index, each in enumerate(self.validation_recordings)
@@ -141,7 +144,7 @@ class PoseTask:
         return PoseBatch(*(torch.from_numpy(each).to(self.module.scale.device) for each in (speech, pose, style)))
 
     def _prepare(self) -> None:
-        """Statistics, poses to start at, and what the baselines draw from."""
+        """Set statistics, start poses, and the training windows of the baselines."""
         poses = np.concatenate([each.pose for each in self.train])
         scale = np.where(poses.std(0) > MIN_POSE_SD, poses.std(0), 1.0).astype(np.float32)
         self.module.scale.copy_(torch.from_numpy(scale))
@@ -157,7 +160,7 @@ class PoseTask:
         self.module.head.set_training_windows(self._training_windows(scale))
 
     def _training_windows(self, scale: Float[ndarray, " 6"]) -> TrainingWindows:
-        """Training windows, half of one apart, and what their sound is like."""
+        """Training windows with 50 % overlap, and statistics of their speech."""
         length = self.settings.windows.frames
         sound, pose = [], []
         for each in self.train:

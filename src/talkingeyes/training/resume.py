@@ -1,8 +1,8 @@
-"""An unfinished training on disk, so that one that is killed goes on and ends in the same weights, bit for bit.
+"""State of an unfinished training on disk: an interrupted training resumes and ends with the same weights, bit for bit.
 
-Beside the outputs, e.g. data/.train-talkingeyes.resume, written whole after every validation and removed when the
-stage has ended: weights, the best so far, optimiser, generators, history. It is taken only by a training with the same
-settings, data, code and kind of machine.
+The file lies beside the outputs, e.g. data/.train-talkingeyes.resume. It is written atomically after every validation
+and removed at the end of the stage. It holds weights, best weights, optimiser, random generators and history. A
+training uses it only if settings, data, code and kind of machine are the same.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 PACKAGE = Path(__file__).resolve().parents[1]
-# The code that a training runs on; other rooms may change while it is interrupted.
+# Packages whose code a training depends on; others may change during an interruption.
 HASHED_PACKAGES = ("core", "corpus", "models", "training", "evaluation")
 
 
 @dataclass
 class TrainingState:
-    """How far a training is: its last step, a row a validation, the best score and its weights."""
+    """Progress of a training: last step, history (a row per validation), best score and its weights."""
 
     step: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
@@ -39,7 +39,7 @@ class TrainingState:
     best_weights: dict[str, Tensor] | None = None
 
     def update_best(self, score: float, weights: dict[str, Tensor]) -> None:
-        """Keep the weights of the best score (of NaN: the last)."""
+        """Keep the weights of the best score (with NaN: the last weights)."""
         if not score <= self.best_score:
             self.best_score = score
             self.best_weights = {name: tensor.clone() for name, tensor in weights.items()}
@@ -47,14 +47,14 @@ class TrainingState:
 
 @dataclass(frozen=True)
 class ResumeFile:
-    """The file of one training, and what the training is made of besides its code."""
+    """The resume file of a training, and a fingerprint of the training's settings and inputs."""
 
     path: Path
     fingerprint: str
 
     @classmethod
     def of(cls, path: Path, settings: Iterable[Any], reads: Iterable[Path]) -> ResumeFile:
-        """Of settings (anything JSON can say) and the files that stand for what is read, if they are there."""
+        """Fingerprint of settings (JSON values) and of the files that represent the inputs, if they exist."""
         digests = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else None for each in reads]
         return cls(path, json.dumps([list(settings), digests], sort_keys=True))
 
@@ -65,7 +65,7 @@ class ResumeFile:
         rng: np.random.Generator,
         discriminator_optimiser: torch.optim.Optimizer | None = None,
     ) -> TrainingState:
-        """Put everything back as it was; a new state if there is nothing to go on from."""
+        """Restore the state of all arguments; returns a new state if there is nothing to resume."""
         if not self.path.exists():
             return TrainingState()
         try:
@@ -83,7 +83,7 @@ class ResumeFile:
         if saved["noise_cuda"]:
             torch.cuda.set_rng_state_all(saved["noise_cuda"])
         rng.bit_generator.state = metadata["random"]
-        tqdm.write(f"{self.path.name}: goes on from step {metadata['step']}", file=sys.stderr)
+        tqdm.write(f"{self.path.name}: resuming from step {metadata['step']}", file=sys.stderr)
         return TrainingState(metadata["step"], metadata["history"], metadata["best_score"], saved["best_weights"])
 
     def keep(
@@ -94,7 +94,7 @@ class ResumeFile:
         rng: np.random.Generator,
         discriminator_optimiser: torch.optim.Optimizer | None = None,
     ) -> None:
-        """Write everything, whole or not at all."""
+        """Write the state atomically."""
         metadata = {
             "key": self._key(module),
             "step": state.step,
@@ -122,11 +122,11 @@ class ResumeFile:
             partial.unlink(missing_ok=True)
 
     def remove(self) -> None:
-        """The stage has ended."""
+        """Remove the file at the end of the stage."""
         self.path.unlink(missing_ok=True)
 
     def _restart(self, why: str) -> TrainingState:
-        tqdm.write(f"{self.path.name}: {why}; the training starts again", file=sys.stderr)
+        tqdm.write(f"{self.path.name}: {why}; training restarts", file=sys.stderr)
         return TrainingState()
 
     def _key(self, module: nn.Module) -> str:
@@ -134,7 +134,7 @@ class ResumeFile:
 
 
 def code_digest(module: nn.Module) -> str:
-    """A digest of the rooms, and of the files from elsewhere that parts of the module are written in."""
+    """Digest of the hashed packages, and of the files from elsewhere that define modules of the network."""
     rooms = {
         file for room in HASHED_PACKAGES for file in [PACKAGE / room, *(PACKAGE / room).rglob("*.py")] if file.is_file()
     }

@@ -1,4 +1,4 @@
-"""Random windows of recordings as training batches: any frame offset, mirrored half of the time if asked."""
+"""Random windows of recordings as training batches, at any frame offset and optionally mirrored."""
 
 from __future__ import annotations
 
@@ -23,24 +23,25 @@ from talkingeyes.training.conditioning import ConditioningProvider, WindowInputs
 
 
 class WindowSettings(Settings):
-    """What a training window is."""
+    """Settings of training windows."""
 
     # Frames of a window.
     frames: Annotated[int, Field(gt=1)]
-    # Mirror half of the windows (left and right change places): people do not differ by that, and it doubles the data.
+    # Mirror half of the windows (swap left and right). People do not differ by side, and it doubles the data.
     mirror: bool
 
 
 @dataclass(frozen=True)
 class MotionStatistics:
-    """One mean a number and one scale for all (LEARNING: rotation z of the eyes is constant)."""
+    """One mean per dimension and one scale for all (rotation z of the eyes is constant, so it has no scale of its
+    own)."""
 
     mean: Float[ndarray, " F"]
     scale: float
 
 
 def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
-    """Mean a number, and the root mean square deviation of the numbers that vary."""
+    """Mean per dimension, and the root mean square of the standard deviations of the dimensions that vary."""
     mean = frames.mean(0)
     deviation = (frames - mean).std(0)
     varying = deviation[deviation > 1e-4]
@@ -49,7 +50,7 @@ def statistics(frames: Float[ndarray, "N F"]) -> MotionStatistics:
 
 @dataclass(frozen=True)
 class Window:
-    """A recording, frames of it, and whether they are mirrored."""
+    """Index of a recording, a range of its frames, and whether they are mirrored."""
 
     index: int
     frames: slice
@@ -57,7 +58,7 @@ class Window:
 
 
 class WindowSampler:
-    """Draws windows of clips of so many frames. Clips shorter than a window are left out; a long clip gives more."""
+    """Samples windows of clips of given lengths, in proportion to length. Clips shorter than a window are excluded."""
 
     def __init__(self, lengths: Int[ndarray, " M"], settings: WindowSettings, seed: int) -> None:
         """Raises InputError if no clip is long enough."""
@@ -65,12 +66,12 @@ class WindowSampler:
         self.long_enough = np.flatnonzero(lengths >= settings.frames)
         if not len(self.long_enough):
             raise InputError(
-                f"no training clip has {settings.frames} frames, the longest has {lengths.max()}: shorten the window"
+                f"windows.frames: should be at most {lengths.max()} (the longest training clip), got {settings.frames}"
             )
         self.probabilities = lengths[self.long_enough] / lengths[self.long_enough].sum()
 
     def sample_batch(self, batch: int) -> list[Window]:
-        """A batch of windows; of several processes, each draws the same batch and takes its own share of it."""
+        """Sample a batch of windows. All processes sample the same batch and take their own rows."""
         chosen = self.rng.choice(self.long_enough, batch, p=self.probabilities)
         return distributed.local_rows([self._sample_window(int(index)) for index in chosen])
 
@@ -81,7 +82,7 @@ class WindowSampler:
 
 
 class MotionWindowDataset:
-    """Draws batches from recordings of head and gaze, with what a teller says of them."""
+    """Samples batches from recordings of head and gaze, with their conditioning inputs."""
 
     def __init__(
         self,
@@ -95,7 +96,7 @@ class MotionWindowDataset:
         self.rng = self.window_sampler.rng
 
     def sample_batch(self, batch: int) -> MotionBatch:
-        """A batch of windows."""
+        """Sample a batch of windows."""
         window_sampler = self.window_sampler.sample_batch(batch)
         speech, head, gaze = zip(*map(self._slice_window, window_sampler), strict=True)
         conditioning = (
