@@ -94,7 +94,8 @@ class PoseTask:
         ]
         if not self.window_starts:
             raise InputError(
-                f"windows.frames: should be at most the longest training clip, got {length} (at {settings.poses.fps:g} fps)"
+                f"windows.frames: should be at most the longest training clip, got {length} "
+                f"(at {settings.poses.fps:g} fps)"
             )
         speakers = sorted({each.clip.speaker for each in train})
         self.validation_recordings = [each for each in val if each.clip.speaker in speakers][
