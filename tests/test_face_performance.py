@@ -196,7 +196,7 @@ def test_what_is_not_there_is_refused_in_one_line():
         felt("happy", 4)
     with pytest.raises(InputError, match=r"^speaker: should be one of ann, ben or none for their mean, got carl$"):
         perform(Controls(face=felt("happy", 2, "carl")))
-    with pytest.raises(InputError, match=r"model of the face \(probtalk3d\), got none$"):
+    with pytest.raises(InputError, match=r"without a face model \(probtalk3d\), got one of them$"):
         perform(Controls(face=felt("happy")), WITHOUT_FACE)
     with pytest.raises(InputError, match=r"^parts: should be among head, gaze, blinks, face, got ears$"):
         PartOverrides(("ears",))
@@ -221,7 +221,7 @@ def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
     (tmp_path / "probtalk3d").rmdir()
     assert find_face_model(tmp_path / "talkingeyes") is None
     (tmp_path / "talkingeyes" / "config.json").write_text('{"model": {"parts": ["head", "gaze"]}}')
-    with pytest.raises(InputError, match="should be a model of the face, such as probtalk3d"):
+    with pytest.raises(InputError, match="should be a face model, such as probtalk3d"):
         FaceAnimator.load(tmp_path / "talkingeyes", EmbedSettings.model_validate(compose()["embed"]), ENCODER)
 
 
