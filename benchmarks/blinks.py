@@ -1,10 +1,10 @@
-"""Blinks that `fit` finds on the real clips against those that a person counted, frame by frame, on their pictures.
+"""Blinks detected by `fit` on the real clips, compared with blinks counted by hand, frame by frame.
 
-`blinks_by_eye.csv` beside this file names the moments: `whole` where the lids cover the pupil, `incomplete` where they
-fall and rise without; those count neither as right nor as wrong, nor do winks and narrowed eyes count as blinks.
+`blinks_by_eye.csv` beside this file lists the times: `whole` if the lids cover the pupil, `incomplete` if they fall and
+rise without doing so. Incomplete blinks count neither as right nor as wrong; winks and narrowed eyes are not blinks.
 
 Run     python -m pipelines.real_videos VIDEOS && python -m benchmarks.blinks
-Reads   build/real/corpus, as pipelines/real_videos.py leaves it
+Reads   build/real/corpus, as written by pipelines/real_videos.py
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from talkingeyes.orchestration.run import configure_environment
 
 ROOT = Path("build/real/corpus")
 MANUAL_BLINKS = Path(__file__).with_name("blinks_by_eye.csv")
-TOLERANCE_S = 0.1  # a moment this far outside of a blink still belongs to it
+TOLERANCE_S = 0.1  # tolerance between a manual time and a detected blink
 
 
 @dataclass(frozen=True)
 class BlinkCounts:
-    """Of one clip: blinks found, those that hold a whole or an incomplete one, and whole ones, all and found."""
+    """Counts of one clip: detected, those with a whole or only an incomplete blink; whole ones, those detected."""
 
     seconds: float
     found: int
@@ -39,7 +39,7 @@ class BlinkCounts:
 
 
 def manual_blinks() -> dict[str, list[tuple[float, str]]]:
-    """Moment and kind of every counted blink, by video."""
+    """Time and kind of every manually counted blink, by video."""
     counted = defaultdict(list)
     with MANUAL_BLINKS.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -48,7 +48,7 @@ def manual_blinks() -> dict[str, list[tuple[float, str]]]:
 
 
 def compare_blinks(spans_s: list[tuple[float, float]], moments: list[tuple[float, str]], seconds: float) -> BlinkCounts:
-    """Found spans against counted moments, both in seconds of the clip."""
+    """Compare detected spans with manual times, both in seconds of the clip."""
     holds = [
         {kind for time_s, kind in moments if start_s - TOLERANCE_S <= time_s <= stop_s + TOLERANCE_S}
         for start_s, stop_s in spans_s
@@ -61,7 +61,7 @@ def compare_blinks(spans_s: list[tuple[float, float]], moments: list[tuple[float
 
 
 def main() -> None:
-    """Print a line a clip, and the whole."""
+    """Print a line per clip, and the totals."""
     if not (ROOT / "clips.parquet").exists():  # make bench, without videos
         print(f"blinks: no tracked clips in {ROOT} (python -m pipelines.real_videos VIDEOS), nothing to measure")
         return
@@ -90,7 +90,7 @@ def main() -> None:
 
 
 def pooled(counts: Iterable[BlinkCounts]) -> BlinkCounts:
-    """The sums."""
+    """Sum the counts."""
     return BlinkCounts(*(sum(values) for values in zip(*(vars(count).values() for count in counts), strict=True)))
 
 

@@ -1,6 +1,7 @@
-"""What each fault of the camera costs the fit: Table VIII, head and blinks, one parameter of `synthesize` at a time.
+"""Effect of each camera corruption on the fit: Table VIII, head and blinks, one parameter of `synthesize` at a time.
 
-The takes are of sketched talk (no sound is spoken); seeds are fixed, so a row differs from the first by its parameter.
+The takes are those of sketched clips (without speech synthesis). Seeds are fixed, so a row differs from the first only
+by its parameter.
 
 Run     python -m benchmarks.camera_faults [CLIPS]      (32 by default: about half a minute)
 Reads   conf/ (synthesize=default, fit=default)
@@ -30,7 +31,7 @@ CHANGES: dict[str, tuple[str, ...]] = {
     "as in default": (),
     "all heads alike": ("camera.identity_std=0",),
     "heads twice as different": ("camera.identity_std=0.3",),
-    "camera .4 m away": ("camera.distance_min_m=0.4", "camera.distance_max_m=0.4"),
+    "camera 0.4 m away": ("camera.distance_min_m=0.4", "camera.distance_max_m=0.4"),
     "camera 4 m away": ("camera.distance_min_m=4", "camera.distance_max_m=4"),
     "3 occlusions a minute": ("noise.occlusion.rate_per_min=3",),
     "10 occlusions a minute": ("noise.occlusion.rate_per_min=10",),
@@ -43,7 +44,7 @@ CHANGES: dict[str, tuple[str, ...]] = {
 
 
 def takes(count: int) -> list[Take]:
-    """One take each of `count` people."""
+    """Sample one take for each of `count` speakers."""
     drawn = []
     for number in range(count):
         rng = np.random.default_rng([1, number])
@@ -52,7 +53,7 @@ def takes(count: int) -> list[Take]:
 
 
 def fitted(drawn: list[Take], section: dict[str, Any], settings: FitSettings) -> list[FitEvaluation]:
-    """Verdicts on the fit of all takes as a camera of this section sees them."""
+    """Evaluate the fit of all takes as observed by the camera of this section."""
     camera, noise = CameraSettings(**section["camera"]), NoiseSettings(**section["noise"])
     evaluations = []
     for number, take in enumerate(drawn):

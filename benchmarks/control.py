@@ -1,12 +1,12 @@
-"""How well a performance does what it is asked: targets, eye contact, dials, styles, dialogue, and windows unseen.
+"""Accuracy of controls: targets, eye contact, liveliness, styles, dialogue; and visibility of encoder windows.
 
-The packaged recording (44 s) is performed by the default model; the dialogue is its sentences dealt to two people, or
-sounds that are named, two people's in turn. All is measured in the motion that comes out. Windows: the speed of head
-and gaze about the seams of the encoder's windows over that elsewhere; with the same sound in one window, at the same
-places, for comparison.
+The packaged recording (44 s) is animated by the default model. The dialogue consists of its parts, assigned to two
+people in turn, or of the given sounds, also in turn. Everything is measured on the generated motion. Windows: the speed
+of head and gaze around the seams of the encoder's windows relative to the speed elsewhere, compared with the same ratio
+around equally spaced times between the seams.
 
 Run     python -m benchmarks.control [FOLDER OF A MODEL [SOUND SOUND ...]]   (make bench, after make repro; a minute)
-Reads   data/train/talkingeyes, or the folder that is named; sounds: the dialogue's, and only that is measured
+Reads   data/train/talkingeyes, or the given folder; with sounds, only the dialogue is measured
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ SEAM_S = 0.5
 
 
 def made(animator: Animator, speech: np.ndarray, asked: Controls = PLAIN, fps: float = 25.0) -> list[Animation]:
-    """Performances of embedded speech."""
+    """Generate animations of embedded speech."""
     return animator.generate_from_embedding(speech, SAMPLES, 0, fps, asked)
 
 
 def targets(animator: Animator, speech: np.ndarray) -> None:
-    """Gaze is at each place for two seconds of every five."""
-    print("targets: degrees by which each eye's line of sight misses from 0.8 s on; degrees of vergence; peak speed")
-    print("place      fps   miss (mean, 99 %)   vergence (asked, got)   first within 1 deg, s   peak over law")
+    """Print the accuracy of gaze at targets, each for two of every five seconds."""
+    print("targets: error of each eye's line of sight from 0.8 s on, degrees; vergence, degrees; peak speed")
+    print("target     fps   error (mean, 99 %)  vergence (set, measured)  first within 1 deg, s  peak / main sequence")
     for name, place in TARGETS_M.items():
         for fps in (25.0, 120.0):
             track = TargetTrack(tuple(Target(t, t + 2.0, name) for t in np.arange(1.0, 40.0, 5.0)), {name: place})
@@ -115,7 +115,7 @@ def _peak(each: object, speed: np.ndarray, fps: float) -> float:
 
 
 def eye_contact(animator: Animator, speech: np.ndarray) -> None:
-    print("\neye contact: asked, measured (mean, least, most of the samples), saccades a second, their mean degrees")
+    print("\neye contact: set, measured (mean, range over samples), saccades per second, mean amplitude in degrees")
     for asked in (None, 0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
         animations = made(animator, speech, Controls(eye_contact=asked))
         shares = [_share(each.motion) for each in animations]
@@ -140,7 +140,9 @@ def _size_deg(animations: list[Animation]) -> float:
 
 
 def dials(animator: Animator, speech: np.ndarray) -> None:
-    print("\nliveliness: dial; head deg/s; saccades: mean degrees, a second; gaze SD (yaw, pitch); blinks a minute")
+    print(
+        "\nliveliness: factor; head deg/s; saccades: mean degrees, per second; gaze SD (yaw, pitch); blinks per minute"
+    )
     for dial in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):
         animations = made(animator, speech, Controls(liveliness=Liveliness(dial, dial, dial)))
         speed = np.mean([head_speed_deg_s(each.motion.head, 25.0).mean() for each in animations])
@@ -154,16 +156,16 @@ def dials(animator: Animator, speech: np.ndarray) -> None:
 
 
 def styles(animator: Animator, speech: np.ndarray) -> None:
-    """The kept speakers: how far the habits of performances are from theirs, by what is asked."""
+    """Print the distance of the style of animations from that of each training speaker, by kind of control."""
     asked: dict[str, Callable[[str], Controls]] = {
-        "somebody": lambda name: PLAIN,
-        "as the person": lambda name: Controls(person=name),
-        "in the style": lambda name: Controls(style=name),
+        "random": lambda name: PLAIN,
+        "person": lambda name: Controls(person=name),
+        "style": lambda name: Controls(style=name),
     }
     names = list(animator.speaker_styles)
     kept = np.array([_numbers(motion_style) for motion_style in animator.speaker_styles.values()])
     spread = kept.std(axis=0)
-    print(f"\nstyles of {len(names)} speakers: mean distance of a performance's habits from the speaker's")
+    print(f"\nstyles of {len(names)} speakers: mean distance of an animation's style from the speaker's")
     print(
         "               head mean  head SD  gaze mean  gaze SD (degrees)  saccades/min  blinks/min  right one nearest"
     )
@@ -179,7 +181,7 @@ def styles(animator: Animator, speech: np.ndarray) -> None:
 
 
 def _line(numbers: np.ndarray) -> str:
-    """Degrees, a mean of each kind; and the two rates."""
+    """Mean absolute difference in degrees for each kind of angle, and for the two rates."""
     degrees = " ".join(f"{numbers[part].mean():6.2f}  " for part in np.split(np.arange(10), (3, 6, 8)))
     return f"{degrees}            {numbers[10]:6.1f}       {numbers[11]:6.1f}"
 
@@ -199,8 +201,10 @@ def _numbers(motion_style: MotionStyle) -> np.ndarray:
 def dialogue(animator: Animator, sounds: list[np.ndarray]) -> None:
     one, other = _dealt(sounds)
     heard = detect_turns(one, other)
-    print("\ndialogue, and the same sound alone, all people: eye contact and head speed (deg/s) in the own, in the")
-    print("partner's turns; blinks a minute .25 to .5 s after the partner's phrases end, and else in those turns")
+    print(
+        "\ndialogue, and the same sound without partner, all people: eye contact and head speed (deg/s) in own and in"
+    )
+    print("partner turns; blinks per minute 0.25 to 0.5 s after the partner's phrases end, and else in those turns")
     for name, partner in (("dialogue", other), ("alone", None)):
         asked = [Controls(person=person, partner=partner) for person in animator.speaker_styles]
         animations = [each for ask in asked for each in animator.perform(one, SAMPLES, 0, 25.0, ask)]
@@ -210,7 +214,7 @@ def dialogue(animator: Animator, sounds: list[np.ndarray]) -> None:
 
 
 def _dealt(said: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """What two people say in turn, as a channel each."""
+    """Assign sounds to two people in turn, as one channel each."""
     sounds: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for index, sound in enumerate(said):
         part = np.append(sound, np.zeros(int(PAUSE_S * SAMPLE_RATE)))
@@ -246,13 +250,13 @@ def _part(motion: Motion, mask: np.ndarray) -> Motion:
 
 
 def windows(animator: Animator, speech: np.ndarray) -> None:
-    """Seams against elsewhere, and against the same places when the windows lie elsewhere."""
+    """Print the speed at seams relative to elsewhere, and the same for equally spaced times between seams."""
     sound = np.tile(speech, 5)
     seams_s = [(start + SAMPLE_RATE) / SAMPLE_RATE for start in window_starts(len(sound), 160_000, 32_000)[1:]]
     animations = made(animator, animator.encoder(sound, animator.fps))
     print(
         f"\nwindows: {len(seams_s)} seams in {len(sound) / SAMPLE_RATE:.0f} s; speed within {SEAM_S} s of them over"
-        " elsewhere (1: not seen), and the least and most of that about places as far apart"
+        " elsewhere (1: invisible), and the range of this ratio around equally spaced times"
     )
     for name, speed_of in (("head", _head_speed), ("gaze", _gaze_speed), ("head, change of speed", _head_jerk)):
         speed = np.array([speed_of(each.motion) for each in animations])
@@ -282,7 +286,7 @@ def _head_jerk(motion: Motion) -> np.ndarray:
 
 
 def main() -> None:
-    """All tables, or that of a dialogue whose turns are named."""
+    """Print all tables, or only that of a dialogue if sounds are given."""
     model, *sounds = sys.argv[1:] or [str(MODEL)]
     animator = Animator.load(Path(model))
     if sounds:

@@ -1,4 +1,4 @@
-"""What Corr. catches: the critics of a finished chain on true motion made wrong in known ways.
+"""Sensitivity of Corr.: the critics of a finished chain on corrupted true motion.
 
 Run     python -m benchmarks.corr [DATA]     (the data folder of a finished chain: `data` by default; half a minute)
 Writes  docs/corr.md
@@ -25,25 +25,26 @@ from talkingeyes.orchestration.run import configure_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 BOOTSTRAP = BootstrapSettings(n_resamples=1000, confidence_level=0.95, seed=0)
-PAGE = """# What Corr. catches
+PAGE = """# Which corruptions Corr. detects
 
-Made by `python -m benchmarks.corr`: the {sounds} test and unseen sounds of the default corpus, a true take of each,
-judged by the critics of the chain as it is (column *true*, the cosine itself) and with the faults of
-[validation.md](validation.md). A cell is how far Corr. moves from the truth's, in half widths of the 95 % interval over
-sounds of that difference, negative where it falls: **bold** where the fault is told from the truth. Corr. is read as a
-distance to the truth's, so a rise is a fault too.
+Written by `python -m benchmarks.corr` for the {sounds} test and unseen sounds of the default corpus. One true take of
+each is evaluated by the critics of the chain, unchanged (column *true*, the cosine itself) and with the corruptions of
+[sensitivity.md](sensitivity.md). A cell is the change of Corr. relative to the truth, in half widths of the 95 %
+interval of that difference over sounds, negative if Corr. falls. **Bold** cells are detected corruptions. Corr. is read
+as a distance to the truth's, so an increase is an error too.
 
 {table}
 
-- A frozen face has a Corr. too: the level of a cosine says nothing. Corr. less Corr. under other sounds of the speaker
-  (`_advantage`) is 0 without a tie to the sound.
-- The timing (*late*) and whose motion it is (*swapped*) are what Corr. is there for. A fault that keeps the timing,
-  as a wrong size or a mirror, it need not see; the measures of [validation.md](validation.md) do.
+- A frozen face also has a Corr.: the value of a cosine alone means nothing. Corr. minus Corr. under other sounds of the
+  speaker (`_minus_shuffled`) is 0 if motion does not depend on the sound.
+- Corr. measures timing (*late*) and the match of motion and speaker (*swapped*). It does not have to detect corruptions
+  that keep the timing, such as a wrong amplitude or a mirrored motion; the metrics of [sensitivity.md](sensitivity.md)
+  do.
 """
 
 
 def main(data: Path) -> None:
-    """Print the page and write it."""
+    """Write the page and print it."""
     corpus = Corpus(data / "synthesize")
     clips = [clip for clip in corpus.select("test", "unseen") if clip.take == 0]
     true = [_true(corpus, clip) for clip in clips]
@@ -70,7 +71,7 @@ def _true(corpus: Corpus, clip: Clip) -> Behaviour:
 
 
 def _speech(data: Path, corpus: Corpus, clip: Clip) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The sound as the critics hear it, and two others of the speaker."""
+    """Speech features of the sound, and of two other sounds of the speaker."""
     others = sorted({each.sound for each in corpus.clips if each.speaker == clip.speaker} - {clip.sound})
     chosen = np.random.default_rng([*clip.id.encode()]).permutation(len(others))[:2]
     names = [clip.sound, *(others[index] for index in chosen)]

@@ -1,7 +1,7 @@
-"""How well the detectors find known events, and how fast they are: the first tables of docs/detectors.md.
+"""Accuracy and speed of the event detectors: the first tables of docs/detectors.md.
 
-The events are those of the synthetic corpus. Its takes are drawn again, which gives the same events and lets them be
-rendered at any frame rate; the motion that was fitted to what a camera saw of them comes as it is.
+The events are those of the synthetic corpus. Its takes are sampled again, which gives the same events and allows
+rendering at any frame rate. Fitted motion is used as it is in the corpus.
 
 Run     python -m benchmarks.detectors [CLIPS]     (make bench, after make repro)
 Reads   data/synthesize, data/fit, params.yaml
@@ -42,7 +42,7 @@ from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.take import Take, sample_take
 
 RATES = (25.0, 30.0, 60.0, 120.0, 250.0, 500.0)
-NOISE_DEG = 0.2  # of the noisy rows, white, in each axis and frame
+NOISE_DEG = 0.2  # of the noisy rows: white, per axis and frame
 SACCADE_CLASSES_DEG = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 40.0)
 AVERSION_TOLERANCE_S = 0.3
 BLINK_CLASSES = (0.4, 0.6, 0.9, 1.01)
@@ -52,7 +52,7 @@ SACCADE_TOLERANCE_S, FIXATION_TOLERANCE_S, BLINK_TOLERANCE_S, HEAD_TOLERANCE_S =
 
 @dataclass(frozen=True)
 class RegeneratedClip:
-    """A clip of the corpus, its take drawn again, and its fitted motion."""
+    """A clip of the corpus, its take sampled again, and its fitted motion."""
 
     clip: Clip
     take: Take
@@ -63,14 +63,14 @@ class RegeneratedClip:
         return self.take.motion(fps, int(self.clip.seconds * fps))
 
     def without_head_sway(self, fps: float) -> Motion:
-        """The same, but the head does nothing besides its listed movements."""
+        """The same with no head motion except the listed movements."""
         still = Sinusoids(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
         continuous_motion = replace(self.take.continuous_motion, head_drift=still, head_speech_motion=still)
         return replace(self.take, continuous_motion=continuous_motion).motion(fps, int(self.clip.seconds * fps))
 
 
 def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
-    """The first clips of the corpus; a take drawn again has the events that the corpus holds."""
+    """The first clips of the corpus; a take sampled again has the same events as in the corpus."""
     settings = workspace.settings("synthesize", plan.SynthesizeSettings)
     sounds = {sound.id: sound for sound in plan.sounds(settings)}
     corpus = Corpus(workspace.corpus)
@@ -89,14 +89,14 @@ def load(workspace: Workspace, count: int) -> list[RegeneratedClip]:
 
 
 def gaze_of(motion: Motion) -> np.ndarray:
-    """Gaze in space of both eyes together."""
+    """Cyclopean gaze in space."""
     return rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze))
 
 
 def by_class(
     found_s: np.ndarray, known_s: np.ndarray, size: np.ndarray, edges: Sequence[float], tolerance_s: float
 ) -> np.ndarray:
-    """How many known events of each class of size are found, and how many there are: an array (2, classes)."""
+    """Detected and total known events per size class: an array (2, classes)."""
     hit = np.zeros(len(known_s), bool)
     hit[match_events(found_s, known_s, tolerance_s).known] = True
     return np.stack([np.histogram(size[hit], edges)[0], np.histogram(size, edges)[0]])
@@ -112,7 +112,7 @@ def row(name: str, total: DetectionCounts, classes: np.ndarray | None = None) ->
 
 
 def print_header(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> None:
-    """Print the head of a table of rows."""
+    """Print the header of a table of rows."""
     classes = [f"recall {low:g}-{high:g}{unit}" for low, high in pairwise(edges)]
     names = [kind, "precision", "recall", "F1", "onset error ms", "its IQR", *classes]
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
@@ -121,9 +121,9 @@ def print_header(kind: str, edges: Sequence[float] = (), unit: str = " deg") -> 
 def saccade_row(
     name: str, regenerated: Iterable[RegeneratedClip], motion_of: Callable[[RegeneratedClip], Motion], noise: bool
 ) -> str:
-    """Saccades against the true ones, of which those under a degree count as known only if they are found.
+    """Score detected saccades; undetected true saccades below a degree are ignored.
 
-    What starts in a frame that does not count, or at the very ends of a clip, is left out on both sides.
+    Saccades that start in an invalid frame, or at the ends of a clip, are excluded on both sides.
     """
     total, classes = DetectionCounts(), np.zeros((2, len(SACCADE_CLASSES_DEG) - 1), int)
     rng = np.random.default_rng(0)
@@ -161,7 +161,7 @@ def _counts(times_s: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def print_saccades(regenerated: list[RegeneratedClip]) -> None:
-    """Saccades by frame rate, with noise, and in fitted motion."""
+    """Print saccade scores by frame rate, with noise, and in fitted motion."""
     print_header("saccades", SACCADE_CLASSES_DEG)
     for name, motion_of in _truths(RATES):
         print(saccade_row(name, regenerated, motion_of, noise=False))
@@ -177,7 +177,7 @@ def print_saccades(regenerated: list[RegeneratedClip]) -> None:
 
 
 def print_false_positives(regenerated: list[RegeneratedClip]) -> None:
-    """Where the saccades that are found in fitted motion and are not true ones lie."""
+    """Print where the false positives in fitted motion are."""
     at_blinks = near = elsewhere = 0
     for each in regenerated:
         found = detect_saccades(gaze_of(each.fitted), each.fitted.fps, each.fitted.valid)
@@ -189,20 +189,20 @@ def print_false_positives(regenerated: list[RegeneratedClip]) -> None:
             near += not blink and np.abs(onset - time_s).min() < 0.2
             elsewhere += not blink and np.abs(onset - time_s).min() >= 0.2
     print(
-        f"\nfalse ones in fitted motion: {at_blinks} within 0.1 s of a blink, {near} of the others within 0.2 s of"
+        f"\nfalse positives in fitted motion: {at_blinks} within 0.1 s of a blink, {near} of the others within 0.2 s of"
         f" a true saccade, {elsewhere} elsewhere"
     )
 
 
 def _fitted_between_blinks(each: RegeneratedClip) -> Motion:
-    """Fitted motion whose frames within a tenth of a second of a found blink do not count."""
+    """Fitted motion with frames within 0.1 s of a detected blink marked invalid."""
     found = detect_blinks(each.fitted.lid, each.fitted.fps, each.fitted.valid)
     hidden = event_mask(found.onset_s - 0.1, found.offset_s + 0.1, each.fitted.fps, len(each.fitted))
     return replace(each.fitted, valid=each.fitted.valid & ~hidden)
 
 
 def print_blinks(regenerated: list[RegeneratedClip]) -> None:
-    """Blinks by frame rate and in fitted motion, by depth."""
+    """Print blink scores by frame rate and in fitted motion, by depth."""
     print_header("blinks", BLINK_CLASSES, unit=" closed")
     ends = []
     for name, motion_of in [*_truths((25.0, 60.0, 120.0, 500.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
@@ -210,7 +210,7 @@ def print_blinks(regenerated: list[RegeneratedClip]) -> None:
         for each in regenerated:
             motion = motion_of(each)
             found = detect_blinks(motion.lid, motion.fps, motion.valid)
-            # A blink that an end of the clip cuts is none of either side's.
+            # blinks cut by an end of the clip are excluded on both sides
             latest_s = motion.seconds - 0.4
             events = [event for event in each.take.events.blinks if 0.1 <= event.onset_s < latest_s]
             onset, depth = np.array([(event.onset_s, event.depth) for event in events]).reshape(-1, 2).T
@@ -230,7 +230,7 @@ def _truths(rates: Sequence[float]) -> Iterator[tuple[str, Callable[[Regenerated
 
 
 def print_head_moves(regenerated: list[RegeneratedClip]) -> None:
-    """Head movements by the middle of each: alone, in the unrest of a speaking head, and by chance."""
+    """Print head movement scores by midpoint: listed movements alone, with speech motion, and by chance."""
     print_header("head movements (time: their middle)", HEAD_CLASSES_DEG)
     for fps in (25.0, 120.0):
         print(
@@ -250,7 +250,7 @@ def head_row(
     motion_of: Callable[[RegeneratedClip], Motion],
     shift_s: float = 0.0,
 ) -> str:
-    """Found movements, moved on round the clip by `shift_s`, against the listed ones of a degree or more."""
+    """Score detected movements, shifted cyclically by `shift_s`, against the listed ones of at least a degree."""
     total, classes = DetectionCounts(), np.zeros((2, len(HEAD_CLASSES_DEG) - 1), int)
     for each in regenerated:
         motion = motion_of(each)
@@ -268,7 +268,7 @@ def head_row(
 
 
 def print_states(regenerated: list[RegeneratedClip]) -> None:
-    """Gaze states: frames and starts of aversions against the states that the take was made of."""
+    """Print gaze state scores: frames and starts of aversions against the states of the take."""
     names = [
         "gaze states",
         "frames agree",
@@ -280,14 +280,14 @@ def print_states(regenerated: list[RegeneratedClip]) -> None:
     names += ["starts: precision", "recall", "error ms", "its IQR"]
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
-        print(states_row(f"{name}, partner told", regenerated, motion_of, told=True))
+        print(states_row(f"{name}, partner given", regenerated, motion_of, told=True))
         print(states_row(f"{name}, partner estimated", regenerated, motion_of, told=False))
 
 
 def states_row(
     name: str, regenerated: Iterable[RegeneratedClip], motion_of: Callable[[RegeneratedClip], Motion], told: bool
 ) -> str:
-    """A row of the table of gaze states; clips in which the partner is not seen once are left out."""
+    """A row of the table of gaze states; clips without gaze at the partner are excluded."""
     found, known, off_deg, starts = [], [], [], DetectionCounts()
     for each in regenerated:
         motion = motion_of(each)
@@ -322,7 +322,7 @@ def states_row(
 
 
 def print_fixations(regenerated: list[RegeneratedClip]) -> None:
-    """Fixations, between saccades and by I-DT, against what lies between true saccades of a degree or more."""
+    """Print fixation scores of both detectors against intervals between true saccades of at least a degree."""
     print_header("fixations")
     lengths = []
     for name, motion_of in [*_truths((25.0, 120.0)), ("fitted, 25 fps", lambda each: each.fitted)]:
@@ -346,7 +346,7 @@ def print_fixations(regenerated: list[RegeneratedClip]) -> None:
 
 
 def print_speed(regenerated: list[RegeneratedClip]) -> None:
-    """CPU time of all detectors together, gaze in space included, on one core."""
+    """Print the CPU time of all detectors together, including gaze in space, on one core."""
     print("\n| fps | ms for 10 s | times real time |\n|---|---|---|")
     for fps in (25.0, 120.0, 500.0):
         motions = [each.motion(fps) for each in regenerated[:20]]

@@ -1,7 +1,7 @@
-"""How fast the default speech encoder is, how that grows with the sound, and what memory it takes.
+"""Speed, scaling and memory of the default speech encoder.
 
-The packaged recording is repeated to 10 s, 1 min and 10 min; each length is encoded in a process of its own. Printed
-are CPU seconds per 10 s of sound (one thread), how they grow, and peak memory beyond the sound and the features.
+The packaged recording is repeated to 10 s, 1 min and 10 min, and each length is encoded in a separate process. Prints
+CPU seconds per 10 s of sound (one thread), their growth, and peak memory beyond the sound and the features.
 
 Run     python -m benchmarks.encoder     (make bench)
 Reads   conf/ (embed=default)
@@ -42,7 +42,7 @@ def default_settings() -> EmbedSettings:
 
 
 def measure(settings: EmbedSettings, seconds: int) -> Cost:
-    """Encode so many seconds of speech, after a warm-up."""
+    """Encode `seconds` of speech after a warm-up."""
     encoder = make_encoder(settings)
     speech = read_speech(package_file(EXAMPLE_SPEECH))
     sound = np.tile(speech, seconds * 16_000 // len(speech) + 1)[: seconds * 16_000]
@@ -55,10 +55,10 @@ def measure(settings: EmbedSettings, seconds: int) -> Cost:
 
 
 def main() -> None:
-    """Each length in a process of its own, so that peaks do not mix."""
+    """Measure each length in a separate process, so that memory peaks do not mix."""
     configure_environment()
     spawn = multiprocessing.get_context("spawn")
-    with spawn.Pool(1) as pool:  # apart, for a process begins with the peak of the one that starts it
+    with spawn.Pool(1) as pool:  # in a process of its own, because a process inherits the peak of its parent
         settings = pool.apply(default_settings)
     print("sound (s)   CPU s per 10 s   x real time   peak MiB beyond sound and features")
     measured = {}

@@ -2,10 +2,10 @@
 
 Run     python -m benchmarks.evaluate_speed [CLIPS ...]
 
-The corpus holds a few people, rendered once and linked under many names. Every count runs in its own process, with one
-motion and with ten samples a sound. Speed is seconds of evaluated motion per CPU second, without the reference motion,
-which is measured too; then without the start of the process and the resamples; then with the reference counted. Memory
-is the peak of the process.
+The corpus contains few different motions, linked under many names. Every count runs in a separate process, with one
+motion and with ten samples per sound. Speed is seconds of evaluated motion per CPU second: first without counting the
+reference motion, which is evaluated too; then also without start-up and resampling; then with the reference counted.
+Memory is the peak of the process.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SAMPLES = (1, 10)
 
 
 def person(seed: int) -> Motion:
-    """A second's worth of saccades a second, and a head that sways."""
+    """A motion with a saccade every 0.8 s and a swaying head."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(SECONDS * FPS)) / FPS
     chain, gaze = [], np.zeros(2)
@@ -45,7 +45,7 @@ def person(seed: int) -> Motion:
 
 
 def make(root: Path, count: int, samples: int) -> None:
-    """A corpus of linked clips, and samples of each."""
+    """Create a corpus of linked clips, and samples of each."""
     made = [root / f"{seed}.npz" for seed in range(PEOPLE)]
     for seed, path in enumerate(made):
         person(seed).save(path)
@@ -71,7 +71,7 @@ def child(root: Path) -> None:
 
 
 def main() -> None:
-    """A line a count of samples and clips."""
+    """Print a line per number of samples and clips."""
     titles = f"{'samples':>7} {'clips':>7} {'CPU s':>7} {'x real time':>12} {'without start':>14} {'all':>6}"
     print(f"{titles} {'peak MB':>8}")
     for samples in SAMPLES:

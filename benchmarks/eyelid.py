@@ -1,10 +1,10 @@
-"""The Eyelid system's figures: variance that its stages explain, and errors and speed of capture from images.
+"""The Eyelid model: variance explained by its stages, and errors and speed of capture from images.
 
-Elisei, Bailly & Casari (AVSP 2007). Variance: sections 4.1 and 5.2, on 34 labelled postures an eye as in the paper and
+Elisei, Bailly & Casari (AVSP 2007). Variance: sections 4.1 and 5.2, on 34 labelled postures per eye as in the paper and
 on held-out gazes, for two kinds of lids that are not of the model's form: those of `eyelid.anatomy` (two people), and
-the open head's sculpted lids, driven by its own rule. Capture: section 6, on pictures of that head, whose lids move by
-that rule and jitter, with a model built from 34 drawn postures of it; true gaze and closure are known. Conditions are
-those that the paper's conclusion asks for. Errors are angles between true and found lines of sight, in degrees.
+the open head's sculpted lids, driven by its own rule. Capture: section 6, on images of that head with lids moved by
+that rule and jitter, and a model fitted to 34 of its labelled postures; true gaze and closure are known. The conditions
+are those requested in the paper's conclusion. Errors are angles between true and estimated lines of sight, in degrees.
 
 Run     python -m benchmarks.eyelid [POSTURES]      (24 by default: about two minutes)
 Reads   the open head
@@ -51,7 +51,7 @@ YAWS_DEG = (0.0, 30.0, -30.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """Postures of both eyes and their pictures: one list of frames a view."""
+    """Postures of both eyes and their images: one list of frames per view."""
 
     angles_rad: Float[ndarray, "N 2"]
     lid: Float[ndarray, " N"]
@@ -61,7 +61,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What is wrong with what capture is given."""
+    """Errors of the input of capture: image noise, head pose errors, number of views."""
 
     noise: float = 0.0
     turn_deg: float = 0.0
@@ -97,7 +97,7 @@ def sculpted(head: HeadModel, around: EyelidRegion) -> LidCurveFunction:
 
 
 def print_variance(head: HeadModel) -> list[EyeGeometry]:
-    """The table of variance explained; gives the models of the sculpted lids."""
+    """Print the table of explained variance; return the models of the sculpted lids."""
     print("variance of the coordinates explained, %        34 postures             200 held-out gazes")
     print(f"{'lids':<22}{'eye':<7}{'stage one':>12}{'both':>8}{'stage one':>18}{'both':>8}{'both, open':>12}")
     eyes = []
@@ -127,7 +127,7 @@ def print_variance(head: HeadModel) -> list[EyeGeometry]:
 
 
 def render_scene(head: HeadModel, count: int, lids: tuple[float, float], size_px: int, seed: int) -> Scene:
-    """Postures with closures from a range, from three views, as pictures of `size_px`."""
+    """Render postures with closures from a range, from three views, as images of `size_px`."""
     rng = np.random.default_rng(seed)
     angles = np.clip(rng.normal(0.0, np.radians([9.0, 7.0]), (count, 2)), *np.radians([[-28, -22], [28, 16]]))
     lid = rng.uniform(*lids, count)
@@ -137,7 +137,7 @@ def render_scene(head: HeadModel, count: int, lids: tuple[float, float], size_px
 
 
 def print_capture(name: str, scene: Scene, eyes: list[EyeGeometry], wrong: Disturbance) -> None:
-    """A row: errors of gaze and closure over both eyes, how many were flagged, the time."""
+    """Print a row: errors of gaze and closure over both eyes, fraction flagged, time."""
     rng = np.random.default_rng(0)
     errors, lids, seconds = [], [], 0.0
     for frame, (angles, lid) in enumerate(zip(scene.angles_rad, scene.lid, strict=True)):

@@ -1,7 +1,7 @@
-"""How fast the model of the face makes faces: ten samples of ten seconds, and how that grows with the speech.
+"""Speed of the face model: ten samples of ten seconds, and scaling with the duration of speech.
 
-The packaged recording is repeated and embedded first, which is not counted. CPU seconds of one process, after a
-warm-up; each length in a process of its own, whose peak memory stands beside.
+The packaged recording is repeated and embedded first, which is not counted. Prints CPU seconds of one process after a
+warm-up; each length runs in a separate process, with its peak memory.
 
 Run     python -m benchmarks.face [folder of a model of the face]     (after make repro)
 Reads   data/train/probtalk3d
@@ -24,7 +24,7 @@ from talkingeyes.orchestration.run import configure_environment, run_command
 
 MODEL = Path("data", "train", "probtalk3d")
 SAMPLES_AND_SECONDS = ((1, 10), (10, 10), (1, 60), (1, 600))
-MOST_CPU_S = 1.0  # for ten samples of ten seconds
+MOST_CPU_S = 1.0  # target for ten samples of ten seconds
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Cost:
 
 
 def embedded(folder: Path, seconds: int) -> np.ndarray:
-    """The packaged recording, repeated, as the model's own encoder hears it."""
+    """Speech features of the packaged recording, repeated, from the model's encoder."""
     import json
 
     from talkingeyes.audio.encoder import EmbedSettings, make_encoder
@@ -61,7 +61,7 @@ def measure(folder: Path, embedding: np.ndarray, samples: int) -> Cost:
 
 
 def main() -> None:
-    """Print a table, and whether ten samples of ten seconds are fast enough."""
+    """Print a table, and whether the target is reached."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
     context = multiprocessing.get_context("spawn")
     longest = embedded(folder, max(seconds for _, seconds in SAMPLES_AND_SECONDS))

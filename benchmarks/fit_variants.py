@@ -1,9 +1,9 @@
-"""What each part of `fit` brings, on a synthetic corpus: pupils, gaze and saccades of its variants against the truth.
+"""Contribution of each part of `fit`: pupils, gaze and saccades of its variants on a synthetic corpus.
 
-Columns  error px and ratio of speeds as in Table VIII; degrees between gaze in the head and the true one; peaks of true
-         saccades, over the true ones; law: a saccade's fastest frame over the speed of the main sequence (amplitude by
-         duration, at least a frame), median and spread; found and true: saccades of 2 degrees or
-         more within 80 ms of a true one.
+Columns  error px and ratio of speeds as in Table VIII; degrees between fitted and true gaze in the head; peaks of true
+         saccades relative to the truth; seq.: peak frame speed of a saccade over that of the main sequence
+         (amplitude by duration, at least a frame), median and spread; found and true: recall and precision of saccades
+         of at least 2 degrees, within 80 ms of a true one.
 Run      python -m benchmarks.fit_variants [CORPUS [SPLIT [CLIPS]]]
 Reads    a corpus with truth (data/synthesize), conf/fit
 """
@@ -46,7 +46,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A clip's truth."""
+    """Ground truth of a clip."""
 
     clip: Clip
     motion: Motion
@@ -67,7 +67,7 @@ def main() -> None:
         raise InputError(f"fit_variants: {root} should have truth and clips of {split}, got {len(clips)} clips")
     cases = [case_of(corpus, clip) for clip in clips]
     print(f"{len(cases)} clips of {split}; frames without blinks")
-    print(f"{'':<20}{'error px':>9}{'ratio':>7}{'degrees':>9}{'peaks':>7}{'law, spread':>13}{'found':>8}{'true':>7}")
+    print(f"{'':<20}{'error px':>9}{'ratio':>7}{'degrees':>9}{'peaks':>7}{'seq., spread':>13}{'found':>8}{'true':>7}")
     print(line("truth", corpus, cases, [case.motion for case in cases]))
     for name, overrides in VARIANTS.items():
         settings = FitSettings.model_validate(compose(list(overrides))["fit"])
@@ -76,14 +76,14 @@ def main() -> None:
 
 
 def case_of(corpus: Corpus, clip: Clip) -> Case:
-    """The truth of a clip, and the saccades that are seen in it at its frame rate."""
+    """Ground truth of a clip, with the saccades detectable at its frame rate."""
     motion, events = corpus.truth(clip), corpus.truth_events(clip)
     blinking = blink_frames(events, len(motion), motion.fps)
     return Case(clip, motion, blinking, saccades_of(motion, blinking))
 
 
 def saccades_of(motion: Motion, blinking: np.ndarray) -> Saccades:
-    """Of the mean direction of both eyes in space, outside blinks."""
+    """Saccades of the mean direction of both eyes in space, outside blinks."""
     return detect_saccades(gaze_in_space(motion.head, motion.gaze).mean(axis=1), motion.fps, ~blinking)
 
 
@@ -111,7 +111,7 @@ def line(name: str, corpus: Corpus, cases: Sequence[Case], motions: Sequence[Mot
 
 
 def peak_over_main_sequence(found: Saccades, fps: float) -> np.ndarray:
-    """The fastest frame of each saccade over the mean speed of the main sequence, seen through frames."""
+    """Peak frame speed of each saccade over the mean speed of the main sequence at the frame rate."""
     amplitudes = found.amplitude_deg[found.amplitude_deg >= AMPLITUDE_DEG]
     peaks = found.peak_speed_deg_s[found.amplitude_deg >= AMPLITUDE_DEG]
     durations = np.array([main_sequence_model.duration_s(float(np.radians(amplitude))) for amplitude in amplitudes])

@@ -1,10 +1,10 @@
-"""LightGazeFit by Gauss-Newton against Adam as in the paper: frames a second of CPU time and objective, in one run.
+"""LightGazeFit by Gauss-Newton and by Adam as in the paper: frames per CPU second and objective.
 
-Both solve eq. 1 for the same clips from the same pupils and head poses, one clip at a time, all its frames at once,
-on one thread. Adam starts from zero and stops once the objective falls by less than 1e-6 relative in 50 steps.
+Both minimise eq. 1 for the same clips from the same pupils and head poses, one clip at a time, all frames at once, on
+one thread. Adam starts from zero and stops when the objective falls by less than 1e-6 relative in 50 steps.
 
 Run     python -m benchmarks.fitting [CLIPS]     (make bench)
-Reads   conf/ (fit=default); no corpus: the pupils are those of random gaze with the noise of a detector
+Reads   conf/ (fit=default); no corpus: the pupils are those of random gaze with detector noise
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REPEATS = 20  # of the fast solver, which takes a few milliseconds
 
 
 def observations(rng: np.random.Generator) -> PupilObservations:
-    """A clip of random gaze: conjugate eyes with their axes 9 degrees apart, .3 px of noise, a twentieth hidden."""
+    """A clip of random gaze: conjugate eyes with axes 9 degrees apart, 0.3 px of noise, one in twenty hidden."""
     head, translation = rng.normal(0, 0.08, (FRAMES, 3)), rng.normal(0, 0.005, (FRAMES, 3))
     angles_rad = rng.normal(0, 0.1, (FRAMES, 1, 2)) + np.array([[0.08, 0.0], [-0.08, 0.0]])
     seen = CAMERA.project(head_to_scene(pupils(angles_to_gaze(angles_rad)), head, translation))
@@ -38,7 +38,7 @@ def observations(rng: np.random.Generator) -> PupilObservations:
 
 
 def timed(clip: PupilObservations, settings: LightGazeFitSettings, repeats: int) -> tuple[Solution, float]:
-    """The solution and the seconds that it took, on average."""
+    """The solution and its mean duration in seconds."""
     solution = solve(clip, settings)
     start = time.process_time()
     for _ in range(repeats):
@@ -65,8 +65,10 @@ def main() -> None:
         rate[solver] = frames / seconds
         objective[solver] = float(np.mean([solution.objective for solution, _ in runs]))
         print(f"{solver:<14}{steps:>8.0f}{seconds:>10.3f}{rate[solver]:>12,.0f}{objective[solver]:>20.6e}")
-    print(f"Gauss-Newton: {rate['newton'] / rate['adam']:.0f} times the frames a second of Adam (at least 100 wanted),")
-    print(f"at {objective['newton'] / objective['adam']:.4f} times its objective (at most 1 wanted)")
+    print(
+        f"Gauss-Newton: {rate['newton'] / rate['adam']:.0f} times the frames per second of Adam (target: at least 100),"
+    )
+    print(f"at {objective['newton'] / objective['adam']:.4f} times its objective (target: at most 1)")
 
 
 if __name__ == "__main__":

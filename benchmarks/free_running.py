@@ -1,10 +1,10 @@
-"""Why the paper's decoder freezes in free running: teacher-forced, released and free-running predictions compared.
+"""Causes of frozen gaze of the paper's decoder: teacher-forced, released and free-running predictions compared.
 
 For every fitted sound of a split, with its true head: the gaze that a `regressed` decoder predicts for each frame from
-the true past (teacher-forced); the gaze when it is teacher-forced for RELEASED_S seconds and then continues from its
-own output (released); the gaze of a free run. A decoder that has learned to copy the last frame is as fast as the truth
-while it is teacher-forced, one frame late, and stops soon after it is released. Then neither the number of codes nor a
-loss term can show in a free run, and the order of such rows in a table is chance.
+the true past (teacher-forced); the gaze when it is teacher-forced for FREE_RUNNING_S seconds and then continues from
+its own output (released); the gaze of a free run. A decoder that has learned to copy the last frame is as fast as the
+truth under teacher forcing, one frame late, and stops soon after release. Then neither the number of codes nor a loss
+term can have an effect in a free run, and the order of such rows in a table is random.
 
 Run     python -m benchmarks.free_running [MODEL ...]     (make bench, after make repro; folders of the train stage, or
         data/train/talkingeyes_paper)
@@ -39,12 +39,12 @@ from talkingeyes.training.motion_generators import NetworkGenerator, load_genera
 MODEL = Path("data", "train", "talkingeyes_paper")
 SPLIT = "test"
 FREE_RUNNING_S, WATCHED_S, PART_S = 2.0, 2.0, 0.5
-MOVES_DEG = 1.0  # a frame in which the eyes move says whether it is copied
+MOVES_DEG = 1.0  # copying is tested in frames in which the eyes move by more
 
 
 @dataclass(frozen=True)
 class DecoderInput:
-    """One sound as a decoder has it."""
+    """The input of a decoder for one sound."""
 
     memory: Float[Tensor, "1 T W"]
     true: Float[Tensor, "1 T F"]  # in units of the codebook's scale
@@ -54,7 +54,7 @@ class DecoderInput:
 def teacher_forced(
     gaze: RegressionGaze, past: Float[Tensor, "1 T F"], memory: Float[Tensor, "1 T W"]
 ) -> Float[Tensor, "1 T F"]:
-    """Each frame from those before it, which are given (eq. 9), in units of the codebook's scale."""
+    """Predict each frame from the true frames before it (eq. 9), in units of the codebook's scale."""
     features = gaze.out(gaze.transformer(gaze.embed(past), memory))
     values = gaze.codebook.quantiser(features).values
     signal = gaze.codebook.decode(values, torch.zeros(past.shape[:2], dtype=torch.bool))
@@ -62,14 +62,14 @@ def teacher_forced(
 
 
 def previous_frames(frames: Float[Tensor, "1 T F"]) -> Float[Tensor, "1 T F"]:
-    """What was before each frame; before the first, the mean."""
+    """The frame before each frame; before the first, the mean."""
     return torch.cat([torch.zeros_like(frames[:, :1]), frames[:, :-1]], dim=1)
 
 
 def free_running(
     gaze: RegressionGaze, decoder_input: DecoderInput, from_frame: int, frames: int
 ) -> Float[Tensor, "1 N F"]:
-    """Told the truth up to a frame; then so many frames by itself."""
+    """Continue from the true frames before `from_frame` for `frames` frames."""
     known = decoder_input.true[:, :from_frame]
     for _ in range(min(frames, decoder_input.true.shape[1] - from_frame)):
         past = torch.cat([torch.zeros_like(known[:, :1]), known], dim=1)
@@ -78,7 +78,7 @@ def free_running(
 
 
 def decoder_input_of(network: SpeechToMotion, gaze: RegressionGaze, recording: Recording) -> DecoderInput:
-    """A recording, with its true head as condition."""
+    """A recording as decoder input, conditioned on its true head."""
     head, eyes, speech = (
         torch.from_numpy(np.array(each)).float()[None] for each in (recording.head, recording.gaze, recording.speech)
     )
@@ -89,21 +89,21 @@ def decoder_input_of(network: SpeechToMotion, gaze: RegressionGaze, recording: R
 
 
 def speeds(gaze: RegressionGaze, frames: Float[Tensor, "1 T F"], fps: float) -> Float[ndarray, " _"]:
-    """Degrees a second between frames; where codes are of the eyes in the head no head is needed."""
+    """Degrees per second between frames; eye-in-head codes need no head."""
     still = torch.zeros(1, frames.shape[1], 3)
     eyes = to_gaze_tensor(gaze.codebook.settings.signal, still, frames * gaze.codebook.scale + gaze.codebook.mean)
     return eye_speed_deg_s(eyes.numpy(), fps).ravel()
 
 
 def degrees(gaze: RegressionGaze, off: Float[Tensor, "1 T F"]) -> Float[ndarray, " T"]:
-    """How far two courses are apart in each frame, the mean of both eyes."""
+    """Difference between two trajectories in each frame, mean of both eyes."""
     eyes = (off * gaze.codebook.scale)[0].reshape(off.shape[1], 2, -1)
     return np.asarray(np.degrees(eyes.norm(dim=-1).mean(-1).numpy()))
 
 
 @torch.no_grad()
 def measure(model: Path, workspace: Workspace) -> dict[str, float]:
-    """The figures of one model over all sounds of the split."""
+    """The results of one model over all sounds of the split."""
     generator = load_generator(model)
     assert isinstance(generator, NetworkGenerator)
     network, gaze = generator.network, generator.network.gaze
@@ -121,15 +121,15 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
         decoder_input = decoder_input_of(network, gaze, recording)
         told = teacher_forced(gaze, previous_frames(decoder_input.true), decoder_input.memory)
         true_speed = speeds(gaze, decoder_input.true, fps)
-        add("told: speed / fitted", speeds(gaze, told, fps).mean() / true_speed.mean())
+        add("teacher-forced: speed / fitted", speeds(gaze, told, fps).mean() / true_speed.mean())
         moves = degrees(gaze, decoder_input.true - previous_frames(decoder_input.true)) > MOVES_DEG
         moves[0] = False
         late, right = (
             degrees(gaze, told - each)[moves] for each in (previous_frames(decoder_input.true), decoder_input.true)
         )
-        add("told: moving frames nearer to the last frame than to their own", float((late < right).mean()))
+        add("teacher-forced: moving frames nearer to the last frame than to their own", float((late < right).mean()))
         speech, head = np.array(recording.speech), decoder_input.head.numpy()
-        for name, frames in (("told", told), ("fitted", decoder_input.true)):
+        for name, frames in (("teacher-forced", told), ("fitted", decoder_input.true)):
             eyes = to_gaze_tensor(
                 gaze.codebook.settings.signal, decoder_input.head, frames * gaze.codebook.scale + gaze.codebook.mean
             )
@@ -155,7 +155,7 @@ def measure(model: Path, workspace: Workspace) -> dict[str, float]:
 
 
 def main() -> None:
-    """A line a figure, a column a model."""
+    """Print a line per result, with a column per model."""
     workspace, models = Workspace.open(Path.cwd()), [Path(each) for each in sys.argv[1:] or [str(MODEL)]]
     columns = [measure(model, workspace) for model in models]
     print("models: " + ", ".join(map(str, models)))

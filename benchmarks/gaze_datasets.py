@@ -1,7 +1,7 @@
-"""The detectors against experts, and the benchmark's measures on real people: the last tables of docs/detectors.md.
+"""Detectors against experts, and benchmark metrics on real people: the last tables of docs/detectors.md.
 
-Experts are those of Andersson et al. (2017), who labelled 500 Hz eye tracking sample by sample. The measures are read
-from OpenFace tables, from that eye tracking and from fixations in conversation, as far as each of them allows.
+The experts of Andersson et al. (2017) labelled 500 Hz eye tracking sample by sample. The metrics are computed from
+OpenFace tables, from that eye tracking, and from fixations in conversation, as far as each of them allows.
 
 Run     python -m benchmarks.gaze_datasets [FOLDER]     (make bench, after make repro)
 Reads   FOLDER (../shared/data/real/gaze; without it there is nothing to do), data/synthesize and params.yaml
@@ -44,7 +44,7 @@ from talkingeyes.evaluation.detectors.signal import runs
 from talkingeyes.orchestration.run import Workspace, configure_environment, run_command
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
-CLIPS = 60  # of the synthetic truth beside the people
+CLIPS = 60  # of the synthetic truth, for comparison
 EXPERT_TOLERANCE_S = 0.05
 STRIDES = (1, 4, 8, 20)  # of 500 Hz: 500, 125, 62.5 and 25
 
@@ -59,7 +59,7 @@ class MultiExpertRecording:
 
 
 def load_labelled(folder: Path) -> list[MultiExpertRecording]:
-    """All labelled recordings; two experts labelled the films, one of them the pictures too."""
+    """Load all labelled recordings; two experts labelled the films, one of them also the pictures."""
     by_name: dict[str, dict[str, LabelledRecording]] = {}
     for path in sorted(folder.glob("andersson_*.mat")):
         name, expert = path.stem.rsplit("_labelled_", 1)
@@ -80,12 +80,12 @@ def load_labelled(folder: Path) -> list[MultiExpertRecording]:
 
 
 def onsets_s(frames: np.ndarray, fps: float) -> np.ndarray:
-    """When stretches of frames start."""
+    """Start times of runs of frames."""
     return runs(frames).first / fps
 
 
 def print_experts(recordings: list[MultiExpertRecording]) -> None:
-    """The detectors against each expert, beside the experts against each other."""
+    """Print the agreement of the detectors with each expert, and between the experts."""
     print("\n| saccades | recordings | found | expert | precision | recall | F1 | onset error ms | kappa |")
     print("|---|---|---|---|---|---|---|---|---|")
     both = [each for each in recordings if len(each.experts) == 2]
@@ -104,7 +104,7 @@ def print_experts(recordings: list[MultiExpertRecording]) -> None:
 
 
 def print_fixations(recordings: list[MultiExpertRecording]) -> None:
-    """Fixations against expert MN on pictures; films have pursuit, which the detector does not know."""
+    """Print fixations against expert MN on pictures; films have pursuit, which the detector does not model."""
     names = ["fixations on pictures", "found", "expert", "precision", "recall", "F1", "onset error ms", "kappa"]
     names += ["median s", "expert's"]
     print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
@@ -133,7 +133,7 @@ def print_fixations(recordings: list[MultiExpertRecording]) -> None:
 
 
 def print_ends(recordings: list[MultiExpertRecording]) -> None:
-    """How much later than expert MN the detector ends the saccades that both have."""
+    """Print the delay of saccade ends of the detector relative to expert MN."""
     late_ms: list[float] = []
     for each in recordings:
         fps = each.recording.fps
@@ -159,20 +159,20 @@ def _print_agreement(name: str, pairs: list[tuple[np.ndarray, np.ndarray, float]
     )
 
 
-# What a source does not hold, by the start of a measure's name: one direction of gaze stands for both eyes, a chin rest
-# holds the head, and nobody looks back out of a picture.
+# Metrics that a source does not allow, by prefix: one gaze direction is used for both eyes, a chin rest fixes the head,
+# and pictures have no partner.
 NOT_FROM_VIDEO = ("eye/vergence", "eye/torsion", "eye/conjugacy")
 NOT_FROM_CHIN_REST = (*NOT_FROM_VIDEO, "head", "looking/")
 
 
 def behaviour_of(recording: GazeRecording) -> Behaviour:
-    """What the benchmark sees of a recorded person: both eyes parallel, no lids, no speech."""
+    """Benchmark input of a recorded person: parallel eyes, no lids, no speech."""
     eye = rotation.eye_in_head(recording.head, recording.gaze_in_space_rad[:, None])
     return Behaviour(recording.fps, recording.head, np.repeat(eye, 2, axis=1), None, recording.valid)
 
 
 def figures(behaviours: Sequence[Behaviour], left_out: tuple[str, ...]) -> dict[str, str]:
-    """Figures of the measures that need gaze and head alone, by name; in brackets where the sample is too small."""
+    """Metrics that need only gaze and head, by name; in brackets if the sample is too small."""
     made = {}
     for metric in METRICS:
         if metric.compute is None or not set(metric.extractor.needs) <= {"gaze", "head"}:
@@ -189,7 +189,7 @@ def figures(behaviours: Sequence[Behaviour], left_out: tuple[str, ...]) -> dict[
 
 
 def print_people(regenerated: list[RegeneratedClip], recordings: list[MultiExpertRecording], folder: Path) -> None:
-    """The benchmark's own measures, real people beside the synthetic speakers at about the same frame rate."""
+    """Print the benchmark's metrics of real people and of synthetic speakers at similar frame rates."""
     openface = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
     slow, fast = ([behaviour_of(x) for x in openface if (x.fps < 45) == low] for low in (True, False))
     pictures = [behaviour_of(each.recording.subsample(20)) for each in recordings]
@@ -213,7 +213,7 @@ def _behaviour(motion: Motion) -> Behaviour:
 
 
 def print_conversation(path: Path, regenerated: list[RegeneratedClip]) -> None:
-    """Fixations of people in conversation by what they do, beside those of the synthetic speakers."""
+    """Print fixations of people in conversation by state, and those of synthetic speakers."""
     print(
         "\n| fixations | people | fixations | median length s | median step deg | steps < 5 deg | < 15 deg"
         " | level / upright steps | spread of yaw deg | of pitch deg |\n|---|---|---|---|---|---|---|---|---|---|"
@@ -252,7 +252,7 @@ def main() -> None:
     """Print the tables."""
     folder = Path(sys.argv[1]) if sys.argv[1:] else FOLDER
     if not folder.is_dir():
-        print("no recordings of people here: nothing to do")
+        print("gaze_datasets: no recordings of people, nothing to measure")
         return
     recordings = load_labelled(folder)
     print_experts(recordings)

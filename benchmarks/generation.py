@@ -1,13 +1,13 @@
-"""How fast the default model makes motion, how that grows with the speech, and what memory it takes.
+"""Speed, scaling and memory of motion generation with the default model.
 
-The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedded first, which is not counted; each
-length is generated in a process of its own: gaze and head alone, then a whole performance with blinks, events and,
-where there is a model of it, the face. Ten samples at once are set against one, in turn in one process. Beside them
-a decoder that computes its prefix again for every code of 4 frames, as eq. 10 of the paper reads: the network of
-conf/model/talkingeyes_categorical.yaml, untrained, for weights change nothing of its time.
+The packaged recording is repeated to 10 s, 1 min, 10 min and an hour and embedded first, which is not counted. Each
+length is generated in a separate process: first gaze and head alone, then a complete animation with blinks, events and,
+if there is a face model, the face. Ten samples at once are compared with one, alternating in one process. For
+comparison, a decoder recomputes its prefix for every code of 4 frames, as in eq. 10 of the paper: the network of
+conf/model/talkingeyes_categorical.yaml, untrained, because weights do not affect its time.
 
 Run     python -m benchmarks.generation [data/train/MODEL]     (make bench, after make repro)
-Reads   data/train/talkingeyes, or the model that is named; conf/
+Reads   data/train/talkingeyes, or the given model; conf/
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ Result = TypeVar("Result")
 MODEL = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("data", "train", "talkingeyes")
 DURATIONS_S = (10, 60, 600, 3600)
 RECOMPUTED_S = (10, 60)
-REPEATS = 25  # of the shortest, each of other seeds: their median, for one run says little
+REPEATS = 25  # of the shortest length, with different seeds: the median, because single runs vary
 TURNS = 101
-EXPERIMENT = "experiment=point_process"  # has that model beside the default
+EXPERIMENT = "experiment=point_process"  # includes that model beside the default
 
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU seconds of gaze and head, of a whole performance, and its peak memory beyond the inputs and outputs."""
+    """CPU seconds of gaze and head, of a complete animation, and its peak memory beyond the inputs and outputs."""
 
     cpu_s: float
     whole_cpu_s: float
@@ -53,7 +53,7 @@ class Cost:
 
 
 def measure(embedding: np.ndarray, samples: int) -> Cost:
-    """Perform an embedded speech, after a warm-up."""
+    """Animate embedded speech after a warm-up."""
     from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
@@ -73,7 +73,7 @@ def measure(embedding: np.ndarray, samples: int) -> Cost:
 
 
 def relative_cost(embedding: np.ndarray, samples: int) -> float:
-    """Median CPU seconds of so many samples over those of one, in turn: shared machines are faster now, slower then."""
+    """Median CPU seconds of several samples over those of one, alternating, because shared machines vary in speed."""
     from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
@@ -85,7 +85,7 @@ def relative_cost(embedding: np.ndarray, samples: int) -> float:
 
 
 def _drawn_s(animator: Animator, embedding: np.ndarray, first: int, samples: int) -> float:
-    """CPU seconds of gaze and head, by the seeds from `first` on."""
+    """CPU seconds of gaze and head, for seeds from `first` on."""
     start = time.process_time()
     animator.generator.generate(embedding, list(range(first, first + samples)), animator.fps)
     return time.process_time() - start
@@ -101,7 +101,7 @@ class UncachedCost:
 
 
 def cost_without_cache(embedding: np.ndarray) -> UncachedCost:
-    """Every step computes the whole prefix again, without caches."""
+    """Generate gaze codes with the whole prefix recomputed at every step."""
     import torch
 
     from talkingeyes.animation.animator import Animator
@@ -136,7 +136,7 @@ def _parameters(network: Module | None) -> int:
 
 
 def embed(seconds: int) -> np.ndarray:
-    """The packaged recording, repeated, as the model hears it."""
+    """Speech features of the packaged recording, repeated, from the model's encoder."""
     from talkingeyes.animation.animator import Animator
 
     animator = Animator.load(MODEL)
@@ -146,7 +146,7 @@ def embed(seconds: int) -> np.ndarray:
 
 
 def main() -> None:
-    """Each measurement in a process of its own, so that peaks do not mix."""
+    """Run each measurement in a separate process, so that memory peaks do not mix."""
     spawn = multiprocessing.get_context("spawn")
 
     def apart(function: Callable[P, Result], *arguments: P.args, **named: P.kwargs) -> Result:
@@ -164,14 +164,14 @@ def main() -> None:
         )
         if samples == 1:
             one[seconds] = measured
-    print(f"ten samples over one, in turn: {apart(relative_cost, embeddings[10], 10):.2f}")
+    print(f"ten samples over one, alternating: {apart(relative_cost, embeddings[10], 10):.2f}")
     first, minute, hour = one[10], one[60], one[3600]
     print(f"time of an hour over 360 times that of 10 s: {hour.cpu_s / (360 * first.cpu_s):.2f}")
     print(f"peak memory of an hour over that of 1 min: {hour.peak_mib / minute.peak_mib:.2f}")
     for seconds in RECOMPUTED_S:
         again = apart(cost_without_cache, embeddings[seconds])
         print(
-            f"prefix computed again ({again.parameters:,} parameters; the model {again.own_parameters:,}), {seconds} s:"
+            f"prefix recomputed ({again.parameters:,} parameters; the model {again.own_parameters:,}), {seconds} s:"
             f" {again.cpu_s:.2f} s, {again.cpu_s / one[seconds].cpu_s:.1f} times"
         )
 

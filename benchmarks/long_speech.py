@@ -1,6 +1,6 @@
-"""An hour of speech through `animate`: peak memory of one process after each step.
+"""Peak memory of `animate` for an hour of speech, after each step, in one process.
 
-The packaged recording is repeated to an hour and written as a file; it is read, embedded, animated and saved, as
+The packaged recording is repeated to an hour and written to a file; it is read, embedded, animated and saved, as
 `talkingeyes animate --no-previews` does. Peaks include everything: Python, torch, the model, inputs and outputs.
 
 Run     python -m benchmarks.long_speech [MODEL FOLDER [FRAMES PER SECOND]]     (make bench, after make repro, 4 min)
@@ -26,7 +26,7 @@ SECONDS = 3600
 
 
 def write_hour(path: Path) -> None:
-    """The recording, over and over, block by block."""
+    """Write the repeated recording block by block."""
     speech = read_speech(package_file(EXAMPLE_SPEECH))
     with soundfile.SoundFile(path, "w", SAMPLE_RATE, 1, "PCM_16") as file:
         left = SECONDS * SAMPLE_RATE
@@ -42,7 +42,7 @@ def report(step: str) -> None:
 
 
 def main() -> None:
-    """One process, step by step."""
+    """Run the steps in one process."""
     from talkingeyes.animation.animator import Animator
 
     model = Path(sys.argv[1]) if len(sys.argv) > 1 else MODEL
@@ -57,7 +57,7 @@ def main() -> None:
         embedding = animator.encoder(sound, animator.fps)
         report("embedded")
         (one,) = animator.generate_from_embedding(embedding, 1, 0, fps)
-        report("performed")
+        report("animated")
         one.save(Path(folder, "hour.npz"))
         report("saved")
         written = (
@@ -67,7 +67,7 @@ def main() -> None:
             getattr(one.motion, name).nbytes for name in ("head", "gaze", "lid", "jaw", "translation", "expression")
         )
     print(
-        f"by nature: sound {sound.nbytes / 2**20:.0f} MiB, embedding {embedding.nbytes / 2**20:.0f} MiB,"
+        f"sizes: sound {sound.nbytes / 2**20:.0f} MiB, embedding {embedding.nbytes / 2**20:.0f} MiB,"
         f" motion {arrays / 2**20:.0f} MiB in memory and {written / 2**20:.0f} MiB in files"
     )
 

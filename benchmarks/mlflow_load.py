@@ -1,8 +1,8 @@
-"""MLflow with 1,000 rows: how long a row takes to log, and the queries of the comparison page to answer.
+"""MLflow with 1,000 rows: time to log a row, and to answer the queries of the comparison page.
 
-Run: python -m benchmarks.mlflow_load [ROWS]
-The rows are made up, as large as those of the chain: the parameters of the committed params.yaml, 57 metrics, no plots.
-The page asks the server for 100 rows at once; that answer holds every parameter, metric and tag of them.
+Run: python -m benchmarks.mlflow_load [ROWS] The rows are random, of the size of real ones: the parameters of the
+committed params.yaml, 57 metrics, no plots. The page requests 100 rows at once; the response contains every parameter,
+metric and tag of them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ METRICS, REPEATS = 57, 5
 
 
 def fill(root: Path, count: int) -> None:
-    """Log a sweep over the seed: one row each."""
+    """Log a sweep over the seed, one row each."""
     params = yaml.safe_load(Path("params.yaml").read_text())
     rng = np.random.default_rng(0)
     keys = [*TEST_METRICS, *(f"unseen/gaze/figure_{index}" for index in range(METRICS - len(TEST_METRICS)))]
@@ -46,7 +46,7 @@ def fill(root: Path, count: int) -> None:
 
 @contextmanager
 def serving(root: Path) -> Iterator[tuple[str, int]]:
-    """The address and process of an MLflow server, on a free port of 127.0.0.1."""
+    """Start an MLflow server on a free port of 127.0.0.1; yield its address and process id."""
     with closing(socket.socket()) as free:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
@@ -73,7 +73,7 @@ def serving(root: Path) -> Iterator[tuple[str, int]]:
 
 
 def asked(address: str, **query: Any) -> list[Any]:
-    """The rows that the server answers with."""
+    """Query the server for rows."""
     content = json.dumps({"experiment_ids": ["2"], **query}).encode()
     request = urllib.request.Request(
         f"{address}/api/2.0/mlflow/runs/search", content, {"Content-Type": "application/json"}
@@ -83,14 +83,14 @@ def asked(address: str, **query: Any) -> list[Any]:
 
 
 def cpu_seconds(server: int) -> float:
-    """What a process and its children have used."""
+    """CPU seconds of a process and its children."""
     process = psutil.Process(server)
     times = [each.cpu_times() for each in (process, *process.children(recursive=True))]
     return float(sum(each.user + each.system for each in times))
 
 
 def seconds(function: Callable[[], Any], server: int) -> tuple[float, float]:
-    """Of a call, after one that does not count: by the clock (the median of a few), and of the server's CPU."""
+    """Median wall-clock seconds and mean server CPU seconds of a call, after a warm-up."""
     function()
     found, before = [], cpu_seconds(server)
     for _ in range(REPEATS):
@@ -101,12 +101,12 @@ def seconds(function: Callable[[], Any], server: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Fill, serve, ask."""
+    """Fill the database, start the server, run the queries."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     configure_environment()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        fill(root, 1)  # makes the database
+        fill(root, 1)  # creates the database
         start = time.process_time()
         fill(root, count)
         each = (time.process_time() - start) / count

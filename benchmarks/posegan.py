@@ -1,8 +1,8 @@
-"""Speed and memory of head motion by PoseGAN: ten minutes and an hour of it, window by window.
+"""Speed and memory of head motion by PoseGAN: ten minutes and an hour, window by window.
 
-Run: python -m benchmarks.posegan [FOLDER of a trained model]        without one: an untrained network of the same size
-Prints CPU seconds of ten minutes (asked: under 2) and the most memory of its own (anonymous pages: the speech is mapped
-from a file) that the process holds in ten minutes and in an hour, which should be the same: one window is ever held.
+Run: python -m benchmarks.posegan [FOLDER of a trained model]        default: an untrained network of the same size
+Prints CPU seconds of ten minutes (target: under 2) and the peak memory (anonymous pages: the speech is memory-mapped)
+of ten minutes and of an hour, which should be equal, because only one window is held at a time.
 """
 
 import sys
@@ -25,7 +25,7 @@ FPS = 30
 
 
 def network() -> SpeechToPose:
-    """The model of the folder that was named, or an untrained one."""
+    """The given model, or an untrained one."""
     if len(sys.argv) > 1:
         return pose_network(load(Path(sys.argv[1])))
     settings = PoseTaskSettings.model_validate(yaml.safe_load((CONFIG_DIR / "model" / "posegan.yaml").read_text()))
@@ -34,14 +34,14 @@ def network() -> SpeechToPose:
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU seconds, and the most memory at the end of a window."""
+    """CPU seconds, and the peak of the memory after each window."""
 
     cpu_s: float
     peak_mib: float
 
 
 def generated(model: SpeechToPose, speech: np.ndarray) -> Cost:
-    """Every window is dropped once it is made."""
+    """Generate and drop all windows."""
     start, peak_mib = time.process_time(), 0.0
     for _ in model.stream(speech, [0], None):
         peak_mib = max(peak_mib, own_mib())
@@ -49,13 +49,13 @@ def generated(model: SpeechToPose, speech: np.ndarray) -> Cost:
 
 
 def own_mib() -> float:
-    """Memory of this process that no file stands behind."""
+    """Anonymous memory of this process."""
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     return int(lines["RssAnon"].split()[0]) / 1024
 
 
 def main() -> None:
-    """Ten minutes, then an hour, from a file that is mapped, not read."""
+    """Measure ten minutes, then an hour, from a memory-mapped file."""
     model = network()
     channels = len(model.speech.mean)
     with tempfile.TemporaryDirectory() as folder:

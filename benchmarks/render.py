@@ -1,4 +1,4 @@
-"""Frames a second of films of the open head, and where the time goes. CPU seconds of one process on one core.
+"""Rendering speed of the open head, by step. CPU seconds of one process on one core.
 
 Run: python -m benchmarks.render [FRAMES]
 """
@@ -24,7 +24,7 @@ from talkingeyes.rendering.view import FRAMINGS
 
 
 def test_motion(frames: int) -> Motion:
-    """Eyes, lids, jaw and head that all move."""
+    """Motion of eyes, lids, jaw and head."""
     times = np.arange(frames)[:, None] / 25.0
     angles = np.radians(np.concatenate([20 * np.sin(2 * times), 12 * np.sin(3 * times)], axis=1))
     gaze = np.repeat(angles_to_gaze(angles)[:, None], 2, axis=1)
@@ -34,7 +34,7 @@ def test_motion(frames: int) -> Motion:
 
 
 def cpu_ms(call: Callable[[], object], times: int) -> float:
-    """The median over calls."""
+    """Median CPU milliseconds over calls."""
     taken = []
     for _ in range(times):
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""What each measure catches: every measure of the benchmark against truth made wrong in known ways.
+"""Sensitivity of every benchmark metric to known corruptions of true motion.
 
 Run     python -m benchmarks.sensitivity [SPEAKERS]     (a minute and a half of CPU; 24 speakers, four sounds each)
 Reads   conf/critic/default.yaml (the encoder); no corpus: true takes are sampled by synthesis/sketched_clips.py
@@ -34,40 +34,42 @@ from talkingeyes.synthesis.sketched_clips import sketch_clips
 ROOT = Path(__file__).resolve().parents[1]
 SOUNDS, TAKES, SECONDS, FPS = 4, 4, 12.0, 25.0
 BOOTSTRAP = BootstrapSettings(n_resamples=500, confidence_level=0.95, seed=0)
-PAGE = """# What each measure catches
+PAGE = """# Which corruptions each metric detects
 
-Made by `python -m benchmarks.sensitivity`: {speakers} speakers of the synthetic world, {sounds} sounds each,
-{minutes:.0f} minutes of truth to compare with and as much to judge: other true takes of the same sounds, as they are
-(column *true*) and with each fault. A cell is how far a measure tells it from the truth, in half widths of its 95 %
-interval: **bold** from 1 on, where the fault is caught; "gone" where nothing is left to measure, which shows too.
-`tests/test_sensitivity.py` holds the measures to it, on a smaller pool.
+Written by `python -m benchmarks.sensitivity` for {speakers} synthetic speakers with {sounds} sounds each.
+{minutes:.0f} minutes of true motion are the reference. As much is evaluated: other true takes of the same sounds,
+unchanged (column *true*) and with each corruption. A cell is the difference of a metric from the reference, in half
+widths of its 95 % interval: **bold** from 1 on, where the corruption is detected; "gone" where nothing is left to
+measure, which also reveals it.
+`tests/test_sensitivity.py` checks this on a smaller pool.
 
 {faults}
 
-## What no single measure can tell
+## What no single metric detects
 
 - **L2 and the mean pose.** L2 (radians, eye-in-head) of other true takes: {true_l2:.3f}; of the clip's mean pose:
   {mean_l2:.3f}; of a frozen face: {frozen_l2:.3f}. L2 ranks a constant above the truth; so does the nearest sample.
-  It stands in Table III because the paper has it.
-- **Left and right.** People's sides nearly cancel out over a population, so distributions hardly tell mirrored
-  from true motion. Comparison under the same speaker does: {sides}.
+  It is in Table III because the paper has it.
+- **Left and right.** The left-right preferences of people nearly cancel over a population, so distributions of mirrored
+  and true motion hardly differ. Comparison for the same speaker detects it: {sides}.
 - **Up and down** of head and eyes together: {heights}.
-- **The sign of the eyes against the head**: {signs}.
-- **Late by 3 s** and **another speaker's motion** leave every distribution as it is; what is tied to speech or to the
-  speaker tells them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
-- **Better than the truth** look: {rated_better}. Nearness of a sample to what happened is won by calm motion, as L2 is.
-- Catch no fault here, but by having nothing left to
-  measure: {blind}. They are shown because the field uses them, or need more motion than this.
-- True takes told apart by chance: {false} of {all} measures.
+- **The sign of the eyes relative to the head**: {signs}.
+- **Late by 3 s** and **another speaker's motion** do not change any distribution. Metrics that depend on speech or
+  speaker detect them: {late} (late), {swapped} (swapped); and Corr. against other sounds of the speaker (Table III).
+- **Rated better than the truth**: {rated_better}. Calm motion wins metrics of the distance between sample and truth,
+  such as L2.
+- Metrics that detect no corruption here, except by having nothing left to measure: {blind}. They are included because
+  the field uses them, or need more motion than this.
+- True takes that differ from the reference by chance: {false} of {all} metrics.
 
-## Measures against faults
+## Metrics and corruptions
 
 {table}
 """
 
 
 def main() -> None:
-    """Print the page and write it."""
+    """Write the page and print it."""
     import torch
 
     torch.set_num_threads(1)
@@ -108,7 +110,7 @@ def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
 
 
 def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
-    """Markdown: a line a measure, a column a fault."""
+    """Markdown table with a line per metric and a column per corruption."""
     titles = ["true" if each is UNCORRUPTED else each.name for each in columns]
     lines = ["| measure | " + " | ".join(titles) + " |", "| --- " * (len(columns) + 1) + "|"]
     for metric in METRICS:
@@ -141,7 +143,7 @@ def _faults(cells: Mapping[str, FaultEffect]) -> list[FaultEffect]:
 
 
 def _told(cell: FaultEffect) -> bool:
-    """Caught by a figure, not by its absence."""
+    """Whether a corruption is detected by a value, not by its absence."""
     return cell.detected and not np.isnan(cell.effect_size)
 
 

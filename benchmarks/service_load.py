@@ -1,9 +1,9 @@
-"""How many live streams the service bears: real-time speech on every one, latency of every frame, and a refusal beyond.
+"""Load test of live streams: latency of real-time speech on every stream, and rejection of one stream too many.
 
-Run: python -m benchmarks.service_load [MODEL] [--streams 20] [--seconds 20] [--jobs 2]
-Starts `talkingeyes serve` on a free port of 127.0.0.1, feeds streams with 40 ms of sound every 40 ms, and prints, frame
-by frame over all streams, how long after its own time a frame came (its sound is spoken, heard, worked on and sent
-back), percentiles of it, frames lost, what a stream more is told, and the CPU seconds that the service used.
+Run: python -m benchmarks.service_load [MODEL] [--streams 20] [--seconds 20] [--jobs 2] Starts `talkingeyes serve` on a
+free port of 127.0.0.1 and feeds streams with 40 ms of sound every 40 ms. Prints the latency of frames over all streams
+(from the time of a frame until it is received, including sound, inference and transfer), its percentiles, lost frames,
+the response to one stream too many, and the CPU seconds of the service.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from talkingeyes.audio.encoder_moonshine import EXAMPLE_SPEECH, package_file
 from talkingeyes.audio.waveform import SAMPLE_RATE, frame_count, read_speech
 
 CHUNK_S = 0.04
-STAGGER_S = 0.16  # streams begin one after another within a code of gaze, as they do in life
+STAGGER_S = 0.16  # starts of streams are spread over the duration of a gaze code, as in practice
 
 
 @dataclass
 class StreamResult:
-    """What one stream got: after how many seconds each frame came, and how many there should be."""
+    """Results of one stream: latency of each received frame, and the expected number of frames."""
 
     latencies_s: list[float] = field(default_factory=list)
     frames: int = 0
@@ -40,7 +40,7 @@ class StreamResult:
 
 
 async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> StreamResult:
-    """Speak a sound in real time and listen for the frames."""
+    """Send a sound in real time and receive the frames."""
     await asyncio.sleep(wait_s)
     heard = StreamResult()
     try:
@@ -67,7 +67,7 @@ async def stream(address: str, sound: np.ndarray, wait_s: float, seed: int) -> S
 
 
 async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> None:
-    """Each chunk is sent when its last sample has been spoken."""
+    """Send each chunk at the time of its last sample."""
     size = round(CHUNK_S * SAMPLE_RATE)
     samples = np.round(sound * 32767).astype("<i2")
     for start in range(0, len(samples), size):
@@ -78,14 +78,14 @@ async def _speak(socket: ClientConnection, sound: np.ndarray, begun: float) -> N
 
 
 async def load(address: str, sound: np.ndarray, streams: int) -> list[StreamResult]:
-    """All streams at once; one more than are allowed is tried in their middle."""
+    """Run all streams at once, and one more than allowed halfway through."""
     turns = [stream(address, sound, STAGGER_S * index / streams, index) for index in range(streams)]
     one_more = stream(address, sound[:SAMPLE_RATE], len(sound) / SAMPLE_RATE / 2, streams)
     return list(await asyncio.gather(*turns, one_more))
 
 
 def report(found: list[StreamResult], cpu_s: float, seconds: float) -> None:
-    """Print the figures."""
+    """Print the results."""
     *streams, one_more = found
     errors = [each.error for each in streams if each.error]
     lost = sum(each.expected - each.frames for each in streams)
@@ -96,13 +96,13 @@ def report(found: list[StreamResult], cpu_s: float, seconds: float) -> None:
     if len(latencies):
         marks = np.percentile(latencies, [50, 90, 99, 100])
         print("latency ms: " + ", ".join(f"p{p} {v:.0f}" for p, v in zip((50, 90, 99, 100), marks, strict=True)))
-        print(f"within 400 ms of their time: {np.mean(latencies <= 400):.1%}")
-    print(f"CPU of the service: {cpu_s:.1f} s, {cpu_s / len(streams) / seconds:.3f} a second of a stream")
-    print(f"one stream more: {one_more.error or 'was served'}")
+        print(f"within 400 ms: {np.mean(latencies <= 400):.1%}")
+    print(f"CPU of the service: {cpu_s:.1f} s, {cpu_s / len(streams) / seconds:.3f} per second of a stream")
+    print(f"one more stream: {one_more.error or 'was accepted'}")
 
 
 def cpu_of(pid: int) -> float:
-    """CPU seconds of a process and of those that it started."""
+    """CPU seconds of a process and its descendants."""
     total, todo = 0.0, [pid]
     while todo:
         one = todo.pop()
@@ -113,7 +113,7 @@ def cpu_of(pid: int) -> float:
 
 
 def main() -> None:
-    """The command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", nargs="?", default="data/train/talkingeyes_live")
     parser.add_argument("--streams", type=int, default=20)
@@ -136,10 +136,10 @@ def main() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
         assert service.stdout is not None
         said = service.stdout.readline()
-        if not said:  # it has said why
+        if not said:  # the service has printed the error
             sys.exit(service.wait())
         address = said.split()[0].replace("http", "ws") + "stream"
-        asyncio.run(stream(address, sound[:SAMPLE_RATE], 0.0, 0))  # the processes have loaded their models after that
+        asyncio.run(stream(address, sound[:SAMPLE_RATE], 0.0, 0))  # afterwards, the processes have loaded their models
         before = cpu_of(service.pid)
         found = asyncio.run(load(address, sound, asked.streams))
         report(found, cpu_of(service.pid) - before, asked.seconds)

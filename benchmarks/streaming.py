@@ -1,8 +1,7 @@
-"""What a live stream costs: CPU seconds for a second of sound on one core, by the size of the chunks.
+"""Cost of a live stream: CPU seconds per second of sound on one core, by chunk size.
 
-Run: python -m benchmarks.streaming [MODEL]
-Prints, for a real recording, CPU seconds a second of sound of the stream and of the whole speech at once, the stated
-latency, and the greatest difference between the two in radians.
+Run: python -m benchmarks.streaming [MODEL] Prints, for a real recording, CPU seconds per second of sound for the stream
+and for the whole speech at once, the stated latency, and the largest difference between the two in radians.
 """
 
 from __future__ import annotations
@@ -27,9 +26,7 @@ def main(model: Path) -> None:
     live, sound = LiveModel.load(model), read_speech(package_file(EXAMPLE_SPEECH))[: SECONDS * SAMPLE_RATE]
     begun = time.process_time()
     whole = live.generate_offline(sound, seed=1)
-    print(
-        f"stated latency {live.latency_s:.3f} s; whole speech: {(time.process_time() - begun) / SECONDS:.3f} CPU s a s"
-    )
+    print(f"stated latency {live.latency_s:.3f} s; whole: {(time.process_time() - begun) / SECONDS:.3f} CPU s per s")
     for chunk_s in CHUNKS_S:
         size, stream = round(chunk_s * SAMPLE_RATE), live.stream(seed=1)
         begun = time.process_time()
@@ -39,7 +36,7 @@ def main(model: Path) -> None:
         apart = max(
             np.abs(np.concatenate([getattr(p, n) for p in parts]) - getattr(whole, n)).max() for n in ("head", "gaze")
         )
-        print(f"chunks of {chunk_s * 1000:4.0f} ms: {cost:.3f} CPU s a s; apart from the whole {apart:.1e} rad")
+        print(f"chunks of {chunk_s * 1000:4.0f} ms: {cost:.3f} CPU s per s; differs from the whole by {apart:.1e} rad")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Does a reference clip lend its speaker's style? On speakers whom no training saw.
+"""Style transfer from a reference clip, for unseen speakers.
 
-Run: python -m benchmarks.style --workspace build/style --model talkingeyes_style_encoder
-Reads: data of a workspace with the model. Prints, for pairs of unseen speakers: how often the samples of one speech
-under A's reference differ from those under B's in the direction in which A's other clips differ from B's. Chance: .5.
+Run: python -m benchmarks.style --workspace build/style --model talkingeyes_style_encoder Reads: data of a workspace
+with the model. Prints, for pairs of unseen speakers: how often the samples of a speech with A's reference differ from
+those with B's in the direction in which A's other clips differ from B's. Chance: 0.5.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SAMPLES = 4
 
 @dataclass(frozen=True)
 class StyleStatistics:
-    """How far head and eyes move (standard deviations, degrees), and how often gaze jumps (a second)."""
+    """Range of head and eyes (standard deviations, degrees), and saccades per second."""
 
     head_range_deg: float
     eye_range_deg: float
@@ -39,7 +39,7 @@ class StyleStatistics:
 
 
 def style_statistics(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> StyleStatistics:
-    """Of one motion."""
+    """Statistics of one motion."""
     space = rotation.gaze_in_space(head.astype(np.float64), gaze.astype(np.float64)).mean(1)
     rate = len(find_saccades(space, fps)) / (len(head) / fps)
     head_range_deg, eye_range_deg = (float(np.degrees(each.std(0).mean())) for each in (head, gaze[..., :2]))
@@ -47,7 +47,7 @@ def style_statistics(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"],
 
 
 def mean(found: list[StyleStatistics]) -> StyleStatistics:
-    """Of several."""
+    """Mean over motions."""
     return StyleStatistics(*np.mean([list(asdict(each).values()) for each in found], axis=0).tolist())
 
 
@@ -81,7 +81,7 @@ def main() -> None:
         made[who] = mean(found)
     pairs = list(combinations(true, 2))
     print(f"{len(true)} unseen speakers, {len(pairs)} pairs, {SAMPLES * asked.speeches} samples each")
-    print("| habit | told apart in the right direction | r over speakers | spread made / true |")
+    print("| statistic | pairs in the right direction | r over speakers | spread generated / true |")
     print("|---|---|---|---|")
     for name in asdict(next(iter(true.values()))):
         ours, theirs = ({who: getattr(each, name) for who, each in of.items()} for of in (made, true))

@@ -1,7 +1,7 @@
-"""What a trial of a sweep costs beside its stages, and how the store and MLflow hold a thousand tiny results.
+"""Overhead of a sweep trial besides its stages, and scaling of the store and MLflow to a thousand tiny results.
 
 Run     python -m benchmarks.sweep [ROWS]     (make bench; a thousand rows by default)
-Writes  a table to stdout; nothing else stays
+Writes  a table to stdout; nothing else remains
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ def make(call: StageCall, workspace: Workspace) -> Report:
 
 
 def chain(store: Path, params: dict[str, Any], stages: list[StageCall]) -> None:
-    """All stages of a trial."""
+    """Run all stages of a trial."""
     entries: dict[Path, StoredResult] = {}
     for call in stages:
         entries[call.folder] = get_or_run(store, call, params, entries, make)
 
 
 def timed(title: str, work: Callable[[], None], count: int) -> None:
-    """Print seconds of CPU and of the clock, of one."""
+    """Print CPU and wall-clock seconds per item."""
     cpu, clock = time.process_time(), time.perf_counter()
     work()
     cpu, clock = time.process_time() - cpu, time.perf_counter() - clock
@@ -44,22 +44,22 @@ def timed(title: str, work: Callable[[], None], count: int) -> None:
 
 
 def main() -> None:
-    """Compose, look up, store, log; then ask for all rows."""
+    """Compose, look up, store, log; then query all rows."""
     rows = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    print("| what | times | CPU s each | clock s each |\n|---|---|---|---|")
+    print("| operation | count | CPU s each | wall-clock s each |\n|---|---|---|---|")
     timed("the first composition, with its imports", lambda: _compose(1), 1)
     timed("a composition", lambda: _compose(5), 5)
     params = compose(["target=validate@talkingeyes"])
     stages = required_calls(stage_calls(params, stage_order(params)), params["target"])
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder, "store")
-        timed("a trial whose stages are all made, tiny", lambda: chain(store, params, stages), 1)
-        timed("a trial whose stages are all in the store", lambda: _again(store, params, stages), 20)
-        timed("a tiny result into the store", lambda: _results(store, params, stages[0], rows), rows)
-        timed("a tiny result out of a full store", lambda: _results(store, params, stages[0], rows), rows)
+        timed("a trial that runs all (tiny) stages", lambda: chain(store, params, stages), 1)
+        timed("a trial with all stages in the store", lambda: _again(store, params, stages), 20)
+        timed("writing a tiny result to the store", lambda: _results(store, params, stages[0], rows), rows)
+        timed("reading a tiny result from a full store", lambda: _results(store, params, stages[0], rows), rows)
         timed("the first row in MLflow, with imports and tables", lambda: _rows(Path(folder), params, 1), 1)
         timed("a row in MLflow", lambda: _rows(Path(folder), params, rows, 1), rows)
-        timed("all rows of the comparison, asked for in one query", lambda: _ask(Path(folder), rows + 1), 1)
+        timed("all rows of the comparison, in one query", lambda: _ask(Path(folder), rows + 1), 1)
 
 
 def _compose(times: int) -> None:

@@ -1,9 +1,9 @@
-"""How fast the synthetic world is, in CPU time of one core: speech, motion, what the camera sees, and writing.
+"""Speed of synthetic data generation, in CPU time of one core: speech, motion, observations, and writing.
 
 Run     python -m benchmarks.synthesize [SOUNDS]     (make bench; with 0, only the sizes)
 Reads   conf/ (synthesize=default, paper, personal)
 
-Cost against size: a few sounds of every source, with one take and with several, are made; the rest is multiplied.
+Cost by corpus size: a few sounds of every source, with one take and with several, are generated and extrapolated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from talkingeyes.synthesis.observations import identity_weights, make_camera, ob
 from talkingeyes.synthesis.plan import SynthesizeSettings
 from talkingeyes.synthesis.take import sample_take
 
-# Corpora whose cost is told, as overrides of conf/.
+# Corpora to estimate, as overrides of conf/.
 SIZES = (
     ("synthesize.clips=300", "synthesize.speakers=20"),
     ("synthesize.clips=1500", "synthesize.speakers=100"),
@@ -42,7 +42,7 @@ def main() -> None:
     """Print both tables."""
     settings = SynthesizeSettings.model_validate(compose()["synthesize"])
     wanted = sound_jobs(settings)
-    measure(settings, wanted[0], defaultdict(float))  # the head and the libraries are read once a process
+    measure(settings, wanted[0], defaultdict(float))  # the head and the libraries are loaded once per process
     count = int(sys.argv[1]) if sys.argv[1:] else 30
     if count:
         steps(settings, wanted[:count])
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def steps(settings: SynthesizeSettings, wanted: Sequence[SoundJob]) -> None:
-    """What each step of a sound costs."""
+    """Print the cost of each step of a sound."""
     spent_s: defaultdict[str, float] = defaultdict(float)
     seconds = sum(measure(settings, job, spent_s) for job in wanted)
     print(f"{len(wanted)} sounds, {seconds:.0f} s of speech; CPU time")
@@ -62,7 +62,7 @@ def steps(settings: SynthesizeSettings, wanted: Sequence[SoundJob]) -> None:
 
 
 def size(overrides: Sequence[str]) -> None:
-    """What a whole corpus costs, from a few of its sounds of each kind."""
+    """Print the cost of a whole corpus, estimated from a few of its sounds of each kind."""
     settings = SynthesizeSettings.model_validate(compose(overrides)["synthesize"])
     start = time.process_time()
     kinds = defaultdict(list)
@@ -84,7 +84,7 @@ def size(overrides: Sequence[str]) -> None:
 
 
 def measure(settings: SynthesizeSettings, job: SoundJob, spent_s: defaultdict[str, float]) -> float:
-    """Add up the time of each step for one sound; how long the sound is."""
+    """Add the time of each step for one sound to `spent_s`; return the duration of the sound."""
     start = 0.0
 
     def lap(step: str) -> None:
@@ -97,21 +97,21 @@ def measure(settings: SynthesizeSettings, job: SoundJob, spent_s: defaultdict[st
         speaker = plan.speaker_of(settings, sound)
         start = time.process_time()
         spoken = synthesize_speech(Path(folder), settings, job)
-        lap("speak, and write it")
+        lap("synthesize and write speech")
         synthesize_takes(Path(folder), settings, replace(job, takes=1), spoken)
-        lap("move, observe and write one take")
+        lap("sample, observe and write one take")
     motion_random = plan.generator(settings.seed, "motion", sound.index)
     start = time.process_time()
     take = sample_take(spoken.annotation, speaker.style, spoken.seconds, motion_random, settings.blink_profile)
-    lap("  draw a take")
+    lap("  sample a take")
     motion = take.motion(settings.fps, len(spoken.sound) * 25 // SAMPLE_RATE)
-    lap("  render at 25 frames a second")
+    lap("  render at 25 fps")
     rng = plan.generator(settings.seed, "noise", sound.index)
     identity = identity_weights(speaker.identity, settings.camera)
     observe(motion, make_camera(settings.camera, rng), settings.noise, rng, identity)
     lap("  observe")
     take.motion(500.0, round(500 * spoken.seconds))
-    lap("(render at 500 frames a second)")
+    lap("(render at 500 fps)")
     return spoken.seconds
 
 

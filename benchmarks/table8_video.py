@@ -1,10 +1,10 @@
-"""Table VIII as the paper made it, on a real video: MediaPipe at full size as truth, then brought down to 224 lines.
+"""Table VIII by the paper's procedure, on a real video: MediaPipe at full size as truth, then scaled to 224 lines.
 
-The video is scaled to 224 lines and coded again (H.264, CRF 35, as small as VoxCeleb2's), MediaPipe looks at both, and
-each fit gets what it sees of the small one. Error: distance of a fitted pupil to the pupil at full size, pixels of the
-standard crop; speed and saccade peaks: of a pupil relative to its eye's centre, all methods under the head pose of the
-large video, whose own frame by frame fit is the truth; frames without blinks. Left and right yaw are correlated over
-frames whose gaze moves: within half a second it spans 2 degrees or more.
+The video is scaled to 224 lines and re-encoded (H.264, CRF 35, as small as VoxCeleb2's). MediaPipe runs on both, and
+each fit uses its output for the small one. Error: distance of a fitted pupil to the pupil at full size, pixels of the
+standard crop. Speed and saccade peaks: of a pupil relative to its eye's centre, for all methods under the head pose of
+the large video, whose frame-by-frame fit is the truth; frames without blinks. Left and right yaw are correlated over
+frames with moving gaze: within half a second it spans 2 degrees or more.
 
 Run     python -m benchmarks.table8_video VIDEO...      (extra `track`)
 Reads   conf/
@@ -47,7 +47,7 @@ VARIANTS = {
 def main() -> None:
     """Print a table for each video."""
     if not sys.argv[1:]:  # make bench
-        print("table8_video: no video was named, nothing to measure")
+        print("table8_video: no video given, nothing to measure")
     for path in map(Path, sys.argv[1:]):
         table(path)
 
@@ -78,7 +78,7 @@ def table(path: Path) -> None:
     reference = FitReference(large.pupils, camera, frame_mask, truth.motion, truth.motion)
     print(f"{path.name}: {len(full)} frames at {height} lines and at {LINES}, {frame_mask.sum()} counted")
     apart = np.linalg.norm(small[:, -2:] - full[:, -2:], axis=-1)[frame_mask].mean()
-    print(f"what MediaPipe sees of the small one is {apart:.3f} px from what it sees at full size")
+    print(f"MediaPipe's pupils at the small and at the full size differ by {apart:.3f} px")
     print(f"{'method':<20}{'error px':>9}{'px/s':>8}{'ratio':>7}{'peaks':>7}{'left-right':>12}{'eye on head':>13}")
     best = reference.error_sums(truth.motion)
     for name, fit in fits.items():
@@ -92,7 +92,7 @@ def table(path: Path) -> None:
 
 
 def gaze_figures(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> str:
-    """Correlation of left and right yaw as each frame was fitted, and of eye and head yaw after smoothing."""
+    """Correlation of left and right yaw in the per-frame fit, and of eye and head yaw after smoothing."""
     yaw = gaze_to_angles(per_frame.gaze)[..., 0]
     width = round(0.5 * motion.fps)
     span = maximum_filter1d(yaw.mean(axis=1), width) - minimum_filter1d(yaw.mean(axis=1), width)
@@ -105,7 +105,7 @@ def gaze_figures(motion: Motion, per_frame: Motion, frame_mask: ndarray) -> str:
 def detect_landmarks(
     pictures: list[UInt8[ndarray, "H W 3"]], fps: float, settings: FaceDetectionSettings
 ) -> Float[ndarray, "T L 2"]:
-    """Landmarks and the two pupils of every picture, NaN where no face was found."""
+    """Landmarks and the two pupils of every image, NaN where no face was found."""
     mesh = FaceMesh(settings)
     looks = [mesh.detect(image, index / fps) for index, image in enumerate(pictures)]
     mesh.close()
@@ -114,7 +114,7 @@ def detect_landmarks(
 
 
 def degrade(pictures: list[UInt8[ndarray, "H W 3"]], fps: float) -> Iterator[UInt8[ndarray, "H W 3"]]:
-    """The pictures at LINES lines after H.264 of quality CRF."""
+    """The images at LINES lines after H.264 with CRF."""
     import av
     import cv2
 

@@ -1,8 +1,8 @@
-"""Tracking, end to end: frames a second of CPU, and memory against the length of the video.
+"""Tracking, end to end: frames per second of CPU, and memory by duration of the video.
 
-A drawn head that talks is written as a video of several lengths, then tracked as `talkingeyes track` does: decoding,
-FaceMesh, resampling, judgement, files. Memory is the peak of a process of its own for each length, less that of the
-shortest. With a folder of videos as the argument their speed is measured too, each at its own size.
+A rendered talking head is written as videos of several durations, then tracked as `talkingeyes track` does: decoding,
+FaceMesh, resampling, filtering, files. Memory is the peak of a separate process for each duration. With a folder of
+videos as argument, their speed is measured too, each at its own size.
 
 Run     python -m benchmarks.track [VIDEOS]     (make bench)
 """
@@ -31,7 +31,7 @@ SIDE = 224
 
 
 def write_test_video(path: Path, seconds: float) -> Path:
-    """A head that turns and talks, 224 x 224, 25 fps, with sound."""
+    """Write a video of a turning, talking head: 224 x 224, 25 fps, with sound."""
     from talkingeyes.core.motion import Motion
     from talkingeyes.head.anny import anny_head
     from talkingeyes.rendering.render import HeadRenderer
@@ -64,14 +64,14 @@ def child(video: Path) -> None:
 
 
 def start(settings: TrackSettings) -> None:
-    """The networks, once a process."""
+    """Load the networks, once per process."""
     from talkingeyes.workflows.track import get_face_mesh
 
     get_face_mesh(settings.face).detect(np.zeros((64, 64, 3), np.uint8), 0.0)
 
 
 def measured(video: Path) -> list[float]:
-    """What a process of its own says."""
+    """Results of a separate process."""
     called = subprocess.run(
         [sys.executable, __file__, "--child", str(video)], capture_output=True, text=True, check=True
     )
@@ -90,7 +90,7 @@ def main() -> None:
     print(f"{'video':<28}{'size':>13}{'frames':>8}{'frames/s':>12}{'start s':>10}{'peak MB':>10}")
     with tempfile.TemporaryDirectory() as folder:
         for seconds in LENGTHS_S:
-            print(line(f"drawn, {seconds} s", measured(write_test_video(Path(folder) / "drawn.mp4", seconds))))
+            print(line(f"rendered, {seconds} s", measured(write_test_video(Path(folder) / "drawn.mp4", seconds))))
     for source in sources([Path(sys.argv[1])], None) if sys.argv[1:] else []:
         print(line(source.name, measured(source.path)))
 
