@@ -42,7 +42,7 @@ def test_vhap_joins_head_and_neck_and_has_the_left_eye_first(tmp_path: Path) -> 
     np.testing.assert_allclose(motion.head, compose_rotations(parts["rotation"], parts["neck_pose"]), atol=1e-6)
     np.testing.assert_allclose(motion.gaze[:, 0], parts["eyes_pose"][:, :3], atol=1e-6)
     assert motion.expression.shape == (9, 100)
-    with pytest.raises(InputError, match="frame rate; say --fps"):
+    with pytest.raises(InputError, match="frame rate, got none; set --fps"):
         read_motion(tmp_path / "a.npz")
 
 
@@ -56,7 +56,7 @@ def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", shape=small(100), exp=small(9, 50), pose=pose)
     read = read_motion(tmp_path / "a.npz", 25.0)
     np.testing.assert_allclose(np.hstack([read.motion.head, read.motion.jaw]), pose, atol=1e-7)
-    assert read.notes == ("no gaze in it: the eyes look straight ahead",)
+    assert read.notes == ("no gaze in the file: the eyes look straight ahead",)
 
 
 @pytest.mark.parametrize(("width", "name"), [(53, "emote"), (403, "probtalk3d"), (106, "artalk"), (108, "unils")])
@@ -270,10 +270,10 @@ def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
     [
         ("fps: 25\nhaed: {}", "map.yaml: haed: Extra inputs are not permitted"),
         ("fps: 25\nhead: {unit: turns}", "map.yaml: head.unit: Input should be 'radians' or 'degrees', got 'turns'"),
-        ("fps: 25\nhead: {rotation_format: spin}", "form: should be one of rotation_vector"),
+        ("fps: 25\nhead: {rotation_format: spin}", "rotation_format: should be one of rotation_vector"),
         ("fps: 25\nhead: {columns: [0, 4]}", "head should have 3 columns"),
         ("fps: 25\nhead: {columns: [8, 12]}", "columns of head should lie in 0 to 9"),
-        ("head: {columns: [0, 3]}", "say --fps, or fps in the map"),
+        ("head: {columns: [0, 3]}", "set --fps, or fps in the map"),
         ("fps: 25\nhead: {columns: [0, 3]}\ngaze: {columns: [0, 5]}", "should have 3 or 6 columns, got 5"),
         ("fps: 25", "should place head or gaze"),
         ("fps: [", "not a readable map"),
@@ -311,7 +311,7 @@ def test_files_that_are_broken_inside_are_one_line(tmp_path: Path) -> None:
 
 def test_degrees_where_radians_should_be_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", eyes_pose=small(50, 6, size=10.0), expr=small(50, 100), rotation=small(50, 3))
-    with pytest.raises(InputError, match=r"gaze should turn by 1\.4 radians at most, got .*; degrees\?"):
+    with pytest.raises(InputError, match=r"gaze should rotate by at most 1\.4 radians, got .*; if these are degrees"):
         read_motion(tmp_path / "a.npz", 25.0)
 
 
@@ -340,7 +340,7 @@ def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
         (["text.json", "-o", "a.npz"], "should be JSON with fps"),
         (["text.npz", "-o", "a.npz"], "not a readable npz"),
         (["text.npy", "-o", "a.npz"], "not a readable npy"),
-        (["text.pt", "-o", "a.npz"], "not a file that torch saved"),
+        (["text.pt", "-o", "a.npz"], "not a file saved by torch"),
         (["text.csv", "other.json", "-o", "a.npz"], "should be a folder for 2 files"),
         (["text.csv", "text.json", "-o", "out"], "another file is called text too"),
         (["text.csv", "-o", "out", "--fps", "0"], "fps: should be 1 to 1000, got 0"),

@@ -1,11 +1,12 @@
-"""ARKit's 52 coefficients: a Motion composed into them, and taken out of them again.
+"""ARKit's 52 blend shape coefficients: conversion from and to Motion.
 
-    eyeLookOut (left eye) = eyeLookIn (right eye) = max(yaw, 0) / LOOK_RAD        In = toward the nose
+    eyeLookOut (left eye) = eyeLookIn (right eye) = max(yaw, 0) / LOOK_RANGE_RAD        In = toward the nose
 
-Yaw is positive to the subject's left, so the left eye looks outward then. Coefficients run from 0 to 1; a look of 1 is
-37 degrees, the median over eleven recordings of Live Link Face (34 to 42 degrees of yaw; for pitch none was measured,
-the same is taken). `eyeBlink` is the closure of the lids, `eyeWide` what they are wider than gaze alone makes them. The
-other 38 are `Motion.expression` of the open head. What is lost: angles beyond 37 degrees, roll of the jaw.
+Yaw is positive to the subject's left, so the left eye then looks outward. Coefficients range from 0 to 1. A look
+coefficient of 1 corresponds to 37 degrees, the median over eleven recordings of Live Link Face (34 to 42 degrees of
+yaw; pitch was not measured and uses the same value). `eyeBlink` is the closure of the lids; `eyeWide` is lid opening
+beyond that for the gaze alone. The other 38 coefficients are `Motion.expression` of the open head. Angles beyond 37
+degrees and the roll of the jaw are lost.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from talkingeyes.head.anny_build import JAW_OPEN_RAD
 from talkingeyes.head.posing import GAZE_LID_SHAPES, JAW_SHAPES, JAW_SIDE_RAD, SIDES
 
 LOOK_RANGE_RAD = float(np.radians(37.0))
-WIDE_CLOSURE = 0.3  # closure below 0 at eyeWide 1: as wide as lids of the synthetic world go
+WIDE_CLOSURE = 0.3  # closure is -0.3 at eyeWide 1, the widest lids of synthetic data
 EYE_COEFFICIENTS = ("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide")
 _FACE = """jawForward jawLeft jawRight jawOpen mouthClose mouthFunnel mouthPucker mouthLeft mouthRight mouthSmileLeft
 mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight mouthStretchLeft mouthStretchRight
@@ -32,12 +33,12 @@ browOuterUpRight cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSn
 NAMES = (*(f"{what}{side}" for side in SIDES for what in EYE_COEFFICIENTS), *_FACE.split())  # Live Link's order
 EXPRESSION = tuple(
     name for name in NAMES if name not in GAZE_LID_SHAPES + JAW_SHAPES
-)  # what a Motion carries as expression
+)  # expression coefficients of a Motion
 
 
 @dataclass(frozen=True)
 class DecodedFace:
-    """What coefficients say: eye-in-head rotation vectors, closure, jaw, and the other 38."""
+    """Decoded coefficients: eye-in-head rotation vectors, closure, jaw, and the other 38 coefficients."""
 
     gaze: Float[ndarray, "T 2 3"]
     lid: Float[ndarray, "T 2"]
@@ -46,7 +47,7 @@ class DecodedFace:
 
 
 def coefficients(motion: Motion) -> Float[ndarray, "T 52"]:
-    """The 52 of a motion whose expression, if it has any, is that of the open head; in the order of NAMES, 0 to 1."""
+    """The 52 coefficients (0 to 1, in the order of NAMES) of a motion with no expression or that of the open head."""
     columns = {
         **_looks(rotation.gaze_to_angles(motion.gaze)),
         "jawOpen": motion.jaw[:, 0] / JAW_OPEN_RAD,
@@ -65,7 +66,7 @@ def coefficients(motion: Motion) -> Float[ndarray, "T 52"]:
 
 
 def decoded(table: Float[ndarray, "T 52"]) -> DecodedFace:
-    """The inverse of `coefficients`; eyeWide becomes closure below 0, so it is 0 in the expression."""
+    """The inverse of `coefficients`. eyeWide becomes negative closure, so it is 0 in the expression."""
     column = dict(zip(NAMES, table.T, strict=True))
     looks, lids = [], []
     for side, outward in zip(SIDES, (1.0, -1.0), strict=True):

@@ -1,4 +1,4 @@
-"""Forms in which files hold rotations, to rotation vectors and back."""
+"""Conversion of the rotation formats of files from and to rotation vectors."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 
 WIDTHS = {"rotation_vector": 3, "six_d": 6, "quaternion_xyzw": 4, "quaternion_wxyz": 4, "matrix": 9, "yaw_pitch": 2}
-EULER_PREFIX = "euler_"  # and three letters: capital ones turn with the body (XYZ), small ones about fixed axes
+EULER_PREFIX = "euler_"  # plus three letters: capitals for intrinsic (XYZ), small letters for extrinsic rotations
 
 
 def rotation_width(rotation_format: str) -> int:
-    """How many numbers a rotation of this form takes."""
+    """Numbers per rotation of a format. Raises InputError for an unknown format."""
     letters = rotation_format.removeprefix(EULER_PREFIX)
     if (
         rotation_format.startswith(EULER_PREFIX)
@@ -25,13 +25,14 @@ def rotation_width(rotation_format: str) -> int:
         return 3
     if rotation_format not in WIDTHS:
         raise InputError(
-            f"form: should be one of {', '.join(WIDTHS)} or {EULER_PREFIX}XYZ (any order), got {rotation_format!r}"
+            f"rotation_format: should be one of {', '.join(WIDTHS)} or {EULER_PREFIX}XYZ (any order), "
+            f"got {rotation_format!r}"
         )
     return WIDTHS[rotation_format]
 
 
 def to_rotation_vectors(values: Float[ndarray, "T C"], rotation_format: str) -> Float[ndarray, "T 3"]:
-    """Rotation vectors (radians). `six_d` is the first two rows of the matrix; angles are radians."""
+    """Convert to rotation vectors (radians). `six_d` holds the first two rows of the matrix; angles are in radians."""
     if rotation_format == "rotation_vector":
         return np.asarray(values)
     if rotation_format == "yaw_pitch":
@@ -46,7 +47,7 @@ def to_rotation_vectors(values: Float[ndarray, "T C"], rotation_format: str) -> 
 
 
 def euler_yxz(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
-    """Angles about +y, then the new +x, then the new +z (radians): yaw to the left, down, to the right shoulder."""
+    """Intrinsic Euler angles about y, x, z (radians): yaw to the left, pitch down, roll to the right shoulder."""
     return np.asarray(Rotation.from_rotvec(vectors).as_euler("YXZ"))
 
 
@@ -56,7 +57,8 @@ def from_euler_yxz(angles_rad: Float[ndarray, "T 3"]) -> Float[ndarray, "T 3"]:
 
 
 def quaternions(vectors: Float[ndarray, "T 3"]) -> Float[ndarray, "T 4"]:
-    """Unit quaternions x, y, z, w; neighbours on the same side, so that players do not go the long way round."""
+    """Unit quaternions x, y, z, w with signs chosen for continuity, so that players interpolate along the shorter
+    arc."""
     found = Rotation.from_rotvec(vectors).as_quat()
     flips = np.sign(np.einsum("tc,tc->t", found[1:], found[:-1]))
     flips[flips == 0] = 1.0
@@ -69,7 +71,7 @@ def compose_rotations(first: Float[ndarray, "T 3"], second: Float[ndarray, "T 3"
 
 
 def _orthonormal(values: Float[ndarray, "T 6"]) -> Float[ndarray, "T 3 3"]:
-    """Gram and Schmidt on two rows (Zhou et al. 2019, as pytorch3d writes them)."""
+    """Gram-Schmidt orthonormalisation of two rows (Zhou et al. 2019, as in pytorch3d)."""
     first, second = values[:, :3], values[:, 3:]
     one = first / np.linalg.norm(first, axis=1, keepdims=True)
     two = second - np.einsum("tc,tc->t", one, second)[:, None] * one

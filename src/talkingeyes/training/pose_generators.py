@@ -1,5 +1,4 @@
-"""A trained model of the head alone, loaded from a folder of the train stage; its generator keeps the eyes straight
-ahead."""
+"""A trained model of the head alone, from a folder of the train stage; its generator keeps the eyes straight ahead."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Training of a model of the head alone on windows of poses, for PoseGAN with a discriminator (Zhang et al., section
-4).
+"""Training of a model of the head alone on windows of poses; PoseGAN adds a discriminator (Zhang et al., section 4).
 
 The weights kept are those whose poses on val move most like true ones (`MovementRatios`). The paper keeps the "best
 performing" weights without naming a criterion; a distance would select the stillest.
@@ -94,8 +93,7 @@ class PoseTask:
         ]
         if not self.window_starts:
             raise InputError(
-                f"windows.frames: should be at most the longest training clip, got {length} "
-                f"(at {settings.poses.fps:g} fps)"
+                f"windows.frames: should be at most the longest clip, got {length} at {settings.poses.fps:g} fps"
             )
         speakers = sorted({each.clip.speaker for each in train})
         self.validation_recordings = [each for each in val if each.clip.speaker in speakers][

@@ -1,4 +1,4 @@
-"""ARKit's coefficients as JSON, as `export -f arkit` writes it: names beside the rows, so any order can be read."""
+"""ARKit coefficients as JSON, as written by `export -f arkit`. Coefficients are read by name, in any order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from talkingeyes.formats import arkit
 
 
 def read_arkit_json(path: Path, fps: float | None = None) -> Motion:
-    """The motion; without rotations, gaze is that of the look coefficients."""
+    """Read a motion; without rotations, gaze follows from the look coefficients."""
     try:
         content = json.loads(path.read_text())
         names = [str(name)[0].lower() + str(name)[1:] for name in content["names"]]

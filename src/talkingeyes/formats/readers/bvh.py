@@ -1,4 +1,4 @@
-"""BVH of a head: joints by their names, rotations in whatever order the file's channels have."""
+"""BVH of a head: joints by name, with any order of rotation channels."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ JOINT_ALIASES = {
 
 @dataclass(frozen=True)
 class JointChannels:
-    """Where the channels of a joint start in a row, and what they are."""
+    """First column and names of the channels of a joint."""
 
     start: int
     names: tuple[str, ...]
 
 
 def read_bvh(path: Path, fps: float | None = None) -> Motion:
-    """The motion of the joints of a head. Raises InputError if the file has none."""
+    """Read the motion of the joints of a head. Raises InputError if the file has none."""
     try:
         hierarchy, rows = path.read_text(errors="replace").split("MOTION", 1)
         step_s = float(re.findall(r"Frame Time:\s*(\S+)", rows)[0])
@@ -57,7 +57,7 @@ def read_bvh(path: Path, fps: float | None = None) -> Motion:
 
 
 def _columns(hierarchy: str) -> dict[str, JointChannels]:
-    """The channels of each joint, by its name in small letters."""
+    """Channels of each joint, by lower-case name."""
     found: dict[str, JointChannels] = {}
     name, start = "", 0
     for line in hierarchy.splitlines():

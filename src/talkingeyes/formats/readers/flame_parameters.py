@@ -1,12 +1,13 @@
-"""FLAME's parameters as its users write them: VHAP, DiffPoseTalk, EMOTE, ProbTalk3D, ARTalk, UniLS, and our own names.
+"""FLAME parameters of VHAP, DiffPoseTalk, EMOTE, ProbTalk3D, ARTalk, UniLS, and in our own layout.
 
-All turn joints by rotation vectors (radians), the left eye before the right; eyes inherit the head. Head and neck make
-one rotation, R(global) R(neck). Which one an npz is follows from its names, which one an array is from its width:
+All use rotation vectors (radians) for joints, the left eye before the right; eyes are relative to the head. Head and
+neck are combined to one rotation, R(global) R(neck). The layout of an npz follows from its names, that of an array from
+its width:
 
     53   EMOTE, DEEPTalk: 50 expression, 3 jaw           403  ProbTalk3D: 300 shape, 100 expression, 3 jaw
     106  ARTalk: 100 expression, 3 head, 3 jaw           108  UniLS: 100 expression, 3 head, 1 jaw, 2 + 2 eyes
 
-UniLS keeps x and y of an eye; the third is 0. What a layout lacks is neutral.
+UniLS stores x and y of an eye rotation; z is 0. Parts that a layout lacks are neutral.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from talkingeyes.formats.rotations import compose_rotations
 
 HEAD_MODEL = "flame"
 EXPRESSION = "expression_{:03d}"
-# What an npz may call it, in the order in which they are looked for.
+# Alternative names in an npz, in order of precedence.
 PARAMETER_ALIASES = {
     "global": ("rotation", "global_orient", "head_pose"),
     "neck": ("neck_pose",),
@@ -35,17 +36,17 @@ PARAMETER_ALIASES = {
     "translation": ("translation", "transl"),
     "lid": ("eyelids",),
 }
-MIN_VERTEX_COLUMNS = 3000  # columns: no parameters of a face
-POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one
+MIN_VERTEX_COLUMNS = 3000  # wider arrays hold vertices
+POSE_KEYS = ("pose",)  # DiffPoseTalk: head and jaw in one array
 
 
 def read_flame_npz(path: Path, fps: float | None = None) -> Motion:
-    """An npz of FLAME parameters by name."""
+    """Read an npz of named FLAME parameters."""
     return motion_from_arrays(path, _content(path), fps)
 
 
 def read_flame_array(path: Path, fps: float | None = None) -> Motion:
-    """An array (T, C), or one in a stack of one, that is told by its width; .npy, or a tensor in a torch file."""
+    """Read an array (T, C) or (1, T, C), whose layout follows from its width; a .npy, or a tensor in a torch file."""
     content = read_torch(path) if path.suffix in (".pt", ".pth") else _array(path)
     if isinstance(content, Mapping):
         arrays = [value for value in content.values() if isinstance(value, ndarray) and value.ndim >= 2]
@@ -64,7 +65,7 @@ def read_flame_array(path: Path, fps: float | None = None) -> Motion:
 
 
 def motion_from_arrays(path: Path, content: Mapping[str, ndarray], fps: float | None) -> Motion:
-    """The motion of named arrays. Raises InputError for a missing rate, or lengths that do not agree."""
+    """Build a motion from named arrays. Raises InputError for a missing rate or inconsistent lengths."""
     found = {
         part: next((content[key] for key in keys if key in content), None) for part, keys in PARAMETER_ALIASES.items()
     }
@@ -99,7 +100,7 @@ def motion_from_arrays(path: Path, content: Mapping[str, ndarray], fps: float | 
 
 
 def _split(array: Float[ndarray, "T C"]) -> dict[str, ndarray]:
-    """The parts of an array, by its width."""
+    """Parts of an array, by its width."""
     frames, width = array.shape
     if width == 53:
         return {"expr": array[:, :50], "jaw_pose": array[:, 50:]}
@@ -117,7 +118,7 @@ def _split(array: Float[ndarray, "T C"]) -> dict[str, ndarray]:
 
 
 def _rows(path: Path, name: str, array: ndarray, width: int | None, frames: int | None = None) -> ndarray:
-    """T rows of so many numbers; one row is held for all frames."""
+    """An array of T rows; a single row is repeated for all frames."""
     rows = np.asarray(array, np.float64)
     rows = rows.reshape(len(rows), -1) if rows.ndim > 1 else np.atleast_2d(rows)
     if frames is not None and len(rows) == 1 < frames:
@@ -131,7 +132,7 @@ def _rows(path: Path, name: str, array: ndarray, width: int | None, frames: int 
 
 def _rate(path: Path, content: Mapping[str, ndarray]) -> float:
     if "fps" not in content:
-        raise InputError(f"{path}: does not say its frame rate; say --fps")
+        raise InputError(f"{path}: should contain its frame rate, got none; set --fps")
     return float(np.asarray(content["fps"]).reshape(-1)[0])
 
 

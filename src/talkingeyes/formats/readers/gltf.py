@@ -1,7 +1,7 @@
-"""glTF files with a head's animation: GLB of a head with joints and morph targets, and VRM animations (.vrma).
+"""glTF files with the animation of a head: GLB with joints and morph targets, and VRM animations (.vrma).
 
-Joints are found by their names (neck or head; jaw; left_eye or LeftEye; ...), weights by the names of the targets.
-Where the lids move by the shapes of the Eyelid model, closure is taken out of the weight of its blink.
+Joints are found by name (neck or head; jaw; left_eye or LeftEye; ...), weights by the names of the targets. Where lids
+are driven by the shapes of the Eyelid model, closure is computed from the weight of its blink shape.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from talkingeyes.head.eyelid.blendshapes import eyelid_weights
 
 DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-JOINT_ALIASES = {  # ours, and what others call it; the first that moves counts
+JOINT_ALIASES = {  # our names and their aliases; the first animated one is used
     "head": ("neck", "head", "Head", "Neck"),
     "jaw": ("jaw", "Jaw"),
     "left_eye": ("left_eye", "leftEye", "LeftEye", "eyeLeft"),
@@ -38,7 +38,7 @@ VRM_EXTENSION = "VRMC_vrm_animation"
 
 @dataclass(frozen=True)
 class Track:
-    """Values of one node over time."""
+    """Keyframes of one node."""
 
     times_s: Float[ndarray, " K"]
     values: Float[ndarray, "K C"]
@@ -46,25 +46,25 @@ class Track:
 
 @dataclass(frozen=True)
 class GltfDocument:
-    """The JSON of a file and its bytes."""
+    """The JSON of a file and its binary buffer."""
 
     path: Path
     content: dict[str, Any]
     binary: bytes
 
     def array(self, index: int) -> Float[ndarray, "N C"]:
-        """An accessor, dense."""
+        """Values of a dense accessor."""
         accessor = self.content["accessors"][index]
         dtype, width = np.dtype(DTYPES[accessor["componentType"]]), WIDTHS[accessor["type"]]
         view = self.content["bufferViews"][accessor["bufferView"]]
         start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         if view.get("byteStride", 0) not in (0, dtype.itemsize * width):
-            raise InputError(f"{self.path}: interleaved animation data is not read")
+            raise InputError(f"{self.path}: animation data should not be interleaved")
         flat = np.frombuffer(self.binary, dtype, accessor["count"] * width, start).astype(np.float64)
         return flat.reshape(-1, width)
 
     def tracks(self) -> dict[tuple[int, str], Track]:
-        """The channels of the first animation, by node and path."""
+        """Channels of the first animation, by node and path."""
         animation = self.content["animations"][0]
         found = {}
         for channel in animation["channels"]:
@@ -79,7 +79,7 @@ class GltfDocument:
 
 
 def read_gltf(path: Path, fps: float | None = None) -> Motion:
-    """The motion of a .glb or .vrma. Raises InputError if it holds no animation of a head."""
+    """Read the motion of a .glb or .vrma. Raises InputError if it holds no animation of a head."""
     try:
         document = _opened(path)
         tracks = document.tracks()
@@ -119,7 +119,7 @@ def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: flo
     known = [track for track in (*joints.values(), weights[1] if weights else None) if track is not None]
     if not known:
         raise InputError(
-            f"{document.path}: should turn a joint such as {', '.join(JOINT_ALIASES)}, got {', '.join(names[:6])}"
+            f"{document.path}: should animate a joint such as {', '.join(JOINT_ALIASES)}, got {', '.join(names[:6])}"
         )
     rate, times = _grid(known[0], fps)
     turned = {ours: _turns(track, times) for ours, track in joints.items()}
@@ -138,8 +138,8 @@ def _head(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: flo
 def motion_from_shapes(
     fps: float, head: ndarray, gaze: ndarray, jaw: ndarray, shift: ndarray, shapes: dict[str, ndarray]
 ) -> Motion:
-    """A motion of joints and of weights by the names of shapes."""
-    if "expression_000" in shapes:  # FLAME's, which has no lids of its own
+    """Build a motion from joint rotations and named shape weights."""
+    if "expression_000" in shapes:  # FLAME, which has no lid shapes
         names = tuple(name for name in (EXPRESSION.format(k) for k in range(100)) if name in shapes)
         made_for, lid = "flame", np.zeros((len(head), 2))
         expression = np.stack([shapes[name] for name in names], axis=1)
@@ -178,7 +178,7 @@ def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: floa
     weights = {name: tracks.get((place["node"], "translation")) for name, place in shown.items()}
     known = [track for track in (looking, *turning.values(), *weights.values()) if track is not None]
     if not known:
-        raise InputError(f"{document.path}: should move the head, the look-at or expressions, got none")
+        raise InputError(f"{document.path}: should animate the head, the look-at or expressions, got none")
     rate, times = _grid(known[0], fps)
     head = Rotation.from_rotvec(_turns(turning.get("neck"), times)) * Rotation.from_rotvec(
         _turns(turning.get("head"), times)
@@ -196,10 +196,10 @@ def _vrm(document: GltfDocument, tracks: dict[tuple[int, str], Track], fps: floa
 
 
 def _grid(track: Track, fps: float | None) -> tuple[float, Float[ndarray, " T"]]:
-    """The rate of a track, unless it is given, and the times of its frames."""
+    """Frame rate (of the track, unless given) and frame times."""
     steps = np.diff(track.times_s)
     if fps is None and (not len(steps) or np.ptp(steps) > 0.1 * np.median(steps)):
-        raise InputError("animation: keys should be evenly spaced, or say --fps")
+        raise InputError("animation: keys should be evenly spaced, got uneven ones; set --fps")
     span = float(track.times_s[-1] - track.times_s[0])
     rate = fps if fps is not None else round(len(steps) / span, 3)
     frames = round(span * rate) + 1
@@ -211,7 +211,7 @@ def _sampled(track: Track, times: Float[ndarray, " T"]) -> Float[ndarray, "T C"]
 
 
 def _turns(track: Track | None, times: Float[ndarray, " T"]) -> Float[ndarray, "T 3"]:
-    """Rotation vectors of a track of quaternions, between keys along the shortest way."""
+    """Rotation vectors of a track of quaternions, with spherical interpolation."""
     if track is None:
         return np.zeros((len(times), 3))
     keys = Rotation.from_quat(track.values)

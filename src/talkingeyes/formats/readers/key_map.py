@@ -1,17 +1,17 @@
-"""Any npy or npz by a map of its names: what the arrays mean is said once, in YAML, and checked.
+"""Any npy or npz by a key map: a YAML file that describes the arrays.
 
     fps: 25                          # or {key: fps}
-    head_model: flame                # anny or flame: whose expression it is
-    head: {key: pose, columns: [0, 3], form: rotation_vector, unit: radians}
-    gaze: {key: eyes, columns: [0, 6], form: rotation_vector, unit: radians, eyes: left_right, frame: head}
-    jaw:  {key: pose, columns: [3, 6], form: rotation_vector}
+    head_model: flame                # anny or flame: the head model of the expression
+    head: {key: pose, columns: [0, 3], rotation_format: rotation_vector, unit: radians}
+    gaze: {key: eyes, columns: [0, 6], rotation_format: rotation_vector, unit: radians, eyes: left_right, frame: head}
+    jaw:  {key: pose, columns: [3, 6], rotation_format: rotation_vector}
     lid:  {key: eyelids, eyes: left_right}
     translation: {key: transl, scale: 0.001}
     expression: {key: exp}
 
-An npy has one array, and no key. `rotation_format` is that of `rotations`; `axis_signs` turns the axes of vectors into
-this project's (+x left, +y up, +z out of the face); `frame: space` is gaze in space, whose head rotation is taken out.
-One value for both eyes serves both.
+An npy has one array, and no key. `rotation_format` is one of `rotations`. `axis_signs` maps the axes of vectors to this
+project's (+x left, +y up, +z out of the face). `frame: space` is gaze in space, from which the head rotation is
+removed. A single value for gaze or lids is used for both eyes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from talkingeyes.formats.rotations import rotation_width, to_rotation_vectors
 
 
 class ArrayMapping(Settings):
-    """Where a quantity stands in a file, and what its numbers mean. These defaults are the project's conventions."""
+    """Location and meaning of a quantity in a file. The defaults are the conventions of this project."""
 
     key: str | None = None
     columns: tuple[int, int] | None = None
@@ -60,7 +60,7 @@ class KeyMap(Settings):
 
 
 def load_key_map(path: Path) -> KeyMap:
-    """Read a map. Raises InputError, which names the key and what came."""
+    """Read a map. Raises InputError with the invalid key and value."""
     try:
         return KeyMap.model_validate(yaml.safe_load(path.read_text()))
     except (OSError, yaml.YAMLError) as error:
@@ -72,11 +72,11 @@ def load_key_map(path: Path) -> KeyMap:
 
 
 def read_with_map(path: Path, mapping: KeyMap, fps: float | None = None) -> Motion:
-    """The motion of a file by its map."""
+    """Read the motion of a file by its map."""
     content = _content(path)
     parts = {name: getattr(mapping, name) for name in ("head", "gaze", "jaw", "lid", "translation", "expression")}
     if parts["head"] is None and parts["gaze"] is None:
-        raise InputError(f"{path}: the map should place head or gaze, got neither")
+        raise InputError(f"{path}: the map should contain head or gaze, got neither")
     rows = {name: _rows(path, content, name, field) for name, field in parts.items() if field is not None}
     lengths = {name: len(array) for name, array in rows.items()}
     if len(set(lengths.values())) > 1:
@@ -114,7 +114,7 @@ def _joint(rows: ndarray, field: ArrayMapping) -> ndarray:
     turned = to_rotation_vectors(
         np.radians(rows) if angles and field.unit == "degrees" else rows, field.rotation_format
     )
-    # A reflection of axes turns the sense of rotations: a rotation vector is an axial one.
+    # A rotation vector is an axial vector: a reflection of axes reverses the sense of rotation.
     return np.asarray(turned * np.array(field.axis_signs) * np.prod(field.axis_signs))
 
 
@@ -125,7 +125,7 @@ def _eyes(rows: ndarray, field: ArrayMapping, head: ndarray) -> ndarray:
 
 
 def _of_eyes(rows: ndarray, field: ArrayMapping, width: int) -> ndarray:
-    """(T, 2, width): the eyes in this project's order."""
+    """(T, 2, width), the eyes in the order of this project."""
     if rows.shape[1] == width:
         return np.repeat(rows[:, None], 2, axis=1)
     if rows.shape[1] != 2 * width:
@@ -169,7 +169,7 @@ def _rate(path: Path, content: Mapping[str, ndarray], mapping: KeyMap, fps: floa
             raise InputError(f"{path}: should hold {key}, got {', '.join(content)[:120]}")
         return float(np.asarray(content[key]).reshape(-1)[0])
     if mapping.fps is None:
-        raise InputError(f"{path}: does not say its frame rate; say --fps, or fps in the map")
+        raise InputError(f"{path}: should contain its frame rate, got none; set --fps, or fps in the map")
     return mapping.fps
 
 

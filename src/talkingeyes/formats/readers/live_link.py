@@ -1,12 +1,12 @@
-"""Live Link Face's CSV: ARKit's coefficients with time codes and nine angles; read by the names of its columns.
+"""CSV of Live Link Face: ARKit coefficients with time codes and nine angles, read by column name.
 
     LeftEyeYaw = -yaw to the subject's left,  Pitch = down,  Roll = to the subject's right shoulder;  radians
 
-Evidence, from eleven recordings of the app: a look coefficient of 1 goes with 34 to 42 degrees when the columns are
+Evidence, from eleven recordings of the app: a look coefficient of 1 corresponds to 34 to 42 degrees if the columns are
 read as radians (as degrees it would be 0.65), and the yaw of an eye is negative when it looks to the subject's left.
-The sign of pitch is that of public players; that of roll is not known from any recording. Angles are those of
-R = Ry Rx Rz. Where the columns are empty, as of takes without rotations, the look coefficients give the gaze; where
-they disagree with them in sign or unit they are turned, since other programs write other ones.
+The sign of pitch is that of public players; that of roll is not known from any recording. Angles are those of R = Ry Rx
+Rz. If the angle columns are empty, as in takes without rotations, the look coefficients give the gaze. If the angles
+contradict the coefficients in sign or unit, they are corrected, because other programs write other conventions.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from talkingeyes.formats.rotations import from_euler_yxz
 ANGLE_COLUMNS = tuple(
     f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")
 )
-ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `rotations.turns`
+ANGLE_SIGNS = np.array([-1.0, 1.0, 1.0])  # of yaw, pitch, roll, from Live Link's to `euler_yxz`
 BLENDSHAPE_COUNT = 61
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
-TIMECODE_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frames a second that time codes count in
-TIMING_TOLERANCE_S = 0.003  # by which times may leave a straight line
-MAX_RADIAN_SLOPE = 5.0  # radians a look coefficient cannot mean
-MIN_LOOK_SD = 0.05  # a standard deviation of look coefficients that tells the sign
+TIMECODE_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frame rates of time codes
+TIMING_TOLERANCE_S = 0.003  # maximum deviation from even time steps
+MAX_RADIAN_SLOPE = 5.0  # a larger slope (angle per look coefficient) means degrees
+MIN_LOOK_SD = 0.05  # minimum spread of look coefficients that shows the sign
 
 
 @dataclass(frozen=True)
 class TakeTiming:
-    """Frames a second of a take, and the time of each of its rows."""
+    """Frame rate of a take, and the time of each of its rows."""
 
     fps: float
     times_s: Float[ndarray, " T"]
 
 
 def read_live_link(path: Path, fps: float | None = None) -> Motion:
-    """A take. Raises InputError if it is not one, or if its rate does not follow from its time codes."""
+    """Read a take. Raises InputError if it is invalid, or if its rate does not follow from its time codes."""
     table = tables.read(path)
     found = {name.lower(): name for name in table.names}
     if not all(f"eyelook{way}{side}" in found for way in ("in", "out") for side in ("left", "right")):
@@ -76,7 +76,7 @@ def read_live_link(path: Path, fps: float | None = None) -> Motion:
 
 
 def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Float[ndarray, "T 2 3"]:
-    """Gaze by the angles, in the sign and unit that the look coefficients have; by those where there are no angles."""
+    """Gaze from the angles, with the sign and unit of the look coefficients; from these if there are no angles."""
     if not turned.any():
         return looks
     told = rotation.gaze_to_angles(looks) / arkit.LOOK_RANGE_RAD * [1.0, -1.0]  # yaw to the left, pitch down
@@ -91,13 +91,13 @@ def _gaze(turned: Float[ndarray, "T 2 3"], looks: Float[ndarray, "T 2 3"]) -> Fl
 
 
 def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> TakeTiming:
-    """By time codes if there are any: the rate in which their frames run straight; else by `fps`."""
+    """Timing by time codes, at the rate for which steps are even; without time codes, by `fps`."""
     read = [TIMECODE.fullmatch(code.strip()) for code in codes]
     if rows < 2 or (read and not all(read)):
         raise InputError(f"{path}: should hold two or more frames with time codes like 18:48:59:39.473")
     if not read:
         if fps is None:
-            raise InputError(f"{path}: has no time codes; say --fps")
+            raise InputError(f"{path}: should contain time codes, got none; set --fps")
         return TakeTiming(fps, np.arange(rows) / fps)
     parts = np.array([[float(part) for part in match.groups()] for match in read if match])
     seconds = parts[:, :3] @ [3600.0, 60.0, 1.0]
@@ -113,17 +113,17 @@ def _clock(path: Path, codes: tuple[str, ...], rows: int, fps: float | None) -> 
             if within:
                 counted = np.round(steps / step).sum()
                 return TakeTiming(_round_rate(counted / float(times[-1])) if fps is None else fps, times)
-    raise InputError(f"{path}: the rate does not follow from its time codes (too short a take?); say --fps")
+    raise InputError(f"{path}: the rate should follow from its time codes (is the take too short?); set --fps")
 
 
 def _is_even(steps: Float[ndarray, " T"]) -> bool:
-    """Whether times go on evenly, but for frames that were dropped."""
+    """Whether time steps are even, apart from dropped frames."""
     step = float(np.median(steps))
     return bool(np.abs(steps / step - np.round(steps / step)).max() * step < TIMING_TOLERANCE_S)
 
 
 def _round_rate(fps: float) -> float:
-    """The usual rate that this is, if it is one."""
+    """The nearest standard rate if it is close enough, otherwise the rate itself."""
     usual = [*map(float, TIMECODE_RATES), *(rate * 1000 / 1001 for rate in (24, 30, 60, 120))]
     nearest = min(usual, key=lambda rate: abs(rate - fps))
     return nearest if abs(nearest / fps - 1) < 2e-4 else fps
@@ -132,7 +132,7 @@ def _round_rate(fps: float) -> float:
 def _fill_dropped(
     grid_s: Float[ndarray, " G"], times_s: Float[ndarray, " T"], values: Float[ndarray, "T C"]
 ) -> ndarray:
-    """Dropped frames filled in, between their neighbours."""
+    """Values on an even time grid, with dropped frames interpolated."""
     if len(grid_s) == len(times_s):
         return values
     return np.stack([np.interp(grid_s, times_s, column) for column in values.T], axis=1)

@@ -1,9 +1,9 @@
-"""metrical-tracker's checkpoints: a folder of `.frame` files, one a frame, or one of them.
+"""Checkpoints of metrical-tracker: a folder of `.frame` files, one per frame, or a single one.
 
-Each holds `flame` (exp, eyes and jaw as six numbers a joint, the first two rows of the matrix, left eye first; eyelids)
-and `opencv` (R, t of the head in a camera that looks along +z with y down). There the head stands still and the camera
-moves, so the head's rotation is diag(1, -1, -1) R, and its translation diag(1, -1, -1) t, counted from the mean of the
-clip.
+Each holds `flame` (exp, eyes and jaw as six numbers per joint, the first two rows of the matrix, left eye first;
+eyelids) and `opencv` (R, t of the head in a camera that looks along +z with y down). There the head is static and the
+camera moves, so the head's rotation is diag(1, -1, -1) R, and its translation diag(1, -1, -1) t, relative to the mean
+of the clip.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 
 
 def read_metrical(path: Path, fps: float | None = None) -> Motion:
-    """The motion of a folder of checkpoints, in the order of their names."""
+    """Read the motion of a folder of checkpoints, in the order of their names."""
     files = sorted(path.glob("*.frame")) if path.is_dir() else [path]
     if not files:
         raise InputError(f"{path}: should hold .frame files of metrical-tracker, got none")
     if fps is None:
-        raise InputError(f"{path}: does not say its frame rate; say --fps")
+        raise InputError(f"{path}: should contain its frame rate, got none; set --fps")
     frames = [_frame(file) for file in files]
     stacked = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     shift = stacked["t"] @ FROM_OPENCV

@@ -1,8 +1,8 @@
-"""Motion files of others, whatever they are: which reader reads a file, and what is checked of what it gave.
+"""Motion files of any supported format: choice of the reader, and validation of the result.
 
-.npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
-.csv, .csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker
-.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a map of names (key_map)
+.npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width .csv,
+.csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker .json  ARKit
+coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a map of names (key_map)
 """
 
 from __future__ import annotations
@@ -26,17 +26,15 @@ SUFFIXES = (
     *(".npz", ".npy", ".pt", ".pth", ".csv", ".csv.gz", ".frame", ".json", ".glb", ".vrma", ".usd", ".usda", ".usdc"),
     ".bvh",
 )
-MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # beyond, numbers are no radians
+MAX_RAD = {"gaze": 1.4, "head": 3.2, "jaw": 1.2}  # larger values are not radians
 LID_BOUNDS = (-1.5, 1.5)
-OUTLIER_SHARE = 0.01  # of the frames may be anything
-MAX_DIVERGENCE_DEG = (
-    12.0  # on average, no person's eyes: optical axes diverge by some 5 degrees when lines of sight are parallel
-)
+OUTLIER_SHARE = 0.01  # fraction of frames that may exceed the bounds
+MAX_DIVERGENCE_DEG = 12.0  # mean; human optical axes diverge by about 5 degrees when lines of sight are parallel
 
 
 @dataclass(frozen=True)
 class ImportedMotion:
-    """A motion, the format that it was in, and what there is to say about it."""
+    """A motion, its file format, and notes about it."""
 
     motion: Motion
     format: str
@@ -44,7 +42,7 @@ class ImportedMotion:
 
 
 def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = None) -> ImportedMotion:
-    """Read a file of any format, and check units and eyes. `fps` is for files that do not say theirs."""
+    """Read a file of any format, and check units and eyes. `fps` is for files without a frame rate."""
     if fps is not None and not 1 <= fps <= 1000:
         raise InputError(f"fps: should be 1 to 1000, got {fps:g}")
     if not path.exists():
@@ -54,7 +52,14 @@ def read_motion(path: Path, fps: float | None = None, mapping: KeyMap | None = N
         motion = reader(path, fps)
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError) as error:  # what no reader foresaw
+    except (
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        OverflowError,
+        MemoryError,
+    ) as error:  # errors that no reader handles
         raise InputError(f"{path}: not readable as {name} ({' '.join(repr(error).split())[:120]})") from None
     return ImportedMotion(motion, name, tuple(check_motion(path, motion)))
 
@@ -64,15 +69,15 @@ def _mapped(mapping: KeyMap, path: Path, fps: float | None) -> Motion:
 
 
 def check_motion(path: Path, motion: Motion) -> list[str]:
-    """Notes on a motion. Raises InputError where its numbers cannot be what they should be."""
+    """Notes on a motion. Raises InputError if its values are out of range."""
     if not len(motion):
         raise InputError(f"{path}: should have frames, got none")
     for name, most in MAX_RAD.items():
         angle = np.linalg.norm(getattr(motion, name), axis=-1).reshape(-1)
         typical = float(np.quantile(angle, 1 - OUTLIER_SHARE))
         if typical > most:
-            hint = "; degrees? say unit: degrees in a map" if typical > 3.2 else ""
-            raise InputError(f"{path}: {name} should turn by {most:g} radians at most, got {typical:.3g}{hint}")
+            hint = "; if these are degrees, set unit: degrees in a map" if typical > 3.2 else ""
+            raise InputError(f"{path}: {name} should rotate by at most {most:g} radians, got {typical:.3g}{hint}")
     low, high = np.quantile(motion.lid, [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
     if low < LID_BOUNDS[0] or high > LID_BOUNDS[1]:
         raise InputError(f"{path}: lids should be 0 open to 1 shut, got {low:.3g} to {high:.3g}")
@@ -80,14 +85,16 @@ def check_motion(path: Path, motion: Motion) -> list[str]:
     yaw = np.degrees(rotation.gaze_to_angles(motion.gaze)[motion.valid][..., 0])
     apart = float((yaw[:, 0] - yaw[:, 1]).mean()) if len(yaw) else 0.0
     if abs(apart) > MAX_DIVERGENCE_DEG:
-        notes.append(f"the left eye looks {apart:.1f} degrees left of the right one on average: is their order right?")
+        notes.append(
+            f"the left eye looks {apart:.1f} degrees left of the right one on average; check the order of the eyes"
+        )
     if not motion.gaze.any():
-        notes.append("no gaze in it: the eyes look straight ahead")
+        notes.append("no gaze in the file: the eyes look straight ahead")
     return notes
 
 
 def _reader(path: Path) -> tuple[str, Reader]:
-    """The format of a file, and what reads it."""
+    """Format and reader of a file."""
     from talkingeyes.formats.readers import arkit_json, bvh, flame_parameters, gltf, metrical, usd
 
     name = path.name.lower()
@@ -105,7 +112,7 @@ def _reader(path: Path) -> tuple[str, Reader]:
         **dict.fromkeys((".usd", ".usda", ".usdc"), ("usd", usd.read_usd)),
     }
     if path.suffix.lower() not in by_suffix:
-        raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}, or be read by --map")
+        raise InputError(f"{path}: should end in one of {', '.join(SUFFIXES)}, or be read with --map")
     return by_suffix[path.suffix.lower()]
 
 

@@ -1,4 +1,4 @@
-"""CSV tables of others, plain or gzipped, with columns by name."""
+"""CSV tables, plain or gzipped, with columns by name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Table:
         return [name.strip() for name in self.content.column_names]
 
     def column(self, name: str) -> Float[ndarray, " T"]:
-        """Numbers. Raises InputError if there is no such column, or if it holds anything else."""
+        """Numbers of a column. Raises InputError if it is missing or holds anything else."""
         try:
             values = np.asarray(self._named(name).cast(pa.float64()).to_numpy(), np.float64)
         except (ValueError, pa.ArrowInvalid, pa.ArrowNotImplementedError):
@@ -49,7 +49,7 @@ class Table:
 
 
 def read(path: Path) -> Table:
-    """Read a table. Time codes stay texts. Raises InputError if it cannot be read or is empty."""
+    """Read a table; time codes stay texts. Raises InputError if it is unreadable or empty."""
     convert = csv.ConvertOptions(column_types={"Timecode": pa.string(), "approx_time": pa.string()})
     try:
         content = csv.read_csv(path, convert_options=convert)

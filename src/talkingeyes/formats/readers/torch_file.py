@@ -1,7 +1,7 @@
-"""Files that torch saved (.pt, .pth, metrical-tracker's .frame): arrays, read without running them and without torch.
+"""Files saved by torch (.pt, .pth, metrical-tracker's .frame): arrays, read without executing code and without torch.
 
-Such a file is a zip of a pickle, `*/data.pkl`, and of the memory of each tensor, `*/data/<key>`. The pickle goes
-through the restricted reader (head.pickles), which knows no class beside arrays and torch's tensors.
+Such a file is a zip with a pickle, `*/data.pkl`, and the memory of each tensor, `*/data/<key>`. The pickle is read by
+the restricted reader (head/restricted_pickle.py), which accepts only arrays and torch tensors.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from talkingeyes.head.restricted_pickle import read_tensors
 
 
 def read_torch(path: Path) -> Any:
-    """The content, tensors as arrays. Raises InputError in one line for anything else."""
+    """The content, with tensors as arrays. Raises InputError (one line) for any other file."""
     try:
         with ZipFile(path) as archive:
             names = archive.namelist()
             pickled = [name for name in names if name.endswith("data.pkl")]
             if len(pickled) != 1:
-                raise InputError(f"{path}: should be a file that torch saved, got a zip of {', '.join(names[:3])}")
+                raise InputError(f"{path}: should be a file saved by torch, got a zip of {', '.join(names[:3])}")
             stem = pickled[0].removesuffix("data.pkl")
             return read_tensors(path, archive.read(pickled[0]), lambda key: archive.read(f"{stem}data/{key}"))
     except FileNotFoundError:
@@ -30,4 +30,4 @@ def read_torch(path: Path) -> Any:
     except InputError:
         raise
     except (*NPZ_READ_ERRORS, KeyError) as error:
-        raise InputError(f"{path}: not a file that torch saved ({' '.join(str(error).split())[:120]})") from None
+        raise InputError(f"{path}: not a file saved by torch ({' '.join(str(error).split())[:120]})") from None

@@ -1,11 +1,13 @@
 """Tables of face trackers: OpenFace 2 (Baltrusaitis et al. 2018) and py-feat.
 
-OpenFace: camera coordinates (z away from the camera, y down); its eye 0 is the left one of the picture, which is the
-subject's right. With the vectors of both eyes in the table they are used, else one angle for both. Gaze is in space,
-so eye-in-head is what is left of it after the head's rotation. Its blink, AU45, runs from 0 to 5.
-py-feat: radians, Yaw positive to the subject's right, Pitch down, Roll to the subject's right shoulder (checked on the
-mesh in the same tables); its gaze is taken to be in space, yaw to the subject's left, pitch up; every n-th frame of the
-video, so the rate of the video must be said. Its blinks are ARKit's eyeBlink, its expression the other coefficients.
+OpenFace uses camera coordinates (z away from the camera, y down). Its eye 0 is the left one of the picture, the
+subject's right. The vectors of both eyes are used if they are in the table, otherwise one angle for both. Gaze is in
+space, so eye-in-head is gaze with the head's rotation removed. Its blink, AU45, ranges from 0 to 5.
+
+py-feat uses radians, Yaw positive to the subject's right, Pitch down, Roll to the subject's right shoulder (checked on
+the mesh in the same tables). Its gaze is assumed to be in space, yaw to the subject's left, pitch up. It may hold every
+n-th frame of the video, so the rate of the video must be given. Its blinks are ARKit's eyeBlink, its expression the
+other coefficients.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ MM = 1e-3
 
 
 def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
-    """A table of OpenFace as a motion; frames that are missing or that it is not sure of hold the value before."""
+    """Read an OpenFace table; missing or unreliable frames repeat the value before."""
     table, recording = tables.read(path), read_openface(path)
     times_s = table.column("timestamp")
     rate = float(1 / np.median(np.diff(times_s))) if fps is None else fps
@@ -60,10 +62,10 @@ def read_openface_motion(path: Path, fps: float | None = None) -> Motion:
 
 
 def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
-    """A table of py-feat; `fps` is that of the video."""
+    """Read a py-feat table; `fps` is that of the video."""
     table = tables.read(path)
     if fps is None:
-        raise InputError(f"{path}: does not say the frame rate of its video; say --fps")
+        raise InputError(f"{path}: should contain the frame rate of its video, got none; set --fps")
     steps = np.diff(table.column("frame"))
     if not len(steps) or not (steps == steps[0]).all() or steps[0] <= 0:
         raise InputError(
@@ -87,7 +89,7 @@ def read_pyfeat(path: Path, fps: float | None = None) -> Motion:
 
 
 def _held(values: Shaped[ndarray, "T ..."], seen: Bool[ndarray, " T"]) -> Shaped[ndarray, "T ..."]:
-    """The last seen value where nothing was seen (the first one before that)."""
+    """Repeat the last valid value in invalid rows (before the first valid one, the first valid value)."""
     if not seen.any():
         return values
     source = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), int(np.argmax(seen))))

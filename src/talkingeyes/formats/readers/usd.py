@@ -1,4 +1,4 @@
-"""USD stages with a SkelAnimation of a head: joints and blend shapes by their names. It needs the package usd-core."""
+"""USD stages with a SkelAnimation of a head: joints and blend shapes by name. Needs the package usd-core."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from talkingeyes.formats.readers.gltf import JOINT_ALIASES, motion_from_shapes
 
 
 def read_usd(path: Path, fps: float | None = None) -> Motion:
-    """The first SkelAnimation of a stage."""
+    """Read the first SkelAnimation of a stage."""
     try:
         from pxr import Tf, Usd, UsdSkel
     except ImportError:
-        raise InputError(f"{path}: reading USD needs the package usd-core (pip install usd-core)") from None
+        raise InputError(
+            f"{path}: should have the package usd-core installed, got none (pip install usd-core)"
+        ) from None
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -52,7 +54,7 @@ def _turns(animation: Any, names: list[str], theirs: tuple[str, ...], codes: np.
 
 
 def _rest(stage: Any) -> np.ndarray:
-    """Where the root of the skeleton rests."""
+    """Rest position of the root of the skeleton."""
     from pxr import UsdSkel
 
     skeleton = next((UsdSkel.Skeleton(prim) for prim in stage.Traverse() if prim.IsA(UsdSkel.Skeleton)), None)

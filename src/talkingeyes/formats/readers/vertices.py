@@ -1,8 +1,8 @@
-"""Vertices of the open head, in the layout of VOCASET (T, 3 V), back to a motion.
+"""Motion from vertices of the open head in the layout of VOCASET (T, 3 V).
 
-Skinning is linear in the weights of shapes once the head's rotation is known: that follows from the vertices that no
-shape moves (Kabsch 1976), the eyes' from those of the eyeballs. What gaze alone does to the lids is taken away; the
-face, the jaw and the blinks are what is left, by least squares over the vertices that follow the head alone.
+Skinning is linear in the shape weights once the head's rotation is known. The rotation follows from the vertices that
+no shape moves (Kabsch 1976), those of the eyes from the vertices of the eyeballs. The effect of gaze on the lids is
+subtracted. Face, jaw and blinks then follow by least squares over the vertices that are attached to the head alone.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from talkingeyes.head.eyelid.blendshapes import LID_SHAPES, eyelid_weights
 from talkingeyes.head.model import JOINTS, HeadModel
 from talkingeyes.head.posing import JAW_SHAPES, JAW_SIDE_RAD, SIDES
 
-STATIC_VERTEX_M = 1e-7  # that a vertex no shape moves may move
-SINGLE_JOINT_WEIGHT = 0.9999  # of the weights of a vertex that follows one joint
-MAX_FIT_ERROR_M = 1e-3  # root mean square over vertices that a head with these parameters may be off by
+STATIC_VERTEX_M = 1e-7  # maximum shape offset of a static vertex
+SINGLE_JOINT_WEIGHT = 0.9999  # skinning weight of a vertex that follows a single joint
+MAX_FIT_ERROR_M = 1e-3  # maximum root mean square error of the fitted vertices
 BLINK_SHAPES = tuple(f"lidBlink{side}" for side in SIDES)
 
 
 def read_vertices(path: Path, table: Float[ndarray, "T C"], fps: float | None = None) -> Motion:
-    """The motion that poses the open head so. Raises InputError for vertices of another head."""
+    """Fit the motion of the open head. Raises InputError for vertices of another head."""
     head = anny_head()
     if table.shape[1] != 3 * len(head.template):
         raise InputError(
             f"{path}: vertices should be those of the open head (T, {3 * len(head.template)}), got {table.shape}"
         )
     if fps is None:
-        raise InputError(f"{path}: does not say its frame rate; say --fps")
+        raise InputError(f"{path}: should contain its frame rate, got none; set --fps")
     points = table.reshape(len(table), -1, 3).astype(np.float64)
     still = np.abs(head.expression).max(axis=(0, 2)) < STATIC_VERTEX_M
     neck, *eyes = (_alone(head, joint) & still for joint in ("neck", "left_eye", "right_eye"))
@@ -66,7 +66,7 @@ def _alone(head: HeadModel, joint: str) -> Bool[ndarray, " V"]:
 
 
 def _turn(rest: Float[ndarray, "K 3"], moved: Float[ndarray, "T K 3"]) -> Float[ndarray, "T 3 3"]:
-    """The rotations that bring points nearest to where they are."""
+    """Rotations that align points (Kabsch)."""
     here, there = rest - rest.mean(axis=0), moved - moved.mean(axis=1, keepdims=True)
     left, _, right = np.linalg.svd(np.einsum("tki,kj->tij", there, here))
     left[..., -1] *= np.linalg.det(left @ right)[:, None]
@@ -88,5 +88,5 @@ def _weights(
     found = np.linalg.solve(basis @ basis.T, basis @ wanted.T)
     missed = float(np.sqrt(3 * ((wanted - found.T @ basis) ** 2).mean()))
     if missed > MAX_FIT_ERROR_M:
-        raise InputError(f"{path}: vertices should be those of the open head, got some {1e3 * missed:.1f} mm off")
+        raise InputError(f"{path}: vertices should be those of the open head, got vertices {1e3 * missed:.1f} mm off")
     return dict(zip(names, found, strict=True))

@@ -1,7 +1,7 @@
-"""ARKit's 52 coefficients with rotations of head and eyes: as Live Link Face's CSV, and as JSON.
+"""ARKit's 52 coefficients with rotations of head and eyes: as CSV of Live Link Face, and as JSON.
 
-The CSV has the names, the order and the time codes of real recordings; its angles are radians (formats.live_link has
-the evidence). The JSON is the same with names beside: coefficients by frame, rotation vectors in this project's axes.
+The CSV has the names, the order and the time codes of real recordings; its angles are radians (evidence:
+readers/live_link.py). The JSON adds names: coefficients per frame, rotation vectors in this project's axes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DIGITS = 7
 
 
 def write_live_link(motion: Motion, path: Path) -> None:
-    """One row a frame; the time code starts at 0."""
+    """One row per frame; the time code starts at 0."""
     header = ("Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in arkit.NAMES), *ANGLE_COLUMNS)
     table = np.concatenate([arkit.coefficients(motion), _angles(motion)], axis=1)
     rows = [
@@ -37,7 +37,7 @@ def write_live_link(motion: Motion, path: Path) -> None:
 
 
 def write_json(motion: Motion, path: Path) -> None:
-    """{schema, fps, names, coefficients, head, eyes, translation}: a row a frame."""
+    """{schema, fps, names, coefficients, head, eyes, translation}: one row per frame."""
     content = {
         "schema": SCHEMA,
         "fps": motion.fps,
@@ -54,7 +54,8 @@ def write_json(motion: Motion, path: Path) -> None:
 
 
 def timecode(frame: int, fps: float) -> str:
-    """HH:MM:SS:FF.fff of a frame: whole frames of the take's rate in the second, and thousandths of one."""
+    """Time code HH:MM:SS:FF.fff of a frame: frames within the second at the rounded rate, and thousandths of a
+    frame."""
     rate = max(round(fps), 1)
     thousandths = round(frame / fps * rate * 1000)
     seconds, left = divmod(thousandths, rate * 1000)

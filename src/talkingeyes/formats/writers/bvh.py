@@ -1,7 +1,7 @@
-"""The head, the jaw and the eyes as BVH, for every program that animates joints.
+"""Head, jaw and eyes as BVH, for programs that animate joints.
 
-Degrees and centimetres, y up, the face towards +z. The root is the head, about the neck joint; its channels and those
-of the joints are Y, X, Z: R = Ry Rx Rz. Lids and face have no place in BVH.
+Degrees and centimetres, y up, the face towards +z. The root is the head, at the neck joint. Rotation channels are Y, X,
+Z: R = Ry Rx Rz. BVH cannot hold lids and face.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from talkingeyes.head.model import HeadModel
 
 CM = 100.0
 ROTATION = "Yrotation Xrotation Zrotation"
-END_CM = (0.0, 0.0, 1.3)  # where a joint's end is drawn
+END_CM = (0.0, 0.0, 1.3)  # end site of a joint
 
 
 def write_bvh(motion: Motion, head: HeadModel, path: Path) -> None:

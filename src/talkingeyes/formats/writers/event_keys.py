@@ -1,7 +1,7 @@
-"""The saccades and blinks of a motion as sparse keys for editing: those it was made with, or else those found in it.
+"""Saccades and blinks of a motion as sparse keys for editing: the known events of the motion, or detected ones.
 
-`talkingeyes animate` writes the events of a motion beside it (NAME.events.json); a motion without them is searched by
-the benchmark's detectors (metrics.detectors). `talkingeyes render MOTION --keys FILE` plays the edited keys.
+`talkingeyes animate` writes the events of a motion beside it (NAME.events.json). In a motion without them, the
+detectors of the benchmark find them (evaluation/detectors). `talkingeyes render MOTION --keys FILE` plays edited keys.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from talkingeyes.evaluation.detectors.saccades import detect_saccades
 from talkingeyes.physiology import saccades as main_sequence
 from talkingeyes.physiology.frame_saccades import find_saccades
 
-MIN_DETECTOR_FPS = 60.0  # from here, frames hold the course of a saccade
-CLOSING_RATIO = 0.3  # of a blink's time that the lids close in, where only its peak is known
+MIN_DETECTOR_FPS = 60.0  # at lower rates, frames do not resolve a saccade
+CLOSING_RATIO = 0.3  # closing fraction of a blink's duration
 
 
 def write_keys(motion: Motion, path: Path, events: Events | None = None) -> None:
-    """Write keys: `events` if they are known."""
+    """Write keys: `events` if they are known, otherwise detected events."""
     with atomic_write(path) as partial:
         save_keys(partial, detect_events(motion) if events is None else events, motion.fps)
 
 
 def detect_events(motion: Motion) -> Events:
-    """Saccades of gaze in space and blinks, as far as frames show them."""
+    """Detect saccades of gaze in space and blinks."""
     space = _pad_to_second(rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze)), motion.fps)
     valid = _pad_to_second(motion.valid, motion.fps)
     if motion.fps < MIN_DETECTOR_FPS:
@@ -61,7 +61,7 @@ def detect_events(motion: Motion) -> Events:
 
 
 def _pad_to_second(values: Shaped[ndarray, "T ..."], fps: float) -> ndarray:
-    """The last frame held until there is a second of them: detectors want one."""
+    """Repeat the last frame up to one second, the minimum for detectors."""
     missing = max(math.ceil(fps) + 1 - len(values), 0)
     held = np.concatenate([values, np.repeat(values[-1:], missing, axis=0)])
     return held if held.dtype == bool else held.astype(np.float64)

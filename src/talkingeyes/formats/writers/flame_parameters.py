@@ -1,8 +1,8 @@
-"""FLAME's parameters as npz: our own documented names, VHAP's (which GaussianAvatars plays), DiffPoseTalk's.
+"""FLAME parameters as npz: our own layout, VHAP's (which GaussianAvatars plays), DiffPoseTalk's.
 
-The neck joint turns the head, so the head's rotation is `neck_pose` and `rotation` is 0: then the pivot is the same as
-here. Blinks have no place in FLAME: they stand beside, as `eyelids`, which players pass over. Where a layout has no
-eyes (DiffPoseTalk), they stand beside too. Numbers are float32; texts say units, eye order and head model.
+The neck joint rotates the head, so `neck_pose` is the head's rotation and `rotation` is 0; the pivot is then the same
+as here. FLAME has no blinks: they are stored as `eyelids`, which players ignore. Where a layout has no eyes
+(DiffPoseTalk), they are stored additionally, too. Numbers are float32; texts state units, eye order and head model.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from talkingeyes.core.motion import CONVENTIONS, Motion
 from talkingeyes.core.npz import save_npz
 from talkingeyes.formats.readers.flame_parameters import EXPRESSION
 
-SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # of FLAME's identity; of VHAP's mesh, which has teeth
+SHAPE_COUNT, VHAP_VERTICES = 300, 5143  # FLAME's identity; VHAP's mesh, which has teeth
 METADATA = {name: CONVENTIONS[name] for name in ("axes", "units", "rotations", "eye_order")} | {"head_model": "flame"}
 
 
@@ -41,7 +41,7 @@ def write_flame(motion: Motion, path: Path) -> None:
 
 
 def write_vhap(motion: Motion, path: Path) -> None:
-    """The names of VHAP's `tracked_flame_params`: one row a frame, one identity for all."""
+    """The names of VHAP's `tracked_flame_params`: one row per frame, one identity for all."""
     _save(
         path,
         motion,
@@ -77,7 +77,7 @@ def write_diffposetalk(motion: Motion, path: Path) -> None:
 
 
 def expression_components(motion: Motion, count: int) -> ndarray:
-    """Weights of FLAME's first expression components, by the names of the motion's."""
+    """Weights of FLAME's first expression components, by the names of the motion's expression."""
     table = np.zeros((len(motion), count))
     for number in range(count):
         if EXPRESSION.format(number) in motion.expression_names:

@@ -1,8 +1,8 @@
 """The head and its motion as GLB: skinned mesh, named morph targets, rotations of the joints, at the motion's rate.
 
-Axes and units are glTF's already (y up, metres, the face towards +z). Every shape of the head is a morph target under
-its own name, those of ARKit among them; lids move by the shapes of the Eyelid model (docs/eyelid.md). Poses are those
-of `head.skinning`, but for FLAME's pose correctives, which glTF has no place for.
+Axes and units are glTF's (y up, metres, the face towards +z). Every shape of the head is a morph target with its own
+name, including those of ARKit. Lids are driven by the shapes of the Eyelid model (docs/eyelid.md). Poses are those of
+head/skinning.py, except for FLAME's pose correctives, which glTF does not support.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
 from talkingeyes.head.normals import vertex_normals
 from talkingeyes.head.posing import motion_to_pose
 
-INFLUENCES = 4  # joints a vertex may follow in glTF's first set
+INFLUENCES = 4  # joints per vertex in glTF's first set
 
 
 def write_glb(motion: Motion, head: HeadModel, path: Path) -> None:
@@ -48,14 +48,14 @@ def write_glb(motion: Motion, head: HeadModel, path: Path) -> None:
 
 
 def joint_offsets(head: HeadModel) -> Float[ndarray, "5 3"]:
-    """Each joint from its parent."""
+    """Offset of each joint from its parent."""
     return np.stack(
         [head.joints[joint] - (head.joints[parent] if parent >= 0 else 0.0) for joint, parent in enumerate(PARENTS)]
     )
 
 
 def influences(head: HeadModel) -> tuple[Int[ndarray, "V 4"], Float[ndarray, "V 4"]]:
-    """The joints that each vertex follows most, and how much of it, which sums to 1."""
+    """The joints with the largest weights of each vertex, and their weights, which sum to 1."""
     order = np.argsort(-head.weights, axis=1, kind="stable")[:, :INFLUENCES]
     weights = np.take_along_axis(head.weights, order, axis=1).astype(np.float64)
     weights /= weights.sum(axis=1, keepdims=True)
@@ -66,7 +66,7 @@ def _mesh(gltf: Gltf, head: HeadModel) -> int:
     joints, weights = influences(head)
     template = head.template.astype(np.float32)
     normals = vertex_normals(head.template[None].astype(np.float64), head.faces)[0]
-    normals[~normals.any(axis=1)] = [0.0, 0.0, 1.0]  # vertices of no face
+    normals[~normals.any(axis=1)] = [0.0, 0.0, 1.0]  # vertices without faces
     material = {
         "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.6},
         "doubleSided": True,

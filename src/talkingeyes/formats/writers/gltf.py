@@ -22,7 +22,7 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 @dataclass
 class Gltf:
-    """A document that grows: each method adds something and gives its index."""
+    """A document under construction: each method adds an item and returns its index."""
 
     document: dict[str, Any] = field(
         default_factory=lambda: {
@@ -36,22 +36,22 @@ class Gltf:
     size: int = 0
 
     def node(self, name: str, **content: Any) -> int:
-        """A node."""
+        """Add a node."""
         return self.add("nodes", {"name": name, **content})
 
     def add(self, section: str, item: dict[str, Any]) -> int:
-        """An item of a section of the document."""
+        """Add an item to a section of the document."""
         items = self.document.setdefault(section, [])
         items.append(item)
         return len(items) - 1
 
     def accessor(self, array: ndarray, target: int | None = None) -> int:
-        """An array (N), (N, 2..4) or (N, 4, 4), with its bounds; matrices are written column by column."""
+        """Add an array (N), (N, 2..4) or (N, 4, 4), with its bounds; matrices are written in column-major order."""
         by_column = array.swapaxes(1, 2) if array.ndim == 3 else array
         return self.add("accessors", {"bufferView": self._view(by_column, target), **_accessor(array)})
 
     def sparse_accessor(self, array: Float[ndarray, "N 3"]) -> int:
-        """An array that is mostly 0: the other rows alone."""
+        """Add an array that is mostly 0; only the other rows are stored."""
         rows = np.flatnonzero(array.any(axis=1))
         rows = rows if len(rows) else np.zeros(1, np.int64)  # a sparse accessor may not be empty
         sparse = {
@@ -62,7 +62,7 @@ class Gltf:
         return self.add("accessors", {**_accessor(array), "sparse": sparse})
 
     def animate(self, channels: dict[tuple[int, str], ndarray], fps: float) -> None:
-        """One animation: values of T frames by (node, path), between which players go in a straight line."""
+        """Add the animation: values of T frames by (node, path), linearly interpolated by players."""
         frames = len(next(iter(channels.values())))
         times = self.accessor((np.arange(frames) / fps).astype(np.float32))
         samplers: list[dict[str, Any]] = []
@@ -76,7 +76,7 @@ class Gltf:
         self.add("animations", {"name": "motion", "channels": targets, "samplers": samplers})
 
     def save(self, path: Path) -> None:
-        """Write the file, whole or not at all."""
+        """Write the file atomically."""
         binary = b"".join(self.blocks)
         document = {**self.document, "buffers": [{"byteLength": len(binary)}]}
         text = json.dumps(document, separators=(",", ":")).encode()

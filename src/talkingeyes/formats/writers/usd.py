@@ -1,6 +1,6 @@
 """The head and its motion as USD (text, .usda): mesh, skeleton, blend shapes and a SkelAnimation with time samples.
 
-Written as text, so that no library is needed; y up, metres, one time code a frame. Poses are those of GLB (`glb`).
+Written as text, so that no library is needed; y up, metres, one time code per frame. Poses are those of GLB (`glb`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from talkingeyes.formats.writers.glb import INFLUENCES, influences, joint_offset
 from talkingeyes.head.model import JOINTS, PARENTS, HeadModel
 from talkingeyes.head.posing import motion_to_pose
 
-PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/right_eye")  # of JOINTS
+PATHS = ("root", "root/neck", "root/neck/jaw", "root/neck/left_eye", "root/neck/right_eye")  # in the order of JOINTS
 
 
 def write_usd(motion: Motion, head: HeadModel, path: Path) -> None:
@@ -96,7 +96,7 @@ def _samples(name: str, frames: Iterator[str]) -> Iterator[str]:
 
 
 def _shifts(places: ndarray) -> str:
-    """Matrices that move by so much; USD's rows are our columns."""
+    """Translation matrices; USD uses row vectors."""
     rows = "(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0)"
     return "[" + ", ".join("({}, ({:.9g}, {:.9g}, {:.9g}, 1))".format(rows, *place) for place in places) + "]"
 

@@ -1,8 +1,8 @@
 """Vertices of the posed head, in the layout of VOCASET: an npy of (T, 3 V) float32, metres.
 
-On FLAME V is 5,023, in the order of its vertices; the origin is the neck joint. Head, gaze and lids move, which
-VOCASET's do not; the rate is the motion's (VOCASET's is 60, usually halved). Written bit by bit: memory does not grow
-with the motion.
+For FLAME, V is 5,023, in the order of its vertices; the origin is the neck joint. Head, gaze and lids are included,
+unlike in VOCASET. The rate is the motion's (VOCASET's is 60, usually halved). The file is written in blocks, so memory
+does not grow with the motion.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from talkingeyes.core.motion import Motion
 from talkingeyes.head.model import HeadModel
 from talkingeyes.head.posing import motion_to_pose
 
-FRAMES = 64  # at a time
+FRAMES = 64  # per block
 
 
 def write_vertices(motion: Motion, head: HeadModel, path: Path) -> None:
-    """Write one row a frame."""
+    """Write one row per frame."""
     from talkingeyes.head.skinning import posed_vertices
 
     shape = (len(motion), 3 * len(head.template))

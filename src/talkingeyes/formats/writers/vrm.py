@@ -1,8 +1,8 @@
 """Head, gaze and blinks as a VRM animation (.vrma, VRMC_vrm_animation 1.0), for any VRM avatar.
 
-A bare humanoid in T-pose: the bone `head` turns, the look-at node turns by one yaw and pitch for both eyes (VRM has no
-vergence: the mean direction of the eyes), and blinks and the opening of the mouth are expressions, whose weight is the
-x of a node's translation. VRM faces +z, as we do.
+A bare humanoid in T-pose. The bone `head` rotates; the look-at node has one yaw and pitch for both eyes (the mean
+direction, because VRM has no vergence); blinks and mouth opening are expressions, whose weight is the x of a node's
+translation. VRM faces +z, as this project does.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BONES: dict[str, tuple[str, tuple[float, float, float]]] = {
         )
     },
 }
-OFFSET_FROM_HEAD = [0.0, 0.06, 0.08]  # of the point between the eyes
+OFFSET_FROM_HEAD = [0.0, 0.06, 0.08]  # of the midpoint between the eyes
 
 
 def write_vrm(motion: Motion, path: Path) -> None:
@@ -75,6 +75,6 @@ def write_vrm(motion: Motion, path: Path) -> None:
 
 
 def expressions(motion: Motion) -> dict[str, ndarray]:
-    """Weights, 0 to 1, of VRM's presets that a motion moves."""
+    """Weights, 0 to 1, of the VRM presets that a motion drives."""
     table = dict(zip(arkit.NAMES, arkit.coefficients(motion).T, strict=True))
     return {"blinkLeft": table["eyeBlinkLeft"], "blinkRight": table["eyeBlinkRight"], "aa": table["jawOpen"]}
