@@ -275,7 +275,7 @@ def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
         ("fps: 25\nhead: {columns: [8, 12]}", "columns of head should lie in 0 to 9"),
         ("head: {columns: [0, 3]}", "set --fps, or fps in the map"),
         ("fps: 25\nhead: {columns: [0, 3]}\ngaze: {columns: [0, 5]}", "should have 3 or 6 columns, got 5"),
-        ("fps: 25", "should place head or gaze"),
+        ("fps: 25", "should contain head or gaze"),
         ("fps: [", "not a readable map"),
     ],
 )

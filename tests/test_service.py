@@ -224,7 +224,7 @@ class TestStreams:
             for each in streams:
                 assert "latency_s" in each.recv(120)
             with service.stream() as late:
-                assert f"{STREAMS} streams run already" in late.recv(120)
+                assert f"{STREAMS} streams are running" in late.recv(120)
                 with pytest.raises(ConnectionClosed, match="1013"):
                     late.recv(120)
             for part in np.array_split(speech(SECONDS), 5):
@@ -242,15 +242,15 @@ class TestStreams:
     @pytest.mark.parametrize(
         ("messages", "reason"),
         [
-            (["no wish"], "the first message should be a wish"),
-            ([b"\0\0"], "the first message should be a wish"),
-            (["[1]"], "the first message should be a wish"),
-            (['{"seed": -1}'], "wish.seed: Input should be greater than or equal to 0, got -1"),
-            (['{"seed": 1, "path": "/etc"}'], "wish.path"),
-            (['{"head_liveliness": 1e9}'], "wish.head_liveliness"),
+            (["no request"], "the first message should be a request"),
+            ([b"\0\0"], "the first message should be a request"),
+            (["[1]"], "the first message should be a request"),
+            (['{"seed": -1}'], "request.seed: Input should be greater than or equal to 0, got -1"),
+            (['{"seed": 1, "path": "/etc"}'], "request.path"),
+            (['{"head_liveliness": 1e9}'], "request.head_liveliness"),
             (["{}", b"\0"], "sound should be 16-bit samples, got 1 bytes"),
             (["{}", b"\0" * 64_002], "at most 64000 bytes"),
-            (["{}", "what"], "after the wish"),
+            (["{}", "what"], "after the request"),
             (["{}", *[b"\0" * 64_000] * 16], "at most 30 s"),
         ],
     )
@@ -277,7 +277,7 @@ class TestStreams:
                 for each in first:
                     connection.send(each)
                     connection.recv(120)
-                assert "nothing was heard" in connection.recv(120)
+                assert "no data received" in connection.recv(120)
         well(service)
 
     def test_who_leaves_in_the_middle_leaves_room(self, service: Service) -> None:
@@ -307,10 +307,10 @@ class TestMistakes:
             ("", wav(speech(0.1)), 422, "at least 0.3 s"),
             ("", wav(speech(5.0)), 422, "at most 4 s, got 5.0 s"),
             ("", bytes(300_001), 413, "at most 300000 bytes"),
-            ("seed=x", b"0", 422, "wish.seed"),
-            ("seed=1&name=../../x", b"0", 422, "wish.name"),
-            ("fps=1000", b"0", 422, "wish.fps: Input should be less than or equal to 120"),
-            ("eye_contact=nan", b"0", 422, "wish.eye_contact"),
+            ("seed=x", b"0", 422, "request.seed"),
+            ("seed=1&name=../../x", b"0", 422, "request.name"),
+            ("fps=1000", b"0", 422, "request.fps: Input should be less than or equal to 120"),
+            ("eye_contact=nan", b"0", 422, "request.eye_contact"),
             ("emotion=glee&intensity=1", wav(speech(0.4)), 422, "emotion: should be one of"),
             ("person=dora", wav(speech(0.4)), 422, "person: should be one of anna, bert, got dora"),
         ],
@@ -413,8 +413,10 @@ class TestPage:
             browser.value("document.getElementById('another').click()")
             browser.wait_for(f"document.getElementById('sound').src !== {json.dumps(first)}")
             browser.wait_for("document.body.dataset.state === 'playing'")
-            browser.value("document.getElementById('wish').person.value = 'bert'")
-            browser.value("document.getElementById('wish').person.dispatchEvent(new Event('change', {bubbles: true}))")
+            browser.value("document.getElementById('request').person.value = 'bert'")
+            browser.value(
+                "document.getElementById('request').person.dispatchEvent(new Event('change', {bubbles: true}))"
+            )
             browser.wait_for(
                 "performance.getEntriesByType('resource').some((each) => each.name.includes('person=bert'))"
             )

@@ -402,7 +402,7 @@ def test_a_film_shows_what_varies_and_shares_the_rest(tmp_path: Path) -> None:
     film = film_motion(design, drawn, truth)
     assert len(film) == 10
     assert (film.head[0, 0], film.gaze[0, 0, 0], film.lid[0, 0], film.jaw[0, 0]) == (0.1, 0.0, 0.0, 0.7)
-    with pytest.raises(InputError, match="25 frames a second of the truth, got 30"):
+    with pytest.raises(InputError, match="the frame rate of the truth, 25 fps, got 30"):
         film_motion(design, Motion.of(30.0, drawn.head, drawn.gaze), truth)
 
 

@@ -1,4 +1,4 @@
-"""What a client may ask for, and how much of it: everything else it says is refused with one line."""
+"""Requests that a client may send, and the limits of the service; invalid requests get a one-line error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LivelinessFactor = Annotated[float, Field(ge=0, le=MAX_LIVELINESS)]
 
 
 class AnimationRequest(Settings):
-    """A performance, live or of a file; person, eye contact, emotion and intensity are those of a file."""
+    """Settings of an animation. Person, eye contact, emotion and intensity apply to files, not to live streams."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     person: Annotated[str, Field(max_length=100)] | None = None
@@ -30,12 +30,12 @@ class AnimationRequest(Settings):
 
     @property
     def liveliness(self) -> Liveliness:
-        """The dials."""
+        """Factors of liveliness."""
         return Liveliness(self.head_liveliness, self.gaze_liveliness, self.blink_liveliness)
 
     @property
     def controls(self) -> Controls:
-        """All of it but seed and rate. Raises InputError for an emotion or an intensity that there is not."""
+        """All settings but seed and frame rate. Raises InputError for an unknown emotion or intensity."""
         face = (StyleKey(0.0, FaceStyle(None, self.emotion, self.intensity)),)
         return Controls(
             blinks=self.blinks, person=self.person, eye_contact=self.eye_contact, liveliness=self.liveliness, face=face
@@ -44,21 +44,21 @@ class AnimationRequest(Settings):
 
 @dataclass(frozen=True)
 class Limits:
-    """What the service takes on."""
+    """Limits of the service."""
 
-    streams: int  # at once
-    max_stream_s: float  # of sound in one stream
-    files: int  # performances and downloads that are computed at once; twice as many may wait
-    max_speech_s: float  # of sound in one file
+    streams: int  # simultaneous streams
+    max_stream_s: float  # maximum length of a stream
+    files: int  # animations and exports computed at once; twice as many may wait
+    max_speech_s: float  # maximum length of the speech in a file
     max_upload_bytes: int
-    work_timeout_s: float  # that one performance or download may take
-    idle_timeout_s: float  # that a client may keep the service waiting
-    max_results: int  # performances, the oldest of which goes
+    work_timeout_s: float  # time limit of one animation or export
+    idle_timeout_s: float  # time limit for the next message of a client
+    max_results: int  # stored animations; the oldest is removed
 
 
 @dataclass(frozen=True)
 class PoseChunk:
-    """What a worker answers to sound: `count` frames; before their rows, the number of the first (4 bytes)."""
+    """Reply of a worker to a chunk of sound: `count` frames; `rows` starts with the index of the first (4 bytes)."""
 
     count: int
     rows: bytes

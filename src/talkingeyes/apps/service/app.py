@@ -1,10 +1,11 @@
 """The service as a web application: files by POST, streams by WebSocket, one page.
 
-POST /performances?seed=1&...   the body is a sound file; answers what was made: its id, seconds, fps, frames
-GET /performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: a download
-WS /stream                      apps/service/live_stream.py
-A mistake is answered by a status of 400 to 499 and {"error": one line}, too much by 503. No name comes from a client:
-ids are drawn here, and files lie in the one folder that the service made for itself.
+POST /performances?seed=1&...   the body is a sound file; returns id, seconds, fps and frames of the animation GET
+/performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: a download WS
+/stream                      apps/service/live_stream.py
+
+Errors return a status of 400 to 499 and {"error": one line}; overload returns 503. Clients do not choose file names:
+ids are random, and all files are stored in the service's own folder.
 """
 
 from __future__ import annotations
@@ -43,17 +44,17 @@ VIEWER_ASSETS = ("stage.js", "style.css", "three.js")
 
 @dataclass(frozen=True)
 class ServiceResources:
-    """What the service works with: processes for files and for streams (None: there are none), the head, formats."""
+    """Resources of the service: workers for files and for streams (None: no streams), the head, export formats."""
 
     file_workers: WorkerPool
     stream_workers: WorkerPool | None
     head: bytes
-    persons: Sequence[str]  # whom the model of files can move as
-    formats: Mapping[str, str]  # what can be downloaded, and the suffix of such a file
+    persons: Sequence[str]  # speakers of the model for files
+    formats: Mapping[str, str]  # export formats and their file suffixes
 
 
 def service_app(resources: ServiceResources, limits: Limits, folder: Path, host: str) -> FastAPI:
-    """The application; `folder` is its own, and empty."""
+    """The application; `folder` must be empty and is used by the service alone."""
     app = create_app(host)
     result_cache, streams = ResultCache(folder, limits.max_results), StreamServer(resources.stream_workers, limits)
 
@@ -76,7 +77,7 @@ def service_app(resources: ServiceResources, limits: Limits, folder: Path, host:
 
 
 class SameOriginMiddleware:
-    """Refuses what a page from elsewhere sends through a visitor's browser."""
+    """Rejects cross-origin requests, which pages of other sites could send through a visitor's browser."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -88,9 +89,9 @@ class SameOriginMiddleware:
             "latin-1"
         ):
             if scope["type"] == "websocket":
-                await WebSocket(scope, receive, send).close(1008, "a page from elsewhere")
+                await WebSocket(scope, receive, send).close(1008, "cross-origin request")
             else:
-                await JSONResponse({"error": "should come from the service's own page"}, 403)(scope, receive, send)
+                await JSONResponse({"error": "origin: should be the service's own page"}, 403)(scope, receive, send)
             return
         await self.app(scope, receive, send)
 
@@ -102,12 +103,12 @@ def _register_error_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(BusyError)
     async def busy(_: Request, __: BusyError) -> Response:
-        text = "as many files wait as the service takes; try again later"
+        text = "the queue is full; try again later"
         return JSONResponse({"error": text}, 503, {"Retry-After": "5"})
 
     @app.exception_handler(WorkerFailedError)
     async def worker_failed(_: Request, error: WorkerFailedError) -> Response:
-        return JSONResponse({"error": f"the sound could not be worked on: {error}"}, 422)
+        return JSONResponse({"error": f"the sound could not be processed: {error}"}, 422)
 
     @app.exception_handler(HTTPError)
     async def other(_: Request, error: HTTPError) -> Response:
@@ -117,7 +118,7 @@ def _register_error_handlers(app: FastAPI) -> None:
 def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cache: ResultCache) -> None:
     @app.post("/performances")
     async def perform(request: Request) -> dict[str, Any]:
-        animation_request = validate_section("wish", AnimationRequest, dict(request.query_params))
+        animation_request = validate_section("request", AnimationRequest, dict(request.query_params))
         body = await _body(request, limits)
         async with resources.file_workers.acquire() as worker:
             with result_cache.entry() as entry:
@@ -144,7 +145,7 @@ def _files(app: FastAPI, resources: ServiceResources, limits: Limits, result_cac
 
 
 async def _body(request: Request, limits: Limits) -> bytes:
-    """The sound file that a request brings."""
+    """The sound file in the body of a request."""
     if request.headers.get("content-type", "").startswith(("multipart/", "text/", "application/json")):
         raise HTTPException(415, "the body should be the sound file itself (wav, flac, ogg, mp3, m4a, webm)")
     too_big = HTTPException(413, f"a file should have at most {limits.max_upload_bytes} bytes")
@@ -163,7 +164,7 @@ async def _body(request: Request, limits: Limits) -> bytes:
     except StopAsyncIteration:
         return bytes(body)
     except TimeoutError:
-        raise HTTPException(408, f"nothing came for {limits.idle_timeout_s:g} s") from None
+        raise HTTPException(408, f"no data received for {limits.idle_timeout_s:g} s") from None
 
 
 def _pages(app: FastAPI, resources: ServiceResources) -> None:

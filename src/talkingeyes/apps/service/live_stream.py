@@ -1,9 +1,9 @@
-"""One live stream over a WebSocket: the client's sound in, rows of poses out, in the order in which they come.
+"""A live stream over a WebSocket: sound from the client, rows of poses in return, in order.
 
-The client says its wish (JSON), then sends sound (binary messages: 16-bit PCM, 16 kHz, mono), then {"end": true}. It is
-told fps, latency_s and columns, then gets binary messages: the number of the first frame (4 bytes) and its rows; at the
-end {"end": true, "frames": N}. A message is taken when the one before is answered: a client that is too fast waits, and
-nothing piles up. What goes wrong is told as {"error": ...} before the socket is closed.
+The client sends an animation request (JSON), then sound (binary messages: 16-bit PCM, 16 kHz, mono), then {"end":
+true}. The server sends fps, latency_s and columns, then binary messages: the index of the first frame (4 bytes) and its
+rows; at the end {"end": true, "frames": N}. A message is read after the one before was answered, so a client that sends
+too fast is slowed down (backpressure). Errors are sent as {"error": ...} before the socket is closed.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import validate_section
 
-POLICY, TOO_BIG, FAULT, TRY_AGAIN_LATER = 1008, 1009, 1011, 1013  # codes of RFC 6455
+POLICY, TOO_BIG, FAULT, TRY_AGAIN_LATER = 1008, 1009, 1011, 1013  # close codes of RFC 6455
 MAX_CHUNK_BYTES = 2 * SAMPLE_RATE * 2  # 2 s
-WORKER_TIMEOUT_S = 20.0  # within which a worker answers a chunk
-CLOSE_TIMEOUT_S = 10.0  # within which a client has read why
+WORKER_TIMEOUT_S = 20.0  # time limit of a worker for a chunk
+CLOSE_TIMEOUT_S = 10.0  # time limit for sending the reason
 
 
 class StreamRefusedError(Exception):
-    """Why a stream ends, and the code of it."""
+    """The reason why a stream ends, and its close code."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -44,14 +44,16 @@ class StreamServer:
         self.running = 0
 
     async def serve(self, socket: WebSocket) -> None:
-        """One stream from its wish to its end."""
+        """Serve one stream from its request to its end."""
         await socket.accept()
         try:
             if self._workers is None:
-                raise StreamRefusedError(POLICY, "no model for streams is loaded here: `serve --live-model` names one")
+                raise StreamRefusedError(
+                    POLICY, "live model: should be loaded for streams, got none; start with `serve --live-model`"
+                )
             if self.running >= self._limits.streams:
                 raise StreamRefusedError(
-                    TRY_AGAIN_LATER, f"{self.running} streams run already, which is the most; try again later"
+                    TRY_AGAIN_LATER, f"{self.running} streams are running, which is the maximum; try again later"
                 )
             self.running += 1
             try:
@@ -66,8 +68,8 @@ class StreamServer:
         except WorkerFailedError as error:
             await _close(socket, FAULT, str(error))
         except TimeoutError:
-            await _close(socket, POLICY, f"nothing was heard, or taken, for {self._limits.idle_timeout_s:g} s")
-        except (WebSocketDisconnect, RuntimeError):  # the client has gone; starlette says either
+            await _close(socket, POLICY, f"no data received or read for {self._limits.idle_timeout_s:g} s")
+        except (WebSocketDisconnect, RuntimeError):  # the client has disconnected; starlette raises either
             pass
 
     async def _stream(self, socket: WebSocket, worker: Worker) -> None:
@@ -84,7 +86,7 @@ class StreamServer:
                 await worker.call(("close", key), WORKER_TIMEOUT_S)
 
     async def _relay(self, socket: WebSocket, worker: Worker, key: str) -> int:
-        """Answer sound with rows until the client ends; gives how many frames it got."""
+        """Answer sound with pose rows until the client ends the stream. Returns the number of sent frames."""
         samples = frames = 0
         while True:
             message = await self._receive(socket)
@@ -94,7 +96,7 @@ class StreamServer:
                 if samples > self._limits.max_stream_s * SAMPLE_RATE:
                     raise StreamRefusedError(TOO_BIG, f"a stream should last at most {self._limits.max_stream_s:g} s")
             elif _content(message) != {"end": True}:
-                raise StreamRefusedError(POLICY, 'a text after the wish should be {"end": true}')
+                raise StreamRefusedError(POLICY, 'a text message after the request should be {"end": true}')
             pose_chunk: PoseChunk = await worker.call(
                 ("finish", key) if sound is None else ("push", key, sound), WORKER_TIMEOUT_S
             )
@@ -106,7 +108,7 @@ class StreamServer:
                 return frames
 
     async def _receive(self, socket: WebSocket) -> Any:
-        """The next message. Raises TimeoutError if none comes."""
+        """The next message. Raises TimeoutError if none arrives in time."""
         async with asyncio.timeout(self._limits.idle_timeout_s):
             message = await socket.receive()
         if message["type"] == "websocket.disconnect":
@@ -136,12 +138,12 @@ def _content(message: Any) -> Any:
 
 def _animation_request(content: Any) -> AnimationRequest:
     if not isinstance(content, dict):
-        raise StreamRefusedError(POLICY, 'the first message should be a wish, such as {"seed": 1}')
-    return validate_section("wish", AnimationRequest, content)
+        raise StreamRefusedError(POLICY, 'the first message should be a request, such as {"seed": 1}')
+    return validate_section("request", AnimationRequest, content)
 
 
 async def _close(socket: WebSocket, code: int, reason: str) -> None:
-    """Say why, and close; the client may have gone."""
+    """Send the reason and close; the client may have disconnected."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
         async with asyncio.timeout(CLOSE_TIMEOUT_S):
             await socket.send_text(json.dumps({"error": reason}))

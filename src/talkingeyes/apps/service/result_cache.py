@@ -1,4 +1,4 @@
-"""Where performances lie until they are fetched: a folder each, named here, in the one folder of the service."""
+"""Cache of animations until they are downloaded: one folder with a random name each, in the folder of the service."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ NAME = re.compile("[0-9a-f]{32}")
 
 @dataclass(frozen=True)
 class CachedResult:
-    """A performance by name, and its folder."""
+    """Name and folder of a cached animation."""
 
     name: str
     folder: Path
 
 
 class ResultCache:
-    """The performances that are kept: the newest ones."""
+    """Keeps the newest animations."""
 
     def __init__(self, folder: Path, max_results: int) -> None:
         self._folder, self._max_results = folder, max_results
@@ -32,7 +32,7 @@ class ResultCache:
 
     @contextmanager
     def entry(self) -> Iterator[CachedResult]:
-        """A new folder, kept if the block ends well; the oldest one goes then."""
+        """A new folder, kept if the block succeeds; then the oldest entries are removed."""
         name = secrets.token_hex(16)
         entry = CachedResult(name, self._folder / name)
         entry.folder.mkdir()
@@ -46,8 +46,8 @@ class ResultCache:
             shutil.rmtree(self._entries.pop(0).folder, ignore_errors=True)
 
     def find(self, name: str) -> Path:
-        """The folder of a performance. Raises HTTPException (404) for what is not, or no longer, there."""
+        """The folder of an animation. Raises HTTPException (404) if it does not exist (any more)."""
         for entry in self._entries:
             if NAME.fullmatch(name) and entry.name == name:
                 return entry.folder
-        raise HTTPException(404, "no such performance, or no longer: the newest are kept")
+        raise HTTPException(404, "no such animation; only the newest are kept")

@@ -1,7 +1,7 @@
-"""What a worker does for live streams: many streams of one model in one process, sound in, rows of poses out.
+"""Worker for live streams: many streams of one model in one process, from sound to rows of poses.
 
-Messages: ("open", key, wish), ("push", key, sound), ("finish", key), ("close", key). Sound is 16-bit little-endian PCM
-of 16 kHz; rows are those of apps/viewer/pose_encoding.py, behind the number of the first frame (4 bytes).
+Messages: ("open", key, request), ("push", key, sound), ("finish", key), ("close", key). Sound is 16-bit little-endian
+PCM of 16 kHz. Rows are those of apps/viewer/pose_encoding.py, preceded by the index of the first frame (4 bytes).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FULL_SCALE = 32768.0
 
 
 def stream_worker(model: str) -> Callable[[Any], Any]:
-    """The function that answers messages about streams of a model."""
+    """The message handler for streams of a model."""
     import torch
 
     torch.set_num_threads(1)

@@ -1,7 +1,7 @@
-"""Worker processes as the event loop sees them: one message at a time each, a time limit, a new process after a crash.
+"""Worker processes for the event loop: one message at a time each, a time limit, a new process after a crash.
 
-All computing is done there, so the service answers while it is done, and a sound that hangs or breaks a decoder costs
-one process and not the service.
+All computation runs in workers, so the service stays responsive, and a sound that hangs or crashes a decoder costs one
+process instead of the service.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from typing import Any
 from talkingeyes.apps.service.worker_process import DONE, INPUT_ERROR, LENGTH_PREFIX, pack_message
 from talkingeyes.core.errors import InputError
 
-START_TIMEOUT_S = 300.0  # within which a process has loaded its model
+START_TIMEOUT_S = 300.0  # time limit for loading a model
 
 
 class BusyError(Exception):
-    """More is asked for than the service does at once; it may be asked again later."""
+    """The queue is full; the client may try again later."""
 
 
 class WorkerFailedError(Exception):
-    """The work failed through no fault of the message that anybody knows of."""
+    """A worker crashed, exceeded its time limit or reported an internal error."""
 
 
 class Worker:
-    """One process, started when it is first needed."""
+    """One process, started on first use."""
 
     def __init__(self, factory: str, arguments: Sequence[str]) -> None:
         self._command = [sys.executable, "-m", "talkingeyes.apps.service.worker_process", factory, *arguments]
@@ -38,11 +38,11 @@ class Worker:
         self.users = 0
 
     async def call(self, message: Any, limit_s: float) -> Any:
-        """The answer to a message.
+        """Send a message and return the answer.
 
-        Raises InputError for what the message's author can mend, FaultError for a crash or after `limit_s`.
+        Raises InputError for invalid input, WorkerFailedError after a crash or after `limit_s`.
         """
-        # A caller who leaves does not leave half an answer behind.
+        # Shielded: a cancelled caller must not leave half an answer in the pipe.
         return await asyncio.shield(asyncio.ensure_future(self._exchange(message, limit_s)))
 
     async def stop(self) -> None:
@@ -64,7 +64,7 @@ class Worker:
                 raise WorkerFailedError(f"took longer than {limit_s:g} s") from None
             except (OSError, asyncio.IncompleteReadError, pickle.UnpicklingError):
                 await self.stop()
-                raise WorkerFailedError("the process that worked on it ended") from None
+                raise WorkerFailedError("the worker process ended") from None
         if kind == DONE:
             return content
         raise InputError(content) if kind == INPUT_ERROR else WorkerFailedError(content)
@@ -85,7 +85,7 @@ class Worker:
 
 
 class WorkerPool:
-    """Several of them: any may do a single piece of work; whoever comes back again is given one and keeps it."""
+    """Several workers: any of them may process a single request; a stream keeps one worker."""
 
     def __init__(self, factory: str, arguments: Sequence[str], count: int, waiting: int) -> None:
         self._all = [Worker(factory, arguments) for _ in range(count)]
@@ -94,7 +94,7 @@ class WorkerPool:
 
     @asynccontextmanager
     async def acquire(self) -> AsyncIterator[Worker]:
-        """A worker for one piece of work. Raises BusyError if too many wait already."""
+        """A worker for one request. Raises BusyError if the queue is full."""
         if self._capacity == 0:
             raise BusyError
         self._capacity -= 1
@@ -115,7 +115,7 @@ class WorkerPool:
             worker.users -= 1
 
     async def warm_up(self) -> None:
-        """Start all processes, so that nobody waits for a model to load."""
+        """Start all processes, so that the first requests do not wait for a model to load."""
         await asyncio.gather(*(worker.call(None, 0.0) for worker in self._all), return_exceptions=True)
 
     async def stop(self) -> None:

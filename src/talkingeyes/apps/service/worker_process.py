@@ -1,8 +1,9 @@
-"""A process that works for the service and may be killed at any time: messages in on stdin, answers out on stdout.
+"""A worker process of the service, which may be killed at any time: messages on stdin, replies on stdout.
 
-Run (the service does): python -m talkingeyes.apps.service.worker_process MODULE:FACTORY ARGUMENT...
-The factory, called with the arguments, gives the function that answers a message. A message and an answer are a length
-and a pickle: both ends are this program. It ends when stdin does, so none outlives the service.
+Run (by the service): python -m talkingeyes.apps.service.worker_process MODULE:FACTORY ARGUMENT...
+
+The factory, called with the arguments, returns the message handler. Messages and replies consist of a length and a
+pickle, because both ends are this program. The process ends with its stdin, so none outlives the service.
 """
 
 from __future__ import annotations
@@ -22,27 +23,27 @@ DONE, INPUT_ERROR, INTERNAL_ERROR = "done", "mistake", "fault"
 
 
 def pack_message(content: Any) -> bytes:
-    """A message on its way."""
+    """Encode a message: its length and its pickle."""
     body = pickle.dumps(content)
     return LENGTH_PREFIX.pack(len(body)) + body
 
 
 def serve_messages(handler: Callable[[Any], Any], source: BinaryIO, target: BinaryIO) -> None:
-    """Answer messages until there are no more; what goes wrong with one does not end the work."""
+    """Answer messages until the end of the input. Errors are returned to the caller and do not end the process."""
     while len(head := source.read(LENGTH_PREFIX.size)) == LENGTH_PREFIX.size:
         message = pickle.loads(source.read(LENGTH_PREFIX.unpack(head)[0]))
         try:
-            reply = (DONE, None if message is None else handler(message))  # None only asks whether all is loaded
+            reply = (DONE, None if message is None else handler(message))  # None: a readiness check
         except InputError as error:
             reply = (INPUT_ERROR, " ".join(str(error).split()))
-        except Exception as error:  # whatever a sound does to a decoder: told, and the next one is answered
+        except Exception as error:  # any decoder error is reported
             reply = (INTERNAL_ERROR, f"{type(error).__name__}: {error}"[:300])
         target.write(pack_message(reply))
         target.flush()
 
 
 def main() -> None:
-    """The entry point: libraries that print do so to stderr."""
+    """Entry point. Output of libraries to stdout is redirected to stderr."""
     target = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     module, _, factory = sys.argv[1].partition(":")

@@ -1,7 +1,7 @@
-"""The answers of a study, in sqlite: nothing about a person but a random token and a number.
+"""Answers of a study in sqlite, anonymous: a participant is a random token and a number.
 
-No names, addresses, times or browsers are kept. A participant goes on where the last answer was given, whatever was
-closed or restarted in between; an answer is written whole or not at all.
+No names, addresses, times or browsers are stored. Participants resume after their last answer, even if the page was
+closed or the server restarted. An answer is one transaction.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ create table if not exists answer (
 
 @dataclass(frozen=True)
 class Participant:
-    """How far somebody is. `attention` is null until the check was met."""
+    """Progress of a participant. `attention` is None until the attention check was answered."""
 
     number: int
     place: int
@@ -43,7 +43,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a participant chose of one pair, about one question."""
+    """A participant's choice for one pair and question."""
 
     participant: int
     question: str
@@ -57,7 +57,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class AnswerDatabase:
-    """The file of answers; it is made when it is not there."""
+    """The file of answers, created if it does not exist."""
 
     path: Path
 
@@ -73,7 +73,7 @@ class AnswerDatabase:
             raise InputError(f"{self.path}: should hold the answers of a study, got: {error}") from None
 
     def register(self) -> str:
-        """The token of a new participant. Raises InputError when there are too many."""
+        """Add a participant and return the token. Raises InputError at the maximum number."""
         token = secrets.token_urlsafe(16)
         with self._open() as connection:
             connection.execute("begin immediate")
@@ -84,7 +84,7 @@ class AnswerDatabase:
         return token
 
     def participant(self, token: str) -> Participant | None:
-        """Who has this token."""
+        """The participant with this token, if any."""
         with self._open() as connection:
             query = "select number, place, attention, done from participant where token = ?"
             row = connection.execute(query, (token,)).fetchone()
@@ -94,10 +94,10 @@ class AnswerDatabase:
         return Participant(number, place, None if attention is None else bool(attention), bool(done))
 
     def add(self, who: Participant, pair: Pair, choices: Mapping[str, bool], last: bool, ends_study: bool) -> bool:
-        """Keep what was chosen of the pair that the participant is at: by question, whether it was A.
+        """Store the choices for the participant's current pair: per question, whether A was chosen.
 
-        False if that pair was answered meanwhile. `last`: there is none after it; `ends_study`: a failed check is the
-        end.
+        Returns False if the pair was already answered (in another window). `last`: this is the last pair. `ends_study`:
+        a failed attention check ends the study.
         """
         passed = all(choices.values())
         with self._open() as connection:
@@ -119,7 +119,7 @@ class AnswerDatabase:
         return bool(moved)
 
     def participants(self) -> list[Participant]:
-        """Everybody who began."""
+        """All participants."""
         with self._open() as connection:
             rows = connection.execute(
                 "select number, place, attention, done from participant order by number"
@@ -129,7 +129,7 @@ class AnswerDatabase:
         ]
 
     def valid_answers(self) -> list[Answer]:
-        """The answers of those who passed the check and came to the end."""
+        """Answers of participants who passed the attention check and finished."""
         columns = "participant, question, a, b, stratum, clip, a_left, chose_a"
         with self._open() as connection:
             rows = connection.execute(

@@ -1,4 +1,4 @@
-"""The files of the study's page."""
+"""Files of the study's page."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ NAMES = ("study.css", "study.html", "study.js")
 
 
 def page_assets() -> dict[str, Asset]:
-    """By the name that a browser asks for."""
+    """Files by the name that a browser requests."""
     found = {name: Asset((FOLDER / name).read_bytes(), MEDIA_TYPES[Path(name).suffix]) for name in NAMES}
     return {**found, "": found["study.html"]}

@@ -1,8 +1,8 @@
-"""Who sees what: the pairs of a participant in their order, and which film stands on the left.
+"""Counterbalancing: the pairs of each participant, their order, and which film is on the left.
 
-Everything is a function of the study's seed and the participant's number, so a study can be stopped, copied and gone
-on with. Pairs of a comparison are dealt round the pool, so that all films are seen equally often; in each comparison
-A stands on the left in half of the pairs.
+Everything is a function of the study's seed and the participant's number, so a study can be stopped, copied and
+resumed. The pairs of a comparison rotate through the pool, so that all films are shown equally often. In each
+comparison, A is on the left in half of the pairs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ATTENTION_CHECK = "attention"
 
 @dataclass(frozen=True)
 class Pair:
-    """Two films of one clip: of the conditions `a` and `b`. The pair of attention has the fault as `b`."""
+    """Two films of one clip, of the conditions `a` and `b`. In the attention check, `b` is the fault."""
 
     a: str
     b: str
@@ -33,7 +33,8 @@ class Pair:
 
 
 def assign_pairs(design: Design, clips: Mapping[str, Sequence[str]], seed: int, number: int) -> tuple[Pair, ...]:
-    """The pairs of participant `number` (from 0); `clips` are the pool of each stratum, and the clip of attention."""
+    """The pairs of participant `number` (from 0). `clips`: the pool of each stratum, and the clip of the attention
+    check."""
     rng = np.random.default_rng([seed, number])
     pairs = []
     for index, (a, b) in enumerate(design.comparisons):
@@ -43,7 +44,7 @@ def assign_pairs(design: Design, clips: Mapping[str, Sequence[str]], seed: int, 
             if s.name in clips
             for clip in _rotated(s.pairs, clips[s.name], number, index)
         ]
-        # Of an odd number of pairs, who gets the odd one alternates.
+        # With an odd number of pairs, the extra one alternates between participants.
         left = np.arange(len(seen)) % 2 == (number + index) % 2
         rng.shuffle(left)
         pairs += [Pair(a, b, stratum, clip, bool(side)) for (stratum, clip), side in zip(seen, left, strict=True)]
@@ -61,7 +62,7 @@ def assign_pairs(design: Design, clips: Mapping[str, Sequence[str]], seed: int, 
 
 
 def _rotated(pairs: int, pool: Sequence[str], number: int, comparison: int) -> list[str]:
-    """The clips of one participant, one comparison: the next ones round the pool; comparisons begin apart."""
+    """Clips of one participant and comparison: the next ones of the pool, with an offset per comparison."""
     taken = min(pairs, len(pool))
     first = number * taken + comparison * max(len(pool) // 4, 1)
     return [pool[(first + place) % len(pool)] for place in range(taken)]

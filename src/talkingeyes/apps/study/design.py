@@ -1,6 +1,6 @@
-"""What a perception study asks of whom: conditions compared in pairs, questions, and how films are made.
+"""Design of a perception study: conditions compared in pairs, questions, and settings of the films.
 
-The designs of the papers are files in designs/; a file of your own has the same keys (docs/study.md).
+The designs of the papers are files in designs/; your own file has the same keys (docs/study.md).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ MotionPart = Literal["head", "gaze", "lid", "jaw", "expression"]
 
 
 class Condition(Settings):
-    """One of the things that are compared: its name in tables, and where its motions are in the data of a chain.
+    """A compared condition: its label in tables, and the source of its motions in the pipeline's data.
 
-    `source` is `truth`, or a folder below data/; `lids` says whether they follow gaze on the head that is filmed.
+    `source` is `truth`, or a folder below data/; `lids` says whether the lids of the rendered head follow gaze.
     """
 
     label: str
@@ -31,7 +31,7 @@ class Condition(Settings):
 
 
 class Question(Settings):
-    """What is asked about each pair, answered by left or right."""
+    """A question about each pair, answered by left or right."""
 
     name: Name
     label: str
@@ -39,9 +39,9 @@ class Question(Settings):
 
 
 class Stratum(Settings):
-    """Clips of one kind: `pool` of them have films, each participant sees `pairs` of them in each comparison.
+    """Clips of one kind: films exist for `pool` of them; each participant sees `pairs` of them in each comparison.
 
-    `emotion` null takes any; `seconds` null takes whole clips, a number their beginning.
+    `emotion` null accepts any emotion; `seconds` null uses whole clips, a number their beginning.
     """
 
     name: Name
@@ -58,9 +58,9 @@ class Stratum(Settings):
 
 
 class AttentionCheck(Settings):
-    """The pair that shows who pays attention: one film of a condition as it is, the same with a plain fault.
+    """The attention check: a film of a condition paired with the same film with an obvious fault.
 
-    `ends_study`: whoever chooses the faulty one is thanked and asked no more.
+    `ends_study`: choosing the faulty film ends the study for the participant.
     """
 
     condition: Name
@@ -69,8 +69,8 @@ class AttentionCheck(Settings):
 
 
 class Design(Settings):
-    """A study. `varied_parts` are the parts that a film takes from its condition, `shared_parts` those of the truth in
-    all films; the rest is at rest. `participants` is how many the paper had."""
+    """A study. Films take `varied_parts` from their condition and `shared_parts` from the truth; other parts are at
+    rest. `participants` is the number in the paper."""
 
     title: str
     paper: str
@@ -98,12 +98,12 @@ class Design(Settings):
 
 
 def names() -> list[str]:
-    """The designs that come with the package."""
+    """Names of the packaged designs."""
     return sorted(path.stem for path in DESIGNS_FOLDER.glob("*.yaml"))
 
 
 def load_design(name: str) -> Design:
-    """A design by its name, or from a file (.yaml). Raises InputError: one line."""
+    """A design by name, or from a .yaml file. Raises InputError (one line)."""
     path = DESIGNS_FOLDER / f"{name}.yaml" if name in names() else Path(name)
     if path.suffix != ".yaml":
         raise InputError(f"design: should be {', '.join(names())} or a .yaml file, got {name!r}")

@@ -1,7 +1,7 @@
-"""The films of a study: the motion of each condition, as its design shows it, with the clip's sound.
+"""Films of a study: the motion of each condition as the design defines it, with the clip's sound.
 
-A film takes the parts that vary from its condition and the shared ones from the truth; the rest is at rest. Faults, for
-the pair of attention: the picture upside down, or the sound late by more than a second.
+A film takes the varied parts from its condition and the shared ones from the truth; other parts are at rest. Faults of
+the attention check are an upside-down picture, or sound that is late by more than a second.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SOUND_DELAY_S = 1.2
 
 @dataclass(frozen=True)
 class FilmContent:
-    """What one film shows."""
+    """Content of one film."""
 
     motion: Motion
     sound: Float[ndarray, " N"]
@@ -41,9 +41,9 @@ class FilmContent:
 
 
 def film_motion(design: Design, motion: Motion, truth: Motion | None) -> Motion:
-    """A condition's motion as its films show it. Raises InputError if it has another rate than the truth."""
+    """Motion of a condition for its films. Raises InputError if its frame rate differs from the truth's."""
     if truth is not None and truth.fps != motion.fps:
-        raise InputError(f"motion: should have the {truth.fps:g} frames a second of the truth, got {motion.fps:g}")
+        raise InputError(f"motion: should have the frame rate of the truth, {truth.fps:g} fps, got {motion.fps:g}")
     frames = len(motion) if truth is None else min(len(motion), len(truth))
     source = motion.cut(0, frames)
     parts: dict[str, Any] = {"translation": np.zeros((frames, 3))}
@@ -62,7 +62,7 @@ def _parts(motion: Motion, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def trimmed(content: FilmContent, seconds: float | None) -> FilmContent:
-    """The first seconds of a film; all of it if None."""
+    """The first seconds of a film; None: the whole film."""
     if seconds is None:
         return content
     motion = content.motion.cut(0, round(seconds * content.motion.fps))
@@ -70,7 +70,7 @@ def trimmed(content: FilmContent, seconds: float | None) -> FilmContent:
 
 
 def static_lids(head: HeadModel) -> HeadModel:
-    """The head with lids that blink but do not follow gaze: the Eyelid model's predictors of gaze move nothing."""
+    """A head with lids that blink but do not follow gaze: the gaze shapes of the Eyelid model are set to zero."""
     expression = head.expression.copy()
     for name in LID_SHAPES:
         if "Blink" not in name:
@@ -79,14 +79,14 @@ def static_lids(head: HeadModel) -> HeadModel:
 
 
 def write_film(content: FilmContent, head: HeadModel, view: OrbitCamera, path: Path) -> None:
-    """Draw and write one film."""
+    """Render and write one film."""
     renderer = HeadRenderer(static_lids(head) if content.static_lids else head, view)
     sound = _late(content.sound) if content.fault == "late_sound" else content.sound
     write_video(path, _pictures(renderer, content), content.motion.fps, sound)
 
 
 def reencode_film(source: Path, seconds: float | None, fault: str | None, path: Path) -> None:
-    """A film of somebody else's, cut and spoiled as those drawn here."""
+    """Trim an external film, and add the fault."""
     import av
 
     with av.open(str(source)) as container:

@@ -1,9 +1,9 @@
 """Preference rates of a study with p-values and intervals.
 
-Rate: the share of answers that chose A. Wilcoxon signed-rank over participants: each one's answers for A less those
-for B (TalkingEyes, section V-C.2, names the test and not its unit; answers of one person belong together, so the
-person is the unit here). Binomial: exact, two-sided, over answers as if they were independent. The interval is a
-bootstrap over participants; Wilson's, over answers, is given beside it.
+The rate is the fraction of answers that chose A. The Wilcoxon signed-rank test compares, per participant, the answers
+for A minus those for B (TalkingEyes, section V-C.2, names the test but not its unit; answers of one person are
+dependent, so the person is the unit here). The binomial test is exact and two-sided, over answers as if they were
+independent. The interval is a bootstrap over participants; Wilson's interval over answers is also given.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ ALL_STRATA = "all"
 
 @dataclass(frozen=True)
 class Preference:
-    """How often A was chosen over B; p-values against no preference, nan where there is nothing to test.
+    """Rate of choosing A over B; p-values against no preference, nan if there is nothing to test.
 
-    Wilcoxon's is that over all strata alone: in one, a person answers once or twice.
+    The Wilcoxon test uses all strata together, because a participant answers only once or twice per stratum.
     """
 
     a: str
@@ -46,7 +46,7 @@ class Preference:
 
 
 def preference_rates(design: Design, answers: Sequence[Answer]) -> list[Preference]:
-    """Of each comparison and question, over all strata and in each, where there are answers."""
+    """Results of each comparison and question, over all strata and per stratum, where there are answers."""
     strata = [ALL_STRATA, *(stratum.name for stratum in design.strata)] if len(design.strata) > 1 else [ALL_STRATA]
     found = []
     for a, b in design.comparisons:
@@ -67,7 +67,7 @@ def _preference(a: str, b: str, question: str, stratum: str, chosen: Sequence[An
     from scipy.stats import binomtest
 
     people = sorted({each.participant for each in chosen})
-    counts = np.zeros((len(people), 2), int)  # answers for A and for B, a row a person
+    counts = np.zeros((len(people), 2), int)  # answers for A and for B, one row per participant
     for each in chosen:
         counts[people.index(each.participant), int(not each.chose_a)] += 1
     wins, total = int(counts[:, 0].sum()), int(counts.sum())

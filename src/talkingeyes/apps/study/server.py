@@ -1,6 +1,6 @@
-"""The study as local web pages: begin, pair after pair, the end. One JSON a step; the page holds nothing but a token.
+"""The study as local web pages: start, pair after pair, end. Each step is one JSON; the page stores only a token.
 
-Which film is which stays here: a page learns two names that tell nothing, and answers left or right.
+The server alone knows the conditions: the page gets two opaque film names and sends left or right.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from talkingeyes.apps.viewer.local_server import LOCALHOST, create_app
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import Settings
 
-MAX_BODY_BYTES = 4096  # of what a page may send
+MAX_BODY_BYTES = 4096  # maximum size of a request
 
 
 class PairResponse(Settings):
-    """What a page sends: the place of the pair, and for each question the side that was chosen."""
+    """Answer of the page: index of the pair, and the chosen side for each question."""
 
     place: int
     answers: dict[str, Literal["left", "right"]]
@@ -74,7 +74,7 @@ def _who(study: Study, token: str) -> Participant:
 
 
 async def _choice(request: Request) -> PairResponse:
-    """What was sent, if it is small and well formed."""
+    """The validated content of a request."""
     sent = b""
     async for chunk in request.stream():
         sent += chunk
@@ -101,12 +101,12 @@ def _answered(study: Study, token: str, choice: PairResponse) -> dict[str, Any]:
     choices = {name: (side == "left") == pair.a_left for name, side in choice.answers.items()}
     last = who.place + 1 == len(pairs)
     if not study.answers.add(who, pair, choices, last, study.design.attention.ends_study):
-        raise HTTPException(409, "place: this pair was answered meanwhile")
+        raise HTTPException(409, "place: this pair was already answered")
     return _state(study, _who(study, token))
 
 
 def _state(study: Study, who: Participant) -> dict[str, Any]:
-    """What the page shows next."""
+    """The next state of the page."""
     pairs = study.pairs(who.number)
     said = {
         "title": study.design.title,

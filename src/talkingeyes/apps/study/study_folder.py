@@ -1,8 +1,7 @@
-"""A study on disk: what it asks (study.json), its films under names that tell nothing, and the answers.
+"""A study on disk: its design (study.json), its films under opaque names, and the answers.
 
-study.json          schema, design, seed, clips of each stratum, films: {id: {condition, stratum, clip}}
-films/<id>.mp4
-answers.sqlite      made by the first participant
+study.json          schema, design, seed, clips of each stratum, films: {id: {condition, stratum, clip}} films/<id>.mp4
+answers.sqlite      created by the first participant
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ SCHEMA = "talkingeyes.study/1"
 
 @dataclass(frozen=True)
 class Film:
-    """Which film: a condition (or the fault of the attention pair), a stratum, a clip."""
+    """Identity of a film: a condition (or the fault of the attention check), a stratum, a clip."""
 
     condition: str
     stratum: str
@@ -34,7 +33,7 @@ class Film:
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be shown. `clips` are the pool of each stratum, and the one of the attention pair."""
+    """A study that can be served. `clips` holds the pool of each stratum, and the clip of the attention check."""
 
     root: Path
     design: Design
@@ -43,7 +42,7 @@ class Study:
 
     @cached_property
     def films(self) -> dict[str, Film]:
-        """Every film by its name."""
+        """All films by name."""
         return {film_id(self.seed, film): film for film in required_films(self.design, self.clips)}
 
     @property
@@ -51,15 +50,15 @@ class Study:
         return AnswerDatabase(self.root / "answers.sqlite")
 
     def film(self, film_id: str) -> Path:
-        """Where a film of the study is."""
+        """The file of a film."""
         return self.root / "films" / f"{film_id}.mp4"
 
     def pairs(self, number: int) -> tuple[Pair, ...]:
-        """What a participant sees."""
+        """The pairs of a participant."""
         return assign_pairs(self.design, self.clips, self.seed, number)
 
     def names(self, pair: Pair) -> tuple[str, str]:
-        """The films of a pair, left and right."""
+        """Names of the films of a pair, left and right."""
         a, b = (film_id(self.seed, Film(name, pair.stratum, pair.clip)) for name in (pair.a, pair.b))
         return (a, b) if pair.a_left else (b, a)
 
@@ -72,7 +71,7 @@ class Study:
 
     @classmethod
     def load(cls, root: Path) -> Study:
-        """Read a study. Raises InputError if it is none, or lacks a film."""
+        """Read a study. Raises InputError if it is invalid, or lacks a film."""
         path = root / "study.json"
         try:
             content = json.loads(path.read_text())
@@ -89,7 +88,7 @@ class Study:
 
 
 def required_films(design: Design, clips: Mapping[str, tuple[str, ...]]) -> list[Film]:
-    """The films that a study needs: each condition that is compared, of each clip of each stratum; the check's two."""
+    """The films that a study needs: each compared condition of each clip, and the two of the attention check."""
     wanted = sorted({name for pair in design.comparisons for name in pair})
     films = [
         Film(name, stratum.name, clip)
@@ -105,5 +104,5 @@ def required_films(design: Design, clips: Mapping[str, tuple[str, ...]]) -> list
 
 
 def film_id(seed: int, film: Film) -> str:
-    """A name from which nobody can tell the condition."""
+    """A name that does not reveal the condition."""
     return hashlib.blake2b(f"{seed}/{film.condition}/{film.stratum}/{film.clip}".encode(), digest_size=10).hexdigest()

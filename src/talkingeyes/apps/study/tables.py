@@ -1,4 +1,4 @@
-"""The results in the layouts of the papers, in Markdown: preference rates, split percentages, or a column a length."""
+"""Results as Markdown in the layouts of the papers: preference rates, split percentages, or a column per length."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from talkingeyes.apps.study.results import ALL_STRATA, Preference
 
 
 def table(design: Design, found: Sequence[Preference]) -> str:
-    """The table that the design asks for; what nobody answered is a dash."""
+    """The table in the design's layout; a dash where there are no answers."""
     by_key = {(each.a, each.b, each.question, each.stratum): each for each in found}
     layouts: Mapping[str, Callable[[Design, Mapping[tuple[str, str, str, str], Preference]], list[list[str]]]] = {
         "preference": _preference,
@@ -30,7 +30,7 @@ def format_p_value(value: float) -> str:
 
 
 def _preference(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:
-    """TalkingEyes, Table IV: A's percentage, and the p-value in brackets; a block of columns a question."""
+    """TalkingEyes, Table IV: A's percentage, and the p-value in brackets; a block of columns per question."""
     header = ["Method A vs. Method B"]
     for question in design.questions:
         title = "Preference Rate" if len(design.questions) == 1 else question.label
@@ -44,7 +44,7 @@ def _preference(design: Design, by_key: Mapping[tuple[str, str, str, str], Prefe
 
 
 def _split(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:
-    """ProbTalk3D, Table 2: two percentages a question, that of A and that of B, and the p-value."""
+    """ProbTalk3D, Table 2: the percentages of A and B and the p-value, per question."""
     header = [""]
     for question in design.questions:
         header += [f"{question.label}, A", "B", "p"]
@@ -61,7 +61,7 @@ def _rows(
     cells: Callable[[Preference], list[str]],
     unanswered: list[str],
 ) -> list[list[str]]:
-    """A comparison a row: its title, then the cells of every question."""
+    """One row per comparison: its title, then the cells of every question."""
     rows = []
     for a, b in design.comparisons:
         found = [by_key.get((a, b, question.name, ALL_STRATA)) for question in design.questions]
@@ -76,7 +76,7 @@ def _p(design: Design, found: Preference) -> str:
 
 
 def _lengths(design: Design, by_key: Mapping[tuple[str, str, str, str], Preference]) -> list[list[str]]:
-    """PoseGAN, Table 4: how often A was taken for better than the truth, a column a length of films."""
+    """PoseGAN, Table 4: how often A was preferred to the truth, a column per length of films."""
     question = design.questions[0].name
     strata = [stratum.name for stratum in design.strata]
     rows = [["Method", *(name.replace("_", " ") for name in strata)]]

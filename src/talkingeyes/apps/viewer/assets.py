@@ -1,7 +1,7 @@
-"""The files of the pages: those beside this module, and three.js with its glTF loader and orbit controls.
+"""Files of the viewer's page: those beside this module, and three.js with its glTF loader and orbit controls.
 
-three.js comes out of the package nicegui, which ships it bundled as one ES module (MIT); nothing else of that package
-is used, and none of its code is run. A page can have these names alone, whatever it asks for.
+three.js comes from the package nicegui, which ships it bundled as one ES module (MIT). Nothing else of that package is
+used, and none of its code is run. Only these names are served.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from talkingeyes.core.errors import InputError
 
 ASSETS_FOLDER = Path(__file__).parent / "assets"
-THREE_JS_PATH = Path("elements", "scene", "dist", "index.js")  # in the package nicegui
+THREE_JS_PATH = Path("elements", "scene", "dist", "index.js")  # within the package nicegui
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html; charset=utf-8"}
 NAMES = ("stage.js", "style.css", "three.js", "timeline.js", "view.html", "view.js")
 
@@ -29,7 +29,7 @@ class Asset:
 
 @cache
 def asset(name: str) -> Asset:
-    """One of NAMES. Raises KeyError for any other name, InputError if the package with three.js is missing."""
+    """Read one of NAMES. Raises KeyError for any other name, InputError if the package with three.js is missing."""
     if name not in NAMES:
         raise KeyError(name)
     path = three_js() if name == "three.js" else ASSETS_FOLDER / name
@@ -37,12 +37,10 @@ def asset(name: str) -> Asset:
 
 
 def three_js() -> Path:
-    """Where three.js is installed."""
-    found = find_spec("nicegui")  # looks for the package, does not import it
+    """Path of the installed three.js."""
+    found = find_spec("nicegui")  # finds the package without importing it
     places = [Path(each) / THREE_JS_PATH for each in (found.submodule_search_locations or ())] if found else []
     for path in places:
         if path.is_file():
             return path
-    raise InputError(
-        "three.js: should be installed with the extra `web` (`make setup` does so), got no package nicegui"
-    )
+    raise InputError("three.js: should be installed with the extra `web` (see `make setup`), got no package nicegui")

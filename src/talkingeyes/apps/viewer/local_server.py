@@ -1,7 +1,7 @@
-"""Pages of this machine for this machine: what every local server here has in common.
+"""Common parts of all local servers.
 
-They answer to the name of this machine alone (a foreign page cannot reach them under a name of its own), load nothing
-from elsewhere, and leave no trace in caches or logs.
+They accept only the host names of this machine (protection against DNS rebinding), load nothing from other sites, and
+disable caches and access logs.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 LOCALHOST = "127.0.0.1"
-MAX_MESSAGE_BYTES = 1 << 17  # of a WebSocket; what is longer ends it
-ALLOWED_HOSTS = (LOCALHOST, "localhost", "[::1]", "testserver")  # the last: of FastAPI's test client
+MAX_MESSAGE_BYTES = 1 << 17  # maximum WebSocket message; a longer one closes the socket
+ALLOWED_HOSTS = (LOCALHOST, "localhost", "[::1]", "testserver")  # the last is FastAPI's test client
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; media-src 'self' blob:; img-src 'self' data: blob:; "
     "style-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
@@ -29,14 +29,14 @@ SECURITY_HEADERS = {
 
 
 def create_app(host: str = LOCALHOST) -> FastAPI:
-    """An application without pages of its own, that answers requests to `host` or this machine."""
+    """An application without pages that answers requests to `host` or this machine."""
     from fastapi import FastAPI
     from starlette.datastructures import MutableHeaders
     from starlette.middleware.trustedhost import TrustedHostMiddleware
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
     class SecurityHeadersMiddleware:
-        """Adds HEADERS to every answer."""
+        """Adds SECURITY_HEADERS to every response."""
 
         def __init__(self, app: ASGIApp) -> None:
             self.app = app
@@ -57,7 +57,8 @@ def create_app(host: str = LOCALHOST) -> FastAPI:
 
 
 def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], path: str = "/") -> None:
-    """Serve until interrupted; `on_start` is told the address. Port 0 takes a free one. Raises InputError if taken."""
+    """Serve until interrupted; `on_start` is called with the URL. Port 0 selects a free one. Raises InputError if it is
+    in use."""
     import uvicorn
 
     if not 0 <= port <= 65535:
@@ -68,8 +69,8 @@ def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], p
         raise InputError(f"port: should be free at {host}, got {port} ({error.strerror or error})") from None
     with listener:
         on_start(f"http://{host}:{listener.getsockname()[1]}{path}")
-        with contextlib.suppress(KeyboardInterrupt):  # how one ends it
-            # No pings: who is silent is sent away by the service itself, and a busy machine answers them late.
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends the server
+            # No pings: the service disconnects idle clients itself, and a busy machine answers pings late.
             config = uvicorn.Config(
                 app, log_level="warning", access_log=False, ws_max_size=MAX_MESSAGE_BYTES, ws_ping_interval=None
             )

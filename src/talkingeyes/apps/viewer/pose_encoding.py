@@ -1,7 +1,8 @@
-"""A head and its poses for a browser: the head as GLB once, then a row of numbers a frame.
+"""Head and poses for a browser: the head once as GLB, then a row of numbers per frame.
 
-A row is translation of the root (3), quaternions x, y, z, w of neck, jaw, left eye, right eye (16), then the weights of
-the morph targets in the order of the GLB: what `assets/stage.js` sets on the head. Float32, little-endian.
+A row holds the translation of the root (3), quaternions x, y, z, w of neck, jaw, left eye, right eye (16), and the
+weights of the morph targets in the order of the GLB: the values that `assets/stage.js` applies to the head. Float32,
+little-endian.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def head_glb(head: HeadModel) -> bytes:
 
 
 def pose_rows(head: HeadModel, motion: Motion) -> Float[ndarray, "T C"]:
-    """A motion as rows; the columns are those of the module's docstring."""
+    """A motion as rows, with the columns of the module's docstring."""
     pose = motion_to_pose(head, motion)
     turned = (pose.head, pose.jaw, pose.gaze[:, 0], pose.gaze[:, 1])
     root = joint_offsets(head)[0] + pose.translation

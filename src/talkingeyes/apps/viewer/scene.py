@@ -1,7 +1,7 @@
-"""What the viewer's page draws beside the heads: traces, blinks and saccades of motions, words, the sound's outline.
+"""Data of the viewer's page besides the heads: traces, blinks and saccades, words, the waveform.
 
-Everything is plain numbers and texts, so that it becomes one JSON. Angles are degrees: yaw positive to the subject's
-left, pitch positive up; both eyes averaged.
+All values are plain numbers and texts, so that they form one JSON. Angles are in degrees: yaw positive to the subject's
+left, pitch positive up; means of both eyes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NO_EVENTS = Events()
 
 @dataclass(frozen=True)
 class ViewerMotion:
-    """A motion to look at, its name on the page, its events if they are known, and whether it is the truth."""
+    """A motion, its name on the page, its events if they are known, and whether it is the truth."""
 
     name: str
     motion: Motion
@@ -35,7 +35,7 @@ class ViewerMotion:
 
 @dataclass(frozen=True)
 class Scene:
-    """Takes that play in step, with the sound and the words that are common to them."""
+    """Motions that play synchronously, with their common sound and words."""
 
     title: str
     viewer_motions: tuple[ViewerMotion, ...]
@@ -44,12 +44,12 @@ class Scene:
 
     @property
     def seconds(self) -> float:
-        """The longest take."""
+        """Duration of the longest motion."""
         return max(viewer_motion.motion.seconds for viewer_motion in self.viewer_motions)
 
 
 def scene_json(scene: Scene) -> dict[str, Any]:
-    """The scene as the page reads it."""
+    """The scene as JSON for the page."""
     return {
         "title": scene.title,
         "seconds": scene.seconds,
@@ -61,7 +61,7 @@ def scene_json(scene: Scene) -> dict[str, Any]:
 
 
 def traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
-    """Gaze in space and head in degrees, and how far the lids are shut."""
+    """Traces of gaze in space and head in degrees, and lid closure."""
     space = np.degrees(rotation.cyclopean_gaze(rotation.gaze_in_space(motion.head, motion.gaze)))
     head = np.degrees(rotation.gaze_to_angles(motion.head))
     return {
@@ -74,7 +74,7 @@ def traces(motion: Motion) -> dict[str, Float[ndarray, " T"]]:
 
 
 def waveform_peaks(sound: Float[ndarray, " N"]) -> list[float]:
-    """The loudest sample of each of equal stretches, the loudest of all being 1."""
+    """Peaks of equal segments, normalised to a maximum of 1."""
     columns = int(np.clip(len(sound) * PEAKS_HZ / SAMPLE_RATE, 1, MAX_PEAKS))
     edges = np.linspace(0, len(sound), columns, endpoint=False).astype(int)
     peaks = np.maximum.reduceat(np.abs(sound), edges)

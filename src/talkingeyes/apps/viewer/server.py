@@ -1,6 +1,6 @@
-"""The viewer's page as a web application: everything it serves is made when it starts, and kept in memory.
+"""The viewer's page as a web application: all served content is created at the start and kept in memory.
 
-Nothing is written, and nothing is read for a request: there is no name from a client that could lead anywhere.
+Requests neither read nor write files, so a name from a client cannot lead to any.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def viewer_app(scene: Scene, head: HeadModel, host: str = LOCALHOST) -> FastAPI:
 
 
 def _files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
-    """Everything by the name that the page asks for."""
+    """All files by the name that the page requests."""
     files = {name: asset(name) for name in NAMES}
     files[""] = files.pop("view.html")
     files["head.glb"] = Asset(head_glb(head), "model/gltf-binary")

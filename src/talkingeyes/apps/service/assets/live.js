@@ -1,10 +1,10 @@
-// The page of `talkingeyes serve`: speech from the microphone moves the head while it is spoken (apps/service/live_stream.py); a
-// recording or a file becomes a performance with its sound, anew whenever a dial is moved (apps/service/app.py).
+// The page of `talkingeyes serve`. Live: speech from the microphone drives the head (apps/service/live_stream.py). A recording or
+// a file is animated and played with its sound, again after every change of a control (apps/service/app.py).
 
 import { Stage } from "./stage.js";
 
 const RATE = 16000;
-const SMOOTH_S = 0.12; // frames are shown so much later than they may come, so that none is missed
+const SMOOTH_S = 0.12; // buffer: extra delay of the display, so that frames arrive in time
 const $ = (id) => document.getElementById(id);
 
 let stage, about, speech, shown, recording;
@@ -13,25 +13,25 @@ let asked = 0;
 async function open() {
   about = await answer(await fetch("service.json"));
   stage = await Stage.open($("head"), "head.glb", [$("head")]);
-  $("wish").person.append(...about.persons.map((name) => new Option(name)));
+  $("request").person.append(...about.persons.map((name) => new Option(name)));
   $("who").hidden = !about.persons.length;
   $("record").disabled = !about.live;
-  $("record").title = about.live ? "" : "no model for streams is loaded";
+  $("record").title = about.live ? "" : "no streaming model is loaded";
   $("record").onclick = () => (recording ? recording.stop() : record()).catch?.(failed);
   $("upload").onchange = ({ target }) => target.files[0] && perform(target.files[0]);
   $("another").onclick = () => {
-    $("wish").seed.value = Math.floor(Math.random() * 2 ** 31);
+    $("request").seed.value = Math.floor(Math.random() * 2 ** 31);
     perform(speech);
   };
   $("own").onchange = () => {
-    $("wish").eye_contact.disabled = $("own").checked;
+    $("request").eye_contact.disabled = $("own").checked;
     perform(speech);
   };
-  $("wish").onsubmit = (event) => event.preventDefault();
-  $("wish").oninput = numbers;
-  $("wish").onchange = ({ target }) => target.id !== "own" && perform(speech);
+  $("request").onsubmit = (event) => event.preventDefault();
+  $("request").oninput = numbers;
+  $("request").onchange = ({ target }) => target.id !== "own" && perform(speech);
   numbers();
-  say("ready", "record, or upload speech");
+  say("ready", "record or upload speech");
   requestAnimationFrame(draw);
 }
 
@@ -47,15 +47,15 @@ function failed(error) {
 async function answer(response) {
   if (response.ok) return response.json();
   const told = await response.json().catch(() => ({}));
-  throw new Error(told.error ?? `the service answers ${response.status}`);
+  throw new Error(told.error ?? `the service returned status ${response.status}`);
 }
 
 function numbers() {
   for (const range of document.querySelectorAll('input[type="range"]')) range.nextElementSibling.textContent = range.value;
 }
 
-function wish() {
-  const form = $("wish");
+function requested() {
+  const form = $("request");
   const neutral = form.emotion.value === "neutral";
   const asks = {
     seed: Number(form.seed.value),
@@ -71,17 +71,17 @@ function wish() {
   return asks;
 }
 
-// A whole performance of a sound. Only the newest one that was asked for is shown.
+// Animate a whole sound. Only the result of the newest request is shown.
 async function perform(sound) {
   if (!sound || recording) return;
   const turn = ++asked;
   speech = sound;
   say("working", "working");
   try {
-    const made = await answer(await fetch(`performances?${new URLSearchParams(wish())}`, { method: "POST", body: sound }));
+    const made = await answer(await fetch(`performances?${new URLSearchParams(requested())}`, { method: "POST", body: sound }));
     const place = `performances/${made.id}`;
     const poses = await fetch(`${place}/poses`);
-    if (!poses.ok) throw new Error("the poses cannot be had");
+    if (!poses.ok) throw new Error("the poses could not be loaded");
     const rows = new Float32Array(await poses.arrayBuffer());
     if (turn !== asked) return;
     shown = { ...made, rows };
@@ -98,7 +98,7 @@ function offer(place) {
   $("downloads").replaceChildren("Download: ", ...about.formats.map((format) => link(`${place}/${format}`, format)));
 }
 
-// The first click has the file made, and says why if it cannot be; then it is downloaded.
+// The first click requests the export and reports errors; then the file is downloaded.
 function link(href, textContent) {
   const made = Object.assign(document.createElement("a"), { href, textContent, download: "" });
   made.onclick = async (event) => {
@@ -116,7 +116,7 @@ function link(href, textContent) {
   return made;
 }
 
-// Sound goes out 40 ms at a time, rows come back; what was said is kept, and becomes a performance at the end.
+// Send sound in chunks of 40 ms and receive rows of poses. The recording is kept, and animated as a file at the end.
 async function record() {
   const media = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1 } });
   const context = new AudioContext({ sampleRate: RATE });
@@ -130,7 +130,7 @@ async function record() {
     media.getTracks().forEach((track) => track.stop());
     context.close();
   };
-  socket.onopen = () => socket.send(JSON.stringify(wish()));
+  socket.onopen = () => socket.send(JSON.stringify(requested()));
   socket.onmessage = ({ data }) => {
     if (data instanceof ArrayBuffer) return arrived(live, data);
     const told = JSON.parse(data);
@@ -139,7 +139,7 @@ async function record() {
     else {
       Object.assign(live, told);
       context.createMediaStreamSource(media).connect(node);
-      say("live", `live: the head follows ${Math.round(1000 * (live.latency_s + SMOOTH_S))} ms later`);
+      say("live", `live: latency ${Math.round(1000 * (live.latency_s + SMOOTH_S))} ms`);
     }
   };
   node.port.onmessage = ({ data }) => {

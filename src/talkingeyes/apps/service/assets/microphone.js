@@ -1,4 +1,4 @@
-// Hands what the microphone hears to the page, 40 ms at a time (640 samples at the 16 kHz that the page asks for).
+// Passes the microphone signal to the page in chunks of 40 ms (640 samples at the page's 16 kHz).
 
 const CHUNK = 640;
 

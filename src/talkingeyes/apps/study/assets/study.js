@@ -1,5 +1,5 @@
-// The page of a study: begins, shows pair after pair, ends. The token of the participant stays in this browser (and in
-// the address, so that a page can be closed and opened again); everything else is asked of the server.
+// The page of a study: start, pair after pair, end. The participant's token is stored in this browser (and in the URL,
+// so that the page can be closed and reopened); everything else comes from the server.
 
 const byId = (id) => document.getElementById(id);
 const KEY = "talkingeyes-study";
@@ -10,7 +10,7 @@ let state = null;
 async function asked(address, options) {
   const answer = await fetch(address, options);
   const content = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw Object.assign(new Error(content.detail ?? `the study answers ${answer.status}`), { status: answer.status });
+  if (!answer.ok) throw Object.assign(new Error(content.detail ?? `the server returned status ${answer.status}`), { status: answer.status });
   return content;
 }
 
@@ -49,7 +49,7 @@ function question({ name, text }) {
   return box;
 }
 
-// Next is there once both films were seen to their end and all questions are answered.
+// Next is enabled once both films were watched to the end and all questions are answered.
 function ready() {
   const seen = films.every((film) => film.classList.contains("seen"));
   byId("next").disabled = !(seen && byId("form").checkValidity());
@@ -81,7 +81,7 @@ async function open() {
     location.hash = token;
   } catch (error) {
     if (error.status !== 404) throw error;
-    localStorage.removeItem(KEY); // of another study
+    localStorage.removeItem(KEY); // token of another study
     location.hash = "";
     show("begin");
   }

@@ -1,20 +1,20 @@
-// Draws heads, each in the rectangle of an element of the page, from rows of numbers (apps/viewer/pose_encoding.py: what they hold).
+// Renders heads, each in the rectangle of a page element, from rows of numbers (format: apps/viewer/pose_encoding.py).
 //
 //   const stage = await Stage.open(canvas, "head.glb", [element, ...]);
 //   stage.pose(0, row);  // Float32Array: translation, four quaternions, weights
 //   stage.draw();
 //
-// The canvas lies under the elements (the canvas itself may be the only one). All heads are seen by one camera, which
-// the mouse turns. three.js is at ./three.js (apps/viewer/assets.py).
+// The canvas lies under the elements (the canvas itself may be the only element). All heads share one camera, which
+// the mouse rotates. three.js is at ./three.js (apps/viewer/assets.py).
 
 import { THREE, GLTFLoader, OrbitControls } from "./three.js";
 
 const JOINTS = ["neck", "jaw", "left_eye", "right_eye"]; // in the order of the quaternions of a row
-const WEIGHTS = 3 + 4 * JOINTS.length; // where the weights begin in a row
-const RAY_M = [0.014, 0.4]; // where a gaze ray begins and ends, from the centre of the eye
-const AWAY_M = 0.9; // the camera from what it looks at
+const WEIGHTS = 3 + 4 * JOINTS.length; // index of the first weight in a row
+const RAY_M = [0.014, 0.4]; // start and end of a gaze ray, from the centre of the eye
+const AWAY_M = 0.9; // distance of the camera from its target
 
-// The framings of rendering/view.py, metres and degrees; that of the eyes is taller, for these pictures are no wider than tall.
+// The framings of rendering/view.py, metres and degrees; that of the eyes is taller, because these pictures are not wider than tall.
 export const VIEWS = {
   head: { height: 0.285, pivot: [0, 0.03, 0], yaw: 0 },
   face: { height: 0.205, pivot: [0, 0.01, 0.06], yaw: 0 },
@@ -26,7 +26,7 @@ export const VIEWS = {
 export class Stage {
   static async open(canvas, address, cells) {
     const answer = await fetch(address);
-    if (!answer.ok) throw new Error(`the head cannot be had (${answer.status})`);
+    if (!answer.ok) throw new Error(`the head could not be loaded (${answer.status})`);
     const stage = new Stage(canvas, cells);
     await stage.place(await answer.arrayBuffer());
     return stage;
@@ -46,7 +46,7 @@ export class Stage {
     this.heads = [];
   }
 
-  // The heads, at rest. They share the geometry, which is by far the most of them.
+  // Load the heads at rest. They share the geometry, by far their largest part.
   async place(glb) {
     let shared = null;
     for (const cell of this.cells) {

@@ -1,4 +1,4 @@
-// Draws what happens over time: the sound's outline, words, and the traces of one take. Times in seconds.
+// Draws the timelines: waveform, words, and the traces of one motion. Times in seconds.
 
 const COLOURS = { gaze: "#1f6feb", head: "#d9822b", true: "#8a8f98", blink: "#e4dcef", grid: "#e4e1da", ink: "#23262b", soft: "#6b7078" };
 const FONT = '12px system-ui, "DejaVu Sans", sans-serif';
@@ -8,14 +8,14 @@ const PANELS = [
   { title: "lids", lines: [["lid", "gaze"]], share: 0.2 },
 ];
 
-// The stretch of time that is drawn: `span` seconds around now, or all (span 0).
+// The visible time range: `span` seconds around now, or everything (span 0).
 export function stretch(now, span, seconds) {
   if (!span || span >= seconds) return [0, seconds];
   const start = Math.min(Math.max(now - span / 2, 0), seconds - span);
   return [start, start + span];
 }
 
-// The moment under the pointer.
+// The time under the pointer.
 export function momentAt(event, canvas, [start, end]) {
   const box = canvas.getBoundingClientRect();
   return start + Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1) * (end - start);
@@ -53,7 +53,7 @@ export function drawWords(canvas, words, now, [start, end]) {
   cursor(pen, x(now), height);
 }
 
-// Traces of a take; `truth`, if given, is drawn behind those of gaze. All takes share `most`, the largest angle.
+// Traces of a motion; `truth`, if given, is drawn behind those of gaze. All motions share the angle range `most`.
 export function drawTraces(canvas, take, truth, most, now, [start, end]) {
   const { pen, width, height } = sheet(canvas);
   const x = (moment) => ((moment - start) / (end - start)) * width;
@@ -69,7 +69,7 @@ export function drawTraces(canvas, take, truth, most, now, [start, end]) {
     for (const [name, colour] of lines) line(pen, take, name, colour, x, y, [start, end]);
     pen.fillStyle = COLOURS.soft;
     pen.textBaseline = "top";
-    pen.fillText(title === "lids" ? "lids: 1 is shut" : `${title}, ±${most}°`, 4, box.top);
+    pen.fillText(title === "lids" ? "lids: 1 is closed" : `${title}, ±${most}°`, 4, box.top);
     top += height * share;
   }
   pen.fillStyle = COLOURS.ink;
@@ -106,7 +106,7 @@ function cursor(pen, x, height) {
   pen.fillRect(x - 0.75, 0, 1.5, height);
 }
 
-// The canvas emptied, at the resolution of the screen, with a pen in CSS pixels.
+// The cleared canvas at the resolution of the screen, with a drawing context in CSS pixels.
 function sheet(canvas) {
   const scale = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];

@@ -1,6 +1,6 @@
-// The page of `talkingeyes view`: takes of one sound side by side, in step. The sound is the clock where there is one.
+// The page of `talkingeyes view`: motions of one sound side by side, synchronised by the sound if there is one.
 //
-// The address may say where to begin: #at=1.2&rays=1&look=eyes&span=2. What is shown stands in <body data-...>, too.
+// The URL may set the initial state: #at=1.2&rays=1&look=eyes&span=2. The current state is also in <body data-...>.
 
 import { Stage } from "./stage.js";
 import { drawOutline, drawTraces, drawWords, momentAt, stretch } from "./timeline.js";
@@ -9,7 +9,7 @@ const MOST_COLUMNS = 4;
 const byId = (id) => document.getElementById(id);
 
 class Clock {
-  // Seconds of the scene: those of the sound while it lasts, else those of the machine.
+  // Time of the scene in seconds: from the sound while it plays, otherwise from the system clock.
   constructor(audio, seconds) {
     Object.assign(this, { audio, seconds, speed: 1, playing: false, moment: 0, since: 0 });
   }
@@ -39,7 +39,7 @@ class Clock {
     try {
       await this.audio.play();
     } catch {
-      this.since = performance.now(); // no sound device, or not allowed: play without
+      this.since = performance.now(); // no sound device, or not allowed: play without sound
     }
   }
 
@@ -64,7 +64,7 @@ class Page {
     this.most = Math.max(15, 5 * Math.ceil(largest(scene.takes) / 5));
   }
 
-  // Every animation frame; heads and traces are drawn again only as they move.
+  // Called for every animation frame.
   draw() {
     const now = this.clock.now();
     if (this.clock.playing && now >= this.scene.seconds) this.clock.pause();
@@ -123,10 +123,10 @@ class Page {
     acts[event.key]();
   }
 
-  begin(wishes) {
-    for (const id of ["look", "span", "speed"]) if (wishes.has(id)) choose(byId(id), wishes.get(id));
-    if (wishes.get("rays")) byId("rays").click();
-    if (Number(wishes.get("at"))) this.clock.at(Number(wishes.get("at")));
+  begin(options) {
+    for (const id of ["look", "span", "speed"]) if (options.has(id)) choose(byId(id), options.get(id));
+    if (options.get("rays")) byId("rays").click();
+    if (Number(options.get("at"))) this.clock.at(Number(options.get("at")));
   }
 }
 
@@ -136,7 +136,7 @@ function choose(select, value) {
   select.dispatchEvent(new Event("change"));
 }
 
-// While the pointer is down, the moment under it; the stretch is that of when it went down.
+// Seek to the time under the pressed pointer; the visible range is that at the time of the press.
 function scrubbed(canvas, stretchNow, go) {
   let seen = null;
   canvas.onpointerdown = (event) => {
@@ -153,7 +153,7 @@ function largest(takes) {
   return angles.reduce((most, [, values]) => values.reduce((found, value) => Math.max(found, Math.abs(value)), most), 0);
 }
 
-// A box a take: its name, the place of its head, its traces.
+// One box per motion: its name, the area of its head, its traces.
 function laidOut(takes) {
   const main = byId("takes");
   main.style.gridTemplateColumns = `repeat(${Math.min(takes.length, MOST_COLUMNS)}, minmax(0, 1fr))`;
@@ -199,5 +199,5 @@ async function open() {
 
 open().catch((error) => {
   document.body.dataset.state = "failed";
-  byId("error").textContent = `The page cannot be shown: ${error.message}`;
+  byId("error").textContent = `The page could not be loaded: ${error.message}`;
 });
