@@ -116,7 +116,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt"], "out: should be the folder to write"),
         (["-o", "out"], "speech: should be sound files or --text, got neither"),
         (["my speech.txt", "--text", "Hello.", "-o", "out"], "speech: should be sound files or --text, got both"),
-        (["my speech.txt", "--voice", "en-us+f3", "-o", "out"], "voice: is for --text"),
+        (["my speech.txt", "--voice", "en-us+f3", "-o", "out"], "voice: should be used with --text"),
         (["--text", "...", "-o", "out"], "text: should hold words, got '...'"),
         (["--text", "Hello.", "--voice", "queen", "-o", "out"], "voice: should be accent+variant"),
         (["--text", "Hello.", "--voice", "de+f3", "--language", "fr", "-o", "out"], "of the language fr"),

@@ -369,7 +369,7 @@ def test_a_folder_becomes_a_folder_that_evaluate_reads(
     for name in ("one", "two"):
         conversion_rows(toy_motions.motion(60.0, 2.5), tmp_path / "in" / f"{name}.csv")
     assert call(monkeypatch, "import", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--no-expression") == 0
-    assert "one: livelink, 2.50 s at 60 frames a second" in capfd.readouterr().out
+    assert "one: livelink, 2.50 s at 60 fps" in capfd.readouterr().out
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["one.npz", "two.npz"]
     (found,) = read_motions(tmp_path / "out" / "one.npz")
     np.testing.assert_allclose(found.fields["gaze"], toy_motions.motion(60.0, 2.5).gaze, atol=1e-6)

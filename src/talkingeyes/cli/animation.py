@@ -1,4 +1,4 @@
-"""`talkingeyes animate`: speech in, motion out; of a sound, of text, of many sounds."""
+"""`talkingeyes animate`: from speech (one or more sounds, or text) to motion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def animate(
     target: Annotated[
         str | None, typer.Option(help="Gaze target: camera, listener, or a track (.json, .csv; docs/control.md).")
     ] = None,
-    eye_contact: Annotated[float | None, typer.Option(help="Share of time with eye contact, 0 to 1.")] = None,
+    eye_contact: Annotated[float | None, typer.Option(help="Fraction of time with eye contact, 0 to 1.")] = None,
     head_liveliness: Annotated[float, typer.Option(help="Scale of head motion: 0 none, 1 as sampled, 2 double.")] = 1.0,
     gaze_liveliness: Annotated[float, typer.Option(help="Scale of gaze: 0 none, 1 as sampled, 2 double.")] = 1.0,
     blink_liveliness: Annotated[
@@ -50,7 +50,7 @@ def animate(
     person: Annotated[
         str | None,
         typer.Option(
-            help="Who moves: a speaker whom the model knows (two in a dialogue: A,B). Default: somebody, by the seed."
+            help="Training speaker to imitate (in a dialogue two: A,B). Default: a random one, set by the seed."
         ),
     ] = None,
     style: Annotated[str | None, typer.Option(help="Motion style: a speaker of the model, or a motion (.npz).")] = None,
@@ -75,11 +75,13 @@ def animate(
         list[str] | None, typer.Option("-f", "--format", help="Also write this format, as `export` does; repeatable.")
     ] = None,
     flame: Annotated[Path | None, typer.Option(help="Your FLAME file, for formats that need one.")] = None,
-    previews: Annotated[bool, typer.Option(help="A small film of each motion, a plot and a contact sheet.")] = True,
+    previews: Annotated[
+        bool, typer.Option(help="Write a small video of each motion, a plot and a contact sheet.")
+    ] = True,
     jobs: Annotated[int | None, typer.Option(help="Number of processes; each sound gets its own folder.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
 ) -> None:
-    """Draw motions for speech: npz, events, a small video with sound for each, and a plot of all."""
+    """Sample motions for speech: npz, events, a small video with sound for each, and a plot of all."""
     from talkingeyes.workflows.animate import AnimationOptions
     from talkingeyes.workflows.direct import make_controls
 
@@ -89,7 +91,7 @@ def animate(
     if (text is None) == (not sounds):
         raise InputError(f"speech: should be sound files or --text, got {'neither' if text is None else 'both'}")
     if text is None and (voice or language):
-        raise InputError("voice: is for --text, got a sound file")
+        raise InputError("voice: should be used with --text, got a sound file")
     controls = make_controls(
         blinks=blinks,
         target=target,
@@ -126,10 +128,10 @@ def animate(
 
 
 def _parts(replaced: list[str]) -> dict[str, str]:
-    """PART=FILE as a mapping."""
+    """Parse PART=FILE arguments. Raises InputError for an invalid or repeated part."""
     found = dict(each.split("=", 1) for each in replaced if "=" in each)
     if len(found) < len(replaced):
-        raise InputError(f"replace: should be PART=MOTION.npz, a part each, got {' '.join(replaced)}")
+        raise InputError(f"replace: should be PART=MOTION.npz, each part once, got {' '.join(replaced)}")
     return found
 
 
@@ -138,11 +140,13 @@ def _animate_dialogue(sounds: list[Path], out: Path, options: AnimationOptions, 
     from talkingeyes.workflows.animate import run_dialogue
 
     if len(sounds) not in (1, 2) or options.controls.partner is not None:
-        raise InputError(f"dialogue: should be two sounds, or one of two channels, and no --partner, got {len(sounds)}")
+        raise InputError(
+            f"dialogue: should be two sounds, or one with two channels, without --partner, got {len(sounds)}"
+        )
     heard = read_dialogue(sounds[0]) if len(sounds) == 1 else tuple(read_speech(path) for path in sounds)
     dialogues = run_dialogue(heard, out, options, model, force)
     first = dialogues[0].first.motion
-    typer.echo(f"{out}: {len(dialogues)} of two people, {first.seconds:.2f} s at {options.fps:g} frames a second")
+    typer.echo(f"{out}: {len(dialogues)} for two speakers, {first.seconds:.2f} s at {options.fps:g} fps")
 
 
 def _animate_one(
@@ -152,7 +156,7 @@ def _animate_one(
 
     performances = run_animation(speech, out, options, model, force)
     count = "1 motion" if options.samples == 1 else f"{options.samples} motions"
-    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {options.fps:g} frames a second")
+    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {options.fps:g} fps")
 
 
 def _animate_all(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, jobs: int, force: bool) -> None:

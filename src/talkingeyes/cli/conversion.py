@@ -1,4 +1,4 @@
-"""`talkingeyes export`, `import` and `pack`: motion for other programs and from them, a model in one file."""
+"""`talkingeyes export`, `import` and `pack`: motion to and from other programs, and models as single files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,15 @@ def export_motion(
             help="flame, vhap, diffposetalk, livelink, arkit, glb, vrm, usd, vocaset, bvh, events or mp4.",
         ),
     ] = None,
-    head: Annotated[str, typer.Option(help="Of glb, usd, vocaset and mp4: anny (the open head) or flame.")] = "anny",
+    head: Annotated[
+        str, typer.Option(help="Head of glb, usd, vocaset and mp4: anny (the open head) or flame.")
+    ] = "anny",
     model: Annotated[
         Path | None, typer.Option(help="Your FLAME file: for --head flame, and where a face must be retargeted.")
     ] = None,
-    fps: Annotated[float | None, typer.Option(help="Another frame rate, 10 to 240.")] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frame rate of the output, 10 to 240. Default: that of the motion.")
+    ] = None,
     keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks (.events.json).")] = None,
     sound: Annotated[Path | None, typer.Option(help="The speech, for mp4.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
@@ -33,7 +37,7 @@ def export_motion(
 
     format = format or format_of(out)
     done = export(motion, out, format=format, head=head, model=model, fps=fps, keys=keys, sound=sound, force=force)
-    typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} frames a second")
+    typer.echo(f"{out}: {format}, {done.seconds:.2f} s at {done.fps:g} fps")
 
 
 def import_motions(
@@ -56,7 +60,7 @@ def import_motions(
 
     for done in import_files(files, out, fps=fps, mapping=mapping, expression=expression, force=force):
         motion = done.read.motion
-        typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} frames a second")
+        typer.echo(f"{done.name}: {done.read.format}, {motion.seconds:.2f} s at {motion.fps:g} fps")
         for note in done.read.notes:
             typer.echo(f"{done.name}: note: {note}", err=True)
 
@@ -69,7 +73,7 @@ def pack(
     out: Annotated[Path, typer.Option("-o", "--out", help="The file to write (.safetensors).")],
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Put a trained model into one file, for `--model FILE` on another machine."""
+    """Put trained models into one file, for `--model FILE` on another machine."""
     from talkingeyes.workflows.pack import pack as make
 
     done = make(models, out, force=force)

@@ -1,4 +1,4 @@
-"""`talkingeyes evaluate`: motion measured against a corpus."""
+"""`talkingeyes evaluate`: compare motion with a corpus."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ def evaluate(
     reference: Annotated[Path, typer.Option(help="A corpus with true motion.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="A folder to write: new, or empty.")] = None,
     sound: Annotated[
-        Path | None, typer.Option(help="Folder of sounds named as the motions, if they are no clips of the corpus.")
+        Path | None, typer.Option(help="Folder of sounds named as the motions, if these are not clips of the corpus.")
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Motion to use instead of the true motion of the corpus.")] = None,
     evaluators: Annotated[
         Path | None,
-        typer.Option(help="Data folder of a finished chain: adds Corr. and all metrics that need its networks."),
+        typer.Option(help="Data folder of a finished pipeline: adds Corr. and all metrics that need its networks."),
     ] = None,
     n_resamples: Annotated[int, typer.Option(help="Bootstrap resamples for the intervals.")] = 1000,
     seed: Annotated[int, typer.Option(help="Seed of the resamples.")] = 0,
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output of an earlier run.")] = False,
 ) -> None:
-    """Measure motions against a corpus: saccades, looking, eyes and head, blinks, movement, with intervals."""
+    """Compare motions with a corpus: saccades, gaze, eyes and head, blinks, movement, with confidence intervals."""
     from talkingeyes.workflows.evaluate import describe
     from talkingeyes.workflows.evaluate import evaluate as measure
 

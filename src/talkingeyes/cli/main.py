@@ -1,7 +1,7 @@
-"""Entry point of the command line: the commands, and the function of each.
+"""Entry point of the command line: the commands and their functions.
 
-A command is a function there with its options as annotated arguments, and a line here; what it does stands elsewhere.
-A mistake is one line on stderr and exit status 2.
+A command is a function of this package, with its options as annotated arguments, and a line in COMMANDS; its work is in
+workflows/. Invalid input prints one line on stderr, with exit status 2.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ app.add_typer(servers.study, name="study")
 
 
 def main() -> None:
-    """The entry point of the console script."""
+    """Entry point of the console script."""
     run_command(_run)
 
 
 def _run() -> None:
-    """Run what was typed; what typer would tell in several lines of usage is one line here too."""
+    """Run the command line; usage errors of typer become one line, too."""
     try:
         status = app(prog_name="talkingeyes", standalone_mode=False)
     except TyperException as error:
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "talkingeyes"
         said = error.format_message() if hasattr(error, "format_message") else str(error)
-        raise InputError(f"{said.rstrip('.')} (`{where} --help` says what there is)") from None
+        raise InputError(f"{said.rstrip('.')} (see `{where} --help`)") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     if status:

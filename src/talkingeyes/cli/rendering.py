@@ -1,4 +1,4 @@
-"""`talkingeyes render` and `talkingeyes head`: a motion as a film, a head as a picture."""
+"""`talkingeyes render` and `talkingeyes head`: a motion as a video, a head as a picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 def render(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="A motion (.npz), as `animate` writes it.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The film to write (.mp4).")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The video to write (.mp4).")],
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your FLAME file, for --head flame.")] = None,
     camera: Annotated[
@@ -22,11 +22,11 @@ def render(
     keys: Annotated[Path | None, typer.Option(help="Edited saccades and blinks: an .events.json of `animate`.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Film a motion on a head, with sound, at the motion's own frame rate."""
+    """Render a motion on a head as a video, with sound, at the motion's own frame rate."""
     from talkingeyes.workflows.render import render as make
 
     done = make(motion, out, head=head, model=model, camera=camera, sound=sound, size=size, keys=keys, force=force)
-    typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} frames a second")
+    typer.echo(f"{out}: {done.seconds:.2f} s at {done.fps:g} fps")
 
 
 def render_head(
@@ -36,7 +36,7 @@ def render_head(
     size: Annotated[int, typer.Option(help="Width in pixels.")] = 1400,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Draw a head: gaze in nine directions, lids at five openings."""
+    """Render a sheet of a head: gaze in nine directions, lids at five openings."""
     from talkingeyes.workflows.render import render_head_sheet
 
     render_head_sheet(out, head=head, model=model, size=size, force=force)

@@ -1,4 +1,4 @@
-"""`talkingeyes view`, `study` and `serve`: pages on this machine."""
+"""`talkingeyes view`, `study` and `serve`: local web pages."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-Host = Annotated[str, typer.Option(help="Address to listen on; anything but 127.0.0.1 admits other machines.")]
-Port = Annotated[int, typer.Option(help="Port; 0 picks a free one.")]
+Host = Annotated[str, typer.Option(help="Address to listen on; any but 127.0.0.1 allows access from other machines.")]
+Port = Annotated[int, typer.Option(help="Port; 0 selects a free one.")]
 
 
 def view(
@@ -41,7 +41,7 @@ def view(
         model=model,
         host=host,
         port=port,
-        on_start=lambda address: typer.echo(f"{address} shows the motions; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} serves the motions; press Ctrl-C to stop"),
     )
 
 
@@ -60,8 +60,8 @@ def make_study(
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="The folder to write: new, or empty.")],
-    data: Annotated[Path, typer.Option(help="The data folder of a finished chain.")] = Path("data"),
-    corpus: Annotated[Path | None, typer.Option(help="The corpus; else synthesize in the data folder.")] = None,
+    data: Annotated[Path, typer.Option(help="The data folder of a finished pipeline.")] = Path("data"),
+    corpus: Annotated[Path | None, typer.Option(help="The corpus; default: synthesize in the data folder.")] = None,
     condition: Annotated[
         list[str] | None, typer.Option(help="NAME=DIR: motions or films (.mp4) named as clips, for this condition.")
     ] = None,
@@ -74,7 +74,7 @@ def make_study(
     jobs: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier study, answers included.")] = False,
 ) -> None:
-    """Choose clips and draw the films of a study."""
+    """Choose clips and render the films of a study."""
     from talkingeyes.core.errors import InputError
     from talkingeyes.workflows.study import make
 
@@ -97,7 +97,7 @@ def make_study(
         jobs=jobs,
         force=force,
     )
-    typer.echo(f"{out}: {len(made.films)} films, {len(made.pairs(0))} pairs a participant")
+    typer.echo(f"{out}: {len(made.films)} films, {len(made.pairs(0))} pairs per participant")
 
 
 @study.command("run")
@@ -106,14 +106,14 @@ def run_study(
     host: Host = "127.0.0.1",
     port: Port = 8020,
 ) -> None:
-    """Show a study to participants and keep their answers, until interrupted."""
+    """Serve a study to participants and store their answers, until interrupted."""
     from talkingeyes.workflows.study import run
 
     run(
         folder,
         host=host,
         port=port,
-        on_start=lambda address: typer.echo(f"{address} shows the study; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} serves the study; press Ctrl-C to stop"),
     )
 
 
@@ -121,26 +121,27 @@ def run_study(
 def results_of_study(
     folder: Annotated[Path, typer.Argument(metavar="STUDY", help="A folder that `study make` wrote.")],
 ) -> None:
-    """Print the table of the paper; p-values and intervals also go into results.json."""
+    """Print the table of the paper; p-values and intervals are also written to results.json."""
     from talkingeyes.workflows.study import results
 
     found = results(folder)
     typer.echo(found.table, nl=False)
     typer.echo(
-        f"{found.participant_count} began, {found.finished} finished and count,"
-        f" {found.failed} failed the check of attention"
+        f"{found.participant_count} started, {found.finished} finished and are counted,"
+        f" {found.failed} failed the attention check"
     )
 
 
 def serve(
     model: Annotated[Path, typer.Option(help="The trained model for files.")] = Path("data/train/talkingeyes"),
     live_model: Annotated[
-        Path | None, typer.Option(help="Model for streams; default: talkingeyes_live beside --model, if it exists.")
+        Path | None,
+        typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, if it exists."),
     ] = None,
     streams: Annotated[
         int, typer.Option(min=1, max=1000, help="Maximum number of concurrent streams; more are refused.")
     ] = 10,
-    jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes for streams.")] = 2,
+    jobs: Annotated[int, typer.Option(min=1, max=256, help="Processes for live streams.")] = 2,
     files: Annotated[int, typer.Option(min=1, max=256, help="Files processed at once.")] = 1,
     max_seconds: Annotated[float, typer.Option(min=1, max=3600, help="Maximum duration of a file.")] = 60.0,
     max_megabytes: Annotated[int, typer.Option(min=1, max=1024, help="Maximum size of a file.")] = 32,
@@ -162,5 +163,5 @@ def serve(
         port=port,
         limits=limits,
         jobs=jobs,
-        on_start=lambda address: typer.echo(f"{address} listens; end with Ctrl-C"),
+        on_start=lambda address: typer.echo(f"{address} is ready; press Ctrl-C to stop"),
     )

@@ -1,4 +1,4 @@
-"""`talkingeyes track`: videos become a corpus."""
+"""`talkingeyes track`: from videos to a corpus."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def track(
     videos: Annotated[list[Path], typer.Argument(metavar="VIDEO_OR_FOLDER...", help="Videos, or folders of them.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The corpus to write, or to resume.")],
     speakers: Annotated[Path | None, typer.Option(help="Speakers: a CSV with the columns video, speaker.")] = None,
-    jobs: Annotated[int, typer.Option(help="Number of processes; a video each.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Number of processes; one video each.")] = 1,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only estimate time and disk space.")] = False,
     keep_silent: Annotated[bool, typer.Option("--keep-silent", help="Keep clips without speech too.")] = False,
     thumbnails: Annotated[bool, typer.Option(help="Write thumbnails of the faces and a page of them.")] = True,
@@ -22,7 +22,7 @@ def track(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Start again and discard earlier results.")] = False,
 ) -> None:
-    """Make a corpus of videos: landmarks, pupils and speech of every clip with one visible, speaking face."""
+    """Make a corpus from videos: landmarks, pupils and speech of every clip with one visible, speaking face."""
     from talkingeyes.workflows.track import track_command
 
     overrides = ["fit=video", *(f"track.{each}" for each in setting or [])]
