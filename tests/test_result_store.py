@@ -148,7 +148,7 @@ def test_a_damaged_entry_is_named_and_made_again(toy, capsys, damage):
     assert toy.made == ["train@a"]
     said = capsys.readouterr().err.strip()
     assert said.startswith(f"store: {entry.folder.name} is damaged (")
-    assert said.endswith("); it is made again")
+    assert said.endswith("); it is recreated")
     assert "\n" not in said
     assert (entry.output / "x").read_bytes() == content
 

@@ -1,8 +1,8 @@
-"""The record of what ran: MLflow in the workspace's mlflow.db, no server. `make ui` shows it.
+"""Logging to MLflow: the workspace's mlflow.db, without a server. `make ui` shows it.
 
-Experiment `stages` holds one run a call of a stage; experiment `experiments` one flat row a method and seed, with the
-parameters that the row depends on and with the whole composition as a file. Nothing here changes a result, so no stage
-depends on this file in dvc.yaml. MLFLOW_TRACKING_URI, if it is set, names a server that is told instead.
+Experiment `stages` holds one run per call of a stage. Experiment `experiments` holds one flat row per method and seed,
+with the parameters that the row depends on, and the whole composition as a file. Logging does not change results, so no
+stage depends on this file in dvc.yaml. If MLFLOW_TRACKING_URI is set, runs are logged to that server instead.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from typing import Any
 
 from talkingeyes.orchestration.mlflow_view import TAG, saved_view
 
-# What one call of log_batch takes at most.
+# Limits of one call of log_batch.
 METRICS_PER_BATCH, PARAMS_PER_BATCH, PARAM_LENGTH = 900, 100, 6000
-# Sections that say where and how something runs, not what: no parameters of a row.
+# Sections about the execution, which are not parameters of a row.
 EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objective", "study"}
-# Sections that only models depend on; truth, fitted and mismatched motion do not.
+# Sections that only models depend on, unlike truth, fitted and mismatched motion.
 MODEL_SECTIONS = {"pretrain", "train", "model", "validate", "sample"}
 REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
 
@@ -43,9 +43,9 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class Report:
-    """What a stage reports: metrics and files of the stage, rows of the comparison of methods, a training's history.
+    """Results of a stage: its metrics and files, rows of the comparison of methods, and the history of a training.
 
-    Rows of a history hold the `step` and the figures at it; they become curves.
+    Rows of a history hold `step` and the metrics at that step; they become curves.
     """
 
     metrics: Mapping[str, float] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Report:
 
 @dataclass(frozen=True)
 class _Run:
-    """What MLflow is told of one run."""
+    """Content of one MLflow run."""
 
     name: str
     params: Mapping[str, Any]
@@ -78,7 +78,7 @@ def log_run(
 ) -> None:
     """Log one call of a stage with the sections that it used, and its rows.
 
-    `overrides` is what the composition was asked for (key=value). A row that is there already is not repeated.
+    `overrides` are the Hydra overrides of the composition (key=value). A row that exists already is not repeated.
     """
     client, tags = _client(root), {"experiment": experiment_name(params, overrides), "revision": revision()}
     flat = flatten(params)
@@ -108,11 +108,12 @@ def flatten(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """What the row of a method depends on.
+    """Parameters that the row of a method depends on.
 
-    The sections of models flat: of models and tokenizers its own alone, under keys without their names, so that the
-    same parameter of two models stands in one column. What all models share, and what seldom varies, two levels deep,
-    the rest as JSON; a key of it that was overridden stands by itself too.
+    The sections of models are flat. Of models and tokenizers, only those of the method are included, under keys without
+    their names, so that the same parameter of two models has the same column. Sections common to all models, and those
+    that rarely vary, are included two levels deep, with the rest as JSON; an overridden key within it also has its own
+    column.
     """
     shared = {key: value for key, value in params.items() if key not in EXCLUDED_SECTIONS | MODEL_SECTIONS}
     if params.get("corpus") != "data/synthesize":
@@ -130,7 +131,7 @@ def method_parameters(method: str, params: Mapping[str, Any], overrides: Sequenc
 
 
 def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides: Sequence[str]) -> str:
-    """A readable name: the method, its seed, and what was overridden, or else the experiment."""
+    """A readable name: the method, its seed, and the overrides or else the experiment."""
     if method not in params.get("model", {}):
         return method
     train, sample = (params.get(section, {}).get("seed", 0) for section in ("train", "sample"))
@@ -147,14 +148,14 @@ def run_name(method: str, params: Mapping[str, Any], experiment: str, overrides:
 
 
 def experiment_name(params: Mapping[str, Any], overrides: Sequence[str]) -> str:
-    """What a run belongs to: the experiment of `dvc exp run`, a study, a delta of conf/experiment/, or `default`."""
+    """Name of the experiment of a run: that of `dvc exp run`, a study, a file of conf/experiment/, or `default`."""
     given = _given(overrides)
     study = params.get("study", "default") if {"sweep", "study"} & set(given) else None
     return str(os.environ.get("DVC_EXP_NAME") or study or given.get("experiment") or "default")
 
 
 def _run_of(row: MethodResult, params: Mapping[str, Any], tags: Mapping[str, str], overrides: Sequence[str]) -> _Run:
-    """A row as a run. Its key stands for all that is in it, so that the same row is known again."""
+    """A row as a run. Its key is a hash of its content, so that an identical row is recognised."""
     own = method_parameters(row.name, params, overrides)
     content = json.dumps([row.name, tags["experiment"], own, dict(row.metrics)], sort_keys=True, default=str)
     more = {"method": row.name, "key": hashlib.sha256(content.encode()).hexdigest()[:16]}
@@ -180,7 +181,7 @@ def _two_levels(sections: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _tokenizers(model: Mapping[str, Any]) -> list[str]:
-    """The tokenizers that a model needs: a name, a list of them, or none."""
+    """The tokenizers that a model needs: a name, a list of names, or none."""
     tokenizer = model.get("tokenizer") or []
     return [tokenizer] if isinstance(tokenizer, str) else list(tokenizer)
 
@@ -192,7 +193,8 @@ def _without(key: str, prefixes: Sequence[str]) -> str:
 
 
 def _client(root: Path) -> Any:
-    """A client of mlflow.db. The tables are made by one process before anything writes, and the file appears whole."""
+    """A client of mlflow.db. One process creates the tables before anything is written, and the file appears
+    atomically."""
     logging.getLogger("mlflow").setLevel(logging.WARNING)
     logging.getLogger("alembic").setLevel(logging.WARNING)
     with warnings.catch_warnings():
@@ -219,14 +221,15 @@ def _server() -> str | None:
 
 
 def _alone(root: Path) -> AbstractContextManager[Any]:
-    """One process at a time writes to mlflow.db: SQLite gives up when it has waited for long. A server needs none."""
+    """Lock: one process at a time writes to mlflow.db, because SQLite times out under contention. A server needs no
+    lock."""
     from filelock import FileLock
 
     return nullcontext() if _server() else FileLock(f"{root.resolve() / 'mlflow.db'}.lock")
 
 
 def _log(client: Any, experiment: str, run: _Run) -> str:
-    """Write a run; its id."""
+    """Write a run and return its id."""
     from mlflow.entities import Metric, Param
 
     now = int(time.time() * 1000)
@@ -249,13 +252,13 @@ def _log(client: Any, experiment: str, run: _Run) -> str:
 
 
 def _experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:
-    """The id of an experiment with these tags; its files go to mlartifacts/ beside the database."""
+    """The id of an experiment with these tags; its files are stored in mlartifacts/ beside the database."""
     from mlflow.exceptions import MlflowException
 
     place = None if _server() else (root.resolve() / "mlartifacts").as_uri()
     found = client.get_experiment_by_name(name)
     if found is None:
-        with suppress(MlflowException):  # another process was first
+        with suppress(MlflowException):  # created by another process meanwhile
             client.create_experiment(name, artifact_location=place)
         found = client.get_experiment_by_name(name)
     for key, value in tags.items():
@@ -271,7 +274,7 @@ def _batches(items: list[Any], size: int) -> Iterator[list[Any]]:
 
 
 def revision() -> str:
-    """The git revision that the code stands at, `none` outside a repository."""
+    """The git revision of the code; `none` outside a repository."""
     if not (REPOSITORY_ROOT / ".git").exists():
         return "none"
     described = ["git", "describe", "--always", "--dirty", "--abbrev=12"]

@@ -1,10 +1,10 @@
-"""The comparison page of MLflow's UI: a saved view, so that nobody has to choose columns before runs can be compared.
+"""A saved view for the comparison page of MLflow's UI, so that runs can be compared without choosing columns first.
 
-By itself the page lists runs without one figure. MLflow keeps what a person saves under `Views` as a tag of the
-experiment; here the project writes such a tag of its own. It touches nothing that a person has saved.
+By default, the page lists runs without metrics. MLflow stores a view that a user saves under `Views` as a tag of the
+experiment. This module writes another such tag. It does not change views that a user has saved.
 
-Run: python -m talkingeyes.orchestration.mlflow_view build/tiny 127.0.0.1:5000
-Reads mlflow.db in that folder; prints where a server at that address shows the comparison. `make ui` does both.
+Run: python -m talkingeyes.orchestration.mlflow_view build/tiny 127.0.0.1:5000 Reads mlflow.db in that folder; prints
+the URLs of the comparison on a server at that address. `make ui` does both.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 from talkingeyes.core.errors import InputError
 
-# The columns of the table, and the axes of the chart of results on test; a run that lacks one has no line there.
+# Columns of the table, and axes of the chart of test results; a run without one of them is not drawn there.
 TEST_METRICS = (
     "test/gaze/diversity_ratio",
     "test/gaze/corr",
@@ -30,25 +30,25 @@ TEST_METRICS = (
     "test/head/corr",
     "test/head/speed_ratio",
 )
-# What a sweep chooses by; its runs may have nothing on test.
+# Metrics by which sweeps select; their runs may have no results on test.
 VAL_METRICS = ("val/corr", "val/dynamics_distance")
 TAGS = ("experiment", "seed")
 
 NAME = "Comparison"
 TAG = "mlflow.sharedViewState.comparison"
-# What follows the address of the server; {experiment} is the id of the experiment.
+# URL path of the view on the server; {experiment} is the id of the experiment.
 PAGE = (
     "/#/experiments/{experiment}/runs?workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey=comparison"
 )
 
 
 def page(experiment: str, mode: str = "CHART") -> str:
-    """The address of the view behind the server's: mode TABLE or CHART."""
+    """URL path of the view, with mode TABLE or CHART."""
     return PAGE.format(experiment=experiment, mode=mode)
 
 
 def saved_view() -> str:
-    """The value of the tag: MLflow's envelope of a saved view."""
+    """Value of the tag: MLflow's format of a saved view."""
     section = {"uuid": "comparison", "name": NAME, "display": True, "isReordered": False, "deleted": False}
     state = {
         "selectedColumns": [*(f"tags.`{tag}`" for tag in TAGS), *map(_column, (*TEST_METRICS, *VAL_METRICS))],
@@ -64,13 +64,13 @@ def _column(metric: str) -> str:
 
 
 def _lines(name: str, metrics: tuple[str, ...]) -> dict[str, Any]:
-    """A chart of parallel axes, a line a run."""
+    """A parallel coordinates chart, one line per run."""
     chosen = {"selectedParams": [], "selectedMetrics": list(metrics), "showAllRuns": False}
     return {**_chart(name, "PARALLEL"), **chosen}
 
 
 def _differences() -> dict[str, Any]:
-    """A table of the parameters in which the runs differ, and of all metrics."""
+    """A table of the parameters that differ between the runs, and of all metrics."""
     shown = {"showChangeFromBaseline": False, "showDifferencesOnly": True, "baselineColumnUuid": ""}
     groups = ["Parameters", "Model metrics"]
     return {**_chart("differences", "DIFFERENCE"), "chartName": "Differences", "compareGroups": groups, **shown}
@@ -95,7 +95,7 @@ def experiment_id(root: Path) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the addresses; the exit status."""
+    """Print the URLs and return the exit status."""
     root, server = arguments
     try:
         experiment = experiment_id(Path(root))

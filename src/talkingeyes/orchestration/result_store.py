@@ -1,15 +1,15 @@
-"""The result store: stage outputs in folders that are named by everything they depend on, so that nothing runs twice.
+"""The result store: stage outputs in folders named by a hash of all their dependencies, so that nothing runs twice.
 
-    <store>/<stage>[-<item>]-<key>/output/     the stage's folder, as it would be in data/
-    <store>/<stage>[-<item>]-<key>/made.json   its inputs, its files, what the stage reported
+    <store>/<stage>[-<item>]-<key>/output/            the stage's folder, as it would be in data/
+    <store>/<stage>[-<item>]-<key>/provenance.json    its inputs, its files, the report of the stage
 
 The key is a hash of the config sections that the stage reads, the keys of its inputs and the code that it imports, all
 as declared in dvc.yaml (stage_graph.py). A stage runs in a folder that contains only links to its declared inputs, so
-it cannot read anything else unnoticed. An entry appears whole, by a rename, under a lock: of two processes that need
-the same entry, one makes it and the other waits. Results of `dvc repro` are reused when dvc.lock says that they are the
+it cannot read anything undeclared. An entry appears atomically, by a rename, under a lock: if two processes need the
+same entry, one creates it and the other waits. Results of `dvc repro` are reused if dvc.lock shows that they are the
 same.
 
-It is no cache system: nothing expires and nothing is indexed. Any folder in it may be deleted at any time.
+The store has no expiry and no index. Any folder in it may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from talkingeyes.orchestration.run import CHECKSUMS_FILE, MethodResult, Report, 
 from talkingeyes.orchestration.stage_graph import DEFAULT_CORPUS, REPOSITORY_ROOT, StageCall, get_section
 
 KEY_LENGTH = 16
-# What a stage may know beside its sections: where the corpus is, and the machine, which changes no result.
+# Sections available to every stage besides its own: the path of the corpus, and the machine, which changes no result.
 IMPLICIT_SECTIONS = ("corpus", "machine")
 
-# What of the machine changes rounding in what is learnt; `dvc repro` leaves it to the person.
+# Machine settings that change rounding in training; `dvc repro` ignores them.
 ROUNDING_KEYS = ("device", "precision")
 
 StageRunner = Callable[[StageCall, Workspace], Report]
@@ -44,10 +44,10 @@ StageRunner = Callable[[StageCall, Workspace], Report]
 
 @dataclass(frozen=True)
 class StoredResult:
-    """One result in the store. `origin` tells where it came from this time: made, store or dvc.
+    """One result in the store. `origin` is how it was obtained this time: made, store or dvc.
 
-    `cpu_s` is what the making process took (not those that it started); None of what `dvc repro` made. A stage that
-    was killed and went on counts its last part alone.
+    `cpu_s` is the CPU time of the creating process (without its child processes); None for results of `dvc repro`. For
+    a resumed stage it covers only the last part.
     """
 
     folder: Path
@@ -58,7 +58,7 @@ class StoredResult:
 
     @property
     def output(self) -> Path:
-        """What the stage wrote."""
+        """The output folder of the stage."""
         return self.folder / "output"
 
 
@@ -70,9 +70,9 @@ def get_or_run(
     make: StageRunner,
     checkout: Path = REPOSITORY_ROOT,
 ) -> StoredResult:
-    """The result of a call: from the store, from data/ of the checkout if it fits, or made.
+    """The result of a call: from the store, from data/ of the checkout if it is the same, or newly computed.
 
-    `upstream` holds the entry of every call before it, by the folder under data/ that it stands for.
+    `upstream` holds the results of all calls before it, by their folders under data/.
     """
     from filelock import FileLock
 
@@ -86,7 +86,7 @@ def get_or_run(
             damage = _damage(folder)
             if damage is None:
                 return StoredResult(folder, key, _report_of(folder), "store", _cpu_s_of(folder))
-            print(f"store: {folder.name} is damaged ({damage}); it is made again", file=sys.stderr)
+            print(f"store: {folder.name} is damaged ({damage}); it is recreated", file=sys.stderr)
             shutil.rmtree(folder)
         making = store / f".{folder.name}.partial"
         own = _dvc_output(call, params, read, checkout)
@@ -103,7 +103,7 @@ def get_or_run(
 
 
 def link(entry: StoredResult, place: Path) -> None:
-    """Show an entry under a workspace's data/, in the place of what stood there."""
+    """Link an entry into a workspace's data/, replacing what was there."""
     if place.is_symlink() or not place.is_dir():
         place.unlink(missing_ok=True)
     else:
@@ -113,21 +113,21 @@ def link(entry: StoredResult, place: Path) -> None:
 
 
 def code_version(paths: Sequence[str], checkout: Path = REPOSITORY_ROOT) -> dict[str, str]:
-    """A hash of each room or file."""
+    """A hash of each package or file."""
     return {path: _code_md5(checkout / path) for path in paths}
 
 
 def dvc_md5(path: Path) -> str:
-    """The hash that DVC gives a file or a folder, so that dvc.lock can be compared with what is there."""
+    """The hash that DVC computes for a file or a folder, for comparison with dvc.lock."""
     if path.is_file():
         return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
     files = [each for each in sorted(path.rglob("*")) if each.is_file() and "__pycache__" not in each.parts]
     tree = [{"md5": dvc_md5(each), "relpath": each.relative_to(path).as_posix()} for each in files]
-    tree.sort(key=lambda each: each["relpath"])  # as text: sub.x before sub/x
+    tree.sort(key=lambda each: each["relpath"])  # sorted as text: sub.x before sub/x
     return hashlib.md5(json.dumps(tree, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
 
 
-_code_md5 = cache(dvc_md5)  # code does not change under a running process
+_code_md5 = cache(dvc_md5)  # code does not change while a process runs
 
 
 def _reads(call: StageCall, folder: Path) -> bool:
@@ -147,7 +147,7 @@ def _made_from(
         found["rounding"] = {key: params["machine"].get(key) for key in ROUNDING_KEYS}
     corpus = str(params["corpus"])
     if corpus != DEFAULT_CORPUS and any(Path(each).is_relative_to(corpus) for each in call.inputs):
-        index = Path(corpus, "clips.parquet")  # holds a hash a clip
+        index = Path(corpus, "clips.parquet")  # contains a hash of each clip
         if not index.is_file():
             raise InputError(f"corpus: {corpus} should be a folder with clips.parquet")
         found["corpus"] = dvc_md5(index)
@@ -157,7 +157,7 @@ def _made_from(
 def _make(
     call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], making: Path, make: StageRunner
 ) -> Report:
-    """Run the stage where it sees nothing but what it declared. What a killed run left there may be gone on with."""
+    """Run the stage in a folder with only its declared inputs. It may resume from what a killed run left there."""
     seen: dict[str, Any] = {key: params[key] for key in IMPLICIT_SECTIONS}
     for key in call.sections:
         node = seen
@@ -174,7 +174,7 @@ def _make(
 
 
 def _keep(making: Path, call: StageCall, folder: Path, made_from: Mapping[str, Any], report: Report) -> None:
-    """Move an output into the store: the entry is put together beside it, and renamed."""
+    """Move an output into the store: assemble the entry beside it, then rename it."""
     output, whole = making / call.folder, making / "entry"
     shutil.rmtree(whole, ignore_errors=True)
     whole.mkdir()
@@ -185,7 +185,7 @@ def _keep(making: Path, call: StageCall, folder: Path, made_from: Mapping[str, A
 
 
 def _plain(report: Report, output: Path) -> dict[str, Any]:
-    """A report whose files are named relative to the output."""
+    """A report with file names relative to the output."""
 
     def names(paths: Sequence[Path]) -> list[str]:
         return [path.resolve().relative_to(output.resolve()).as_posix() for path in paths]
@@ -210,7 +210,7 @@ def _cpu_s_of(folder: Path) -> float | None:
 
 
 def _stamps(output: Path) -> dict[str, list[int]]:
-    """Size and time of change of every file: as long as they stay, so does the content."""
+    """Size and modification time of every file; if both are unchanged, so is the content."""
     files = sorted(path for path in output.rglob("*") if path.is_file())
     return {path.relative_to(output).as_posix(): _stamp(path) for path in files}
 
@@ -221,7 +221,7 @@ def _stamp(path: Path) -> list[int]:
 
 
 def _damage(folder: Path) -> str | None:
-    """What is wrong with an entry, or None. A file with another time is read and compared with SHA256SUMS."""
+    """Description of damage in an entry, or None. A file with another time is read and compared with SHA256SUMS."""
     output = folder / "output"
     try:
         stamps = json.loads((folder / "provenance.json").read_text())["files"]
@@ -245,9 +245,9 @@ def _damage(folder: Path) -> str | None:
 def _dvc_output(
     call: StageCall, params: Mapping[str, Any], read: Mapping[Path, StoredResult], checkout: Path
 ) -> Path | None:
-    """The folder in data/ that `dvc repro` made from the very same, or None.
+    """The folder in data/ that `dvc repro` made from identical dependencies, or None.
 
-    dvc.lock holds the values and hashes of all that it was made from, and of what came out.
+    dvc.lock holds the values and hashes of all dependencies and outputs.
     """
     output = checkout / call.folder
     lock = checkout / "dvc.lock"
@@ -267,12 +267,13 @@ def _dvc_output(
 
 @lru_cache(maxsize=1)
 def _locked(lock: Path, changed_ns: int) -> dict[str, Any]:
-    """The stages of dvc.lock, parsed again when it has changed; as DVC does, for PyYAML takes its 1e-06 for a word."""
+    """The stages of dvc.lock, parsed again after a change. Uses DVC's parser, because PyYAML reads its 1e-06 as a
+    string."""
     return dict(YAML(typ="safe").load(lock.read_text())["stages"])
 
 
 def _inside(read: Mapping[Path, StoredResult], path: str) -> Path:
-    """Where a declared path lies in the store."""
+    """Path of a declared dependency in the store."""
     for folder, entry in read.items():
         if Path(path).is_relative_to(folder):
             return entry.output / Path(path).relative_to(folder)
@@ -280,7 +281,7 @@ def _inside(read: Mapping[Path, StoredResult], path: str) -> Path:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """A copy that takes no room where hard links are possible: outputs are never written in place."""
+    """Copy by hard links where possible, to save space; outputs are never modified in place."""
 
     def place(one: str, other: str) -> None:
         try:

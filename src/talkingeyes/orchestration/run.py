@@ -1,6 +1,6 @@
-"""The only shell: workspace folders, validated sections, threads, progress, errors. Stages are called through it.
+"""The shell of all stages and commands: workspace folders, validated sections, threads, progress, errors.
 
-A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` makes a command of it.
+A stage in pipelines/ is a function `(workspace[, name]) -> Report`; `main` turns it into a command.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ CHECKSUMS_FILE = "SHA256SUMS"
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder that holds data/ and the resolved composition (params.yaml) that fills it.
+    """A folder with data/ and the resolved composition (params.yaml) that produces it.
 
-    `sections_read` records what `settings` was asked for, so that a run is logged with the parameters it used.
-    `on_validation` is told the figures of every validation of a training, and may raise to end one that leads nowhere.
+    `sections_read` records the sections requested from `settings`, so that a run is logged with the parameters it used.
+    `on_validation` receives the metrics of every validation of a training, and may raise to prune it.
     """
 
     root: Path
@@ -67,17 +67,19 @@ class Workspace:
         try:
             params = yaml.safe_load(path.read_text())
         except (OSError, yaml.YAMLError) as error:
-            raise InputError(f"{path}: cannot be read ({error}); `make params` writes it") from None
+            raise InputError(f"{path}: should be readable, got {error}; `make params` writes it") from None
         if not isinstance(params, dict):
             raise InputError(f"{path}: should be a mapping of sections; `make params` writes it")
         return cls(root, params)
 
     def settings(self, section: str, settings_class: type[S]) -> S:
-        """The section at a dotted key, validated. Raises InputError: the key, the bound and the value that came."""
+        """The validated section at a dotted key. Raises InputError with the key, its bound and the given value."""
         node: Any = self.params
         for key in section.split("."):
             if not isinstance(node, Mapping) or key not in node:
-                raise InputError(f"params: section {section} is missing; `make params` writes it from conf/")
+                raise InputError(
+                    f"params: should contain section {section}, got none; `make params` writes it from conf/"
+                )
             node = node[key]
         self.sections_read.add(section)
         return validate_section(section, settings_class, node)
@@ -89,7 +91,7 @@ class Workspace:
 
     @property
     def jobs(self) -> int:
-        """How many processes clip-parallel work uses."""
+        """Number of processes of clip-parallel work."""
         return int(self.params["machine"]["jobs"])
 
     def data(self, *parts: str) -> Path:
@@ -98,11 +100,11 @@ class Workspace:
 
     @contextmanager
     def output(self, *parts: str, fingerprint: str | None = None) -> Iterator[Path]:
-        """A new folder that becomes data/<parts> only when the block ends well: never a half-made output.
+        """A new folder that becomes data/<parts> only if the block succeeds, so an output is never incomplete.
 
-        SHA256SUMS in it stands for all its files: DVC looks at one file for each stage that reads thousands.
-        A stage with a `fingerprint` of what it is made of finds again what a run of the very same left when it was cut
-        off.
+        SHA256SUMS in it represents all its files: DVC tracks one file per stage, where a stage reads thousands. A stage
+        with a `fingerprint` of its dependencies finds the partial output of an interrupted run with the same
+        fingerprint.
         """
         final = self.data(*parts)
         partial = final.with_name(f".{final.name}.partial")
@@ -125,7 +127,7 @@ class Workspace:
 
 
 def code_digest(rooms: Iterable[str]) -> str:
-    """A hash of the package's own code in these rooms and files: what an unfinished output may have been made by."""
+    """A hash of the code in these packages and files, to recognise partial outputs of other code."""
     package, digest = Path(__file__).parents[1], hashlib.sha256()
     for room in rooms:
         for path in sorted([package / room] if room.endswith(".py") else (package / room).rglob("*.py")):
@@ -134,16 +136,17 @@ def code_digest(rooms: Iterable[str]) -> str:
 
 
 def checksums(folder: Path) -> str:
-    """What `sha256sum` prints for the files of a folder."""
+    """The output of `sha256sum` for the files of a folder."""
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     return "".join(f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
 
 
 def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, title: str) -> Iterator[B]:
-    """The one joblib call for clip-parallel work: results in order, a progress bar, memory that does not grow.
+    """Map over clips with joblib: results in order, a progress bar, and constant memory.
 
-    `parallel_backend` says where it runs. Inside a worker of another joblib call (a job of a sweep) items go one after
-    another: the cores are taken already, and the threads that joblib would use there share torch's seed.
+    `parallel_backend` sets where it runs. Inside a worker of another joblib call (a job of a sweep), items are
+    processed sequentially: the cores are already in use, and the threads that joblib would start there share torch's
+    seed.
     """
     import joblib
     from joblib.parallel import get_active_backend
@@ -161,7 +164,7 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A], jobs: int, titl
 
 @contextmanager
 def parallel_backend(machine: Mapping[str, Any]) -> Iterator[None]:
-    """Where `parallel_map` runs: processes of this machine, or Ray (docs/scale.md), as the section `machine` says."""
+    """Backend of `parallel_map`, set by the section `machine`: processes of this machine, or Ray (docs/scale.md)."""
     if machine.get("backend", "processes") == "processes":
         yield
         return
@@ -177,7 +180,7 @@ def parallel_backend(machine: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _cluster(machine: Mapping[str, Any]) -> dict[str, Any]:
-    """What Ray is started with: a standing cluster, or one of its own that only this machine sees."""
+    """Arguments of ray.init: an existing cluster, or a new local one that only this machine can reach."""
     if machine["ray_address"] is not None:
         return {"address": machine["ray_address"], "log_to_driver": False}
     size = {"num_cpus": int(machine["jobs"])}
@@ -193,7 +196,7 @@ def progress_bar(items: Iterable[A], title: str, total: int | None = None) -> It
 
 
 def configure_environment() -> None:
-    """One thread a process, and no telemetry of any dependency. Called before they are imported."""
+    """Set one thread per process and disable the telemetry of dependencies. Call before they are imported."""
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.update(
@@ -206,12 +209,12 @@ def configure_environment() -> None:
 
 
 def run_command(command: Callable[[], None]) -> NoReturn:
-    """Run a command and leave: status 2 and one line on stderr for what a person can mend, 130 when interrupted."""
+    """Run a command and exit: status 2 and one line on stderr for an InputError, 130 when interrupted."""
     configure_environment()
     try:
         command()
     except InputError as error:
-        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)  # some causes quote several lines
+        print("error:", " ".join(str(error).splitlines()), file=sys.stderr)  # some errors have several lines
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -220,11 +223,11 @@ def run_command(command: Callable[[], None]) -> NoReturn:
 
 
 def main(run: Stage) -> NoReturn:
-    """The command of a stage in the current folder; a stage over named items takes the name as its one argument."""
+    """Command of a stage in the current folder; a stage over named items takes the name as its only argument."""
     expected = list(inspect.signature(run).parameters)[1:]
     given = sys.argv[1:]
     stage = Path(inspect.getfile(run)).stem
-    if run.__module__ == "__main__":  # worker processes must find the functions of the script by name
+    if run.__module__ == "__main__":  # worker processes import the functions of the script by name
         run = importlib.import_module(f"pipelines.{stage}").run
 
     def command() -> None:

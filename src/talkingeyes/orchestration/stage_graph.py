@@ -1,6 +1,7 @@
-"""What every stage reads, imports and writes, as dvc.yaml says it: the one place where it is declared.
+"""The graph of stages: what every stage reads, imports and writes, as declared in dvc.yaml alone.
 
-`dvc repro` follows dvc.yaml itself; the result store (store.py) reads it through this file. Both see the same chain.
+`dvc repro` uses dvc.yaml itself; the result store (result_store.py) reads it through this module, so both use the same
+graph.
 """
 
 from __future__ import annotations
@@ -16,37 +17,37 @@ import yaml
 from talkingeyes.core.errors import InputError
 
 REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
-# Where the corpus stands that the project makes itself.
+# The corpus made by this project.
 DEFAULT_CORPUS = "data/synthesize"
 
 
 @dataclass(frozen=True)
 class StageCall:
-    """One call of a stage, for one item if it runs over several."""
+    """One call of a stage, for one item if the stage runs over several."""
 
     stage: str
     item: str | None
-    inputs: tuple[str, ...]  # what it reads under data/, or of a corpus from elsewhere
-    code_deps: tuple[str, ...]  # the rooms and files that it imports
-    sections: tuple[str, ...]  # the dotted keys that it reads of the composition
+    inputs: tuple[str, ...]  # paths under data/, or of an external corpus
+    code_deps: tuple[str, ...]  # imported packages and files
+    sections: tuple[str, ...]  # dotted keys of the composition
 
     @property
     def address(self) -> str:
-        """The name that DVC gives it."""
+        """Its name in DVC."""
         return self.stage if self.item is None else f"{self.stage}@{self.item}"
 
     @property
     def folder(self) -> Path:
-        """Where it writes, relative to a workspace."""
+        """Output folder, relative to a workspace."""
         return Path("data", self.stage, self.item or "")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The arguments of the stage's function."""
+        """Arguments of the stage's function."""
         return () if self.item is None else (self.item,)
 
     def reads(self, other: StageCall) -> bool:
-        """Whether it reads what another call writes, or a part of it."""
+        """Whether it reads the output of another call, or a part of it."""
         return any(path.is_relative_to(other.folder) or other.folder.is_relative_to(path) for path in self._paths())
 
     def _paths(self) -> list[Path]:
@@ -56,15 +57,16 @@ class StageCall:
 def stage_calls(
     params: Mapping[str, Any], order: Iterable[Sequence[str]], path: Path = REPOSITORY_ROOT / "dvc.yaml"
 ) -> list[StageCall]:
-    """The calls (stage, or stage and item) of a chain, in the given order, with all that dvc.yaml says of them."""
+    """The calls (stage, or stage and item) of a pipeline in the given order, with their declarations in dvc.yaml."""
     stages = yaml.safe_load(path.read_text())["stages"]
     return [_call(stages[stage], stage, rest[0] if rest else None, params) for stage, *rest in order]
 
 
 def required_calls(calls: Sequence[StageCall], target: str) -> list[StageCall]:
-    """The calls that `target` needs, itself the last: an address such as train@talkingeyes, or a stage with all items.
+    """The calls that `target` depends on, and `target` last: an address such as train@talkingeyes, or a stage with all
+    items.
 
-    Raises InputError if there is none.
+    Raises InputError for an unknown target.
     """
     wanted = [call for call in calls if target in (call.address, call.stage)]
     if not wanted:
@@ -80,11 +82,11 @@ def required_calls(calls: Sequence[StageCall], target: str) -> list[StageCall]:
 
 
 def get_section(params: Mapping[str, Any], key: str) -> Any:
-    """The node at a dotted key. Raises InputError if it is not there."""
+    """The node at a dotted key. Raises InputError if it is missing."""
     node: Any = params
     for part in key.split("."):
         if not isinstance(node, Mapping) or part not in node:
-            raise InputError(f"params: {key} is missing; `make params` writes it from conf/")
+            raise InputError(f"params: should contain {key}, got none; `make params` writes it from conf/")
         node = node[part]
     return node
 
@@ -95,7 +97,7 @@ def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: M
     deps = [each for each in (_filled(text, scope, params) for text in own.get("deps", [])) if each]
     code_deps = tuple(each for each in deps if each.startswith(("src/", "pipelines/")))
     inputs = tuple(each for each in deps if each not in code_deps)
-    if stage == "train" and item is not None:  # a model may be made of others that are trained, or start from one
+    if stage == "train" and item is not None:  # a model may combine trained models, or be initialised from one
         model = get_section(params, f"model.{item}")
         others = [*model.get("source_models", ()), *filter(None, [model.get("init_from")])]
         inputs += tuple(f"data/train/{each}" for each in others)
@@ -104,7 +106,7 @@ def _call(definition: Mapping[str, Any], stage: str, item: str | None, params: M
 
 
 def _scope(definition: Mapping[str, Any], item: str | None) -> dict[str, str]:
-    """What ${item}, ${item.x} and ${key} stand for."""
+    """Values of ${item}, ${item.x} and ${key}."""
     if item is None:
         return {}
     if "matrix" in definition:
@@ -112,13 +114,15 @@ def _scope(definition: Mapping[str, Any], item: str | None) -> dict[str, str]:
     rows = dict(definition["foreach"])
     if item in rows:
         return {"key": item, "item": rows[item]}
-    # One that only the composition names (an experiment may add a model) reads what the last one reads, of its own.
+    # An item that only the composition contains (an experiment may add a model) has the dependencies of the last item,
+    # with its own name substituted.
     last = list(rows)[-1]
     return {"key": item, "item": re.sub(rf"\b{re.escape(last)}\b", item, rows[last])}
 
 
 def _filled(text: str, scope: Mapping[str, str], params: Mapping[str, Any]) -> str:
-    """The text with every ${reference} replaced; empty if one of them is null (a model without a prior reads none)."""
+    """The text with every ${reference} replaced; empty if one of them is null (a model without a tokenizer reads
+    none)."""
     for reference in re.findall(r"\$\{([\w.]+)\}", text):
         value = scope[reference] if reference in scope else get_section(params, reference)
         inner = "" if value is None else _filled(str(value), scope, params)
