@@ -133,7 +133,7 @@ def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
     assert stage["corr/gaze_in_space"]["reason"].startswith("needs 20 judged motions")
     assert rows["corr/head_minus_shuffled"].count == rows["corr/head"].count == sum(1 for _ in truth.rglob("*.npz"))
     assert rows["corr/head_minus_shuffled"].value.value != rows["corr/head"].value.value
-    with pytest.raises(InputError, match="should be the data folder of a finished chain"):
+    with pytest.raises(InputError, match="should be the data folder of a finished pipeline"):
         compare(truth, workspace.corpus, evaluators=workspace.corpus)
 
 

@@ -53,8 +53,8 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert values(found)["saccades/amplitude"].reason == "needs 50 saccades: the motions with 47"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
     assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
-    assert found.notes == ["intervals are over sounds: those of 4 are too narrow, 10 or more are better"]
-    assert "4 sounds at 25 frames a second, beside the truth under the same sounds" in describe(found)
+    assert found.notes == ["intervals are over sounds and too narrow for 4; use 10 or more"]
+    assert "4 sounds at 25 fps, compared with the truth under the same sounds" in describe(found)
     with pytest.raises(InputError, match="--force"):
         evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
 
@@ -99,7 +99,7 @@ def test_mistakes_are_one_line(corpus, tmp_path):
         evaluate(tmp_path, corpus)
     with pytest.raises(InputError, match="should be a folder, got none"):
         evaluate(tmp_path / "nowhere", corpus)
-    with pytest.raises(InputError, match="no true motion here"):
+    with pytest.raises(InputError, match="should contain true motion"):
         evaluate(tmp_path, tmp_path)
     np.savez(tmp_path / "c0-t0.npz", fps=25.0)
     with pytest.raises(InputError, match="should hold a usable motion, got none"):

@@ -318,7 +318,7 @@ def test_any_frame_rate_is_read_back(tmp_path: Path, format: str, fps: float) ->
         ({"format": "glb"}, "should be a name that ends in .glb"),
         ({"format": "flame"}, "should be your FLAME file, which maps the expression of anny to flame"),
         ({"format": "flame", "fps": 5.0}, "fps: should be 10 to 240, got 5"),
-        ({"format": "vhap", "sound": "a.wav"}, "only mp4 has any"),
+        ({"format": "vhap", "sound": "a.wav"}, "should be used with mp4 only"),
     ],
 )
 def test_a_mistake_is_one_line_and_writes_nothing(made: Path, tmp_path: Path, options: dict, message: str) -> None:

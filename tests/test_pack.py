@@ -146,7 +146,7 @@ def test_what_is_no_model_is_one_clear_line(place: Path, tmp_path: Path, spoil, 
         (lambda folder: (folder / "embedding.json").unlink(), "got one without embedding.json"),
         (lambda folder: (folder / "embedding.json").write_text("{}"), "not the embedding of a trained model"),
         (lambda folder: (folder / "model.safetensors").write_bytes(b"no"), "not a readable file of weights"),
-        (lambda folder: (folder / "x.bin").write_bytes(b"\xff\xfe\x00"), "should hold text and safetensors alone"),
+        (lambda folder: (folder / "x.bin").write_bytes(b"\xff\xfe\x00"), "should be a text or safetensors file"),
         (shutil.rmtree, "should be a trained model"),
     ],
 )

@@ -59,7 +59,7 @@ def test_importing_it_imports_nothing_heavy() -> None:
 
 @pytest.mark.parametrize("name", ["out.npz", "out.json", "out.xyz"])
 def test_an_ending_that_says_no_format_is_one_line(place: Path, name: str) -> None:
-    with pytest.raises(te.InputError, match="format: should be said for out"):
+    with pytest.raises(te.InputError, match="format: should be given for out"):
         te.export(te.Motion.of(25.0, np.zeros((9, 3)), np.zeros((9, 2, 3))), name)
 
 

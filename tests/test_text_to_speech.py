@@ -98,7 +98,7 @@ def test_what_cannot_be_spoken_is_one_line(text: str) -> None:
 
 def test_without_the_synthesiser_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speech, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match="needs the package espeakng-loader"):
+    with pytest.raises(InputError, match="should have the package espeakng-loader"):
         speak("Hello.")
 
 

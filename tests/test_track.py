@@ -147,14 +147,14 @@ def test_a_video_that_breaks_off_again_and_again_is_left_alone(videos: Path, tmp
     assert (video_journal.done, video_journal.entries) == (True, ())
     path = next((tmp_path / "tracking").rglob("*.jsonl"))
     path.write_text('{"begin": true}\n{"begin": true}\n')
-    assert "broke off 2 times" in track_video(tmp_path, chosen, source).failure
+    assert "crashed 2 times" in track_video(tmp_path, chosen, source).failure
     assert track_video(tmp_path, chosen, source).done  # and tried again by the next call
 
 
 def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
     with pytest.raises(InputError, match=r"^[^\n]*other settings[^\n]*$"):
         track([videos], corpus, settings(fps=30.0))
-    with pytest.raises(InputError, match=r"^[^\n]*not one clip was kept of 1 videos[^\n]*$"):
+    with pytest.raises(InputError, match=r"^[^\n]*got none kept of 1 videos[^\n]*$"):
         track([videos / "blank.mp4"], tmp_path / "none", settings(thumbnails=False))
     assert not (tmp_path / "none" / "clips.parquet").exists()
     (tmp_path / "full").mkdir()

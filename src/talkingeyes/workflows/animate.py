@@ -1,8 +1,8 @@
-"""Speech in, motion out: what `talkingeyes animate` and `talkingeyes.animate` do.
+"""`talkingeyes animate` and `talkingeyes.animate`: from speech to motion.
 
-Reads a sound and a trained model. Gives performances; writes, if a folder is given, sample_00.npz, .events.json and
-.mp4 of each sample, traces.png, sheet.png (the head at several times, a row a sample) and manifest.json, what they were
-made from; the folder appears whole or not at all. Text that was spoken stands there too, as speech.wav and speech.json.
+Reads a sound and a trained model. Returns animations. If a folder is given, writes sample_00.npz, .events.json and .mp4
+of each sample, traces.png, sheet.png (the head at several times, one row per sample) and manifest.json (all inputs and
+options); the folder appears atomically. Synthesized text is also stored, as speech.wav and speech.json.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from talkingeyes.animation.dialogue import Dialogue
     from talkingeyes.workflows.speak import SynthesizedSpeech
 
-Speech = Path | str | Float[ndarray, " N"]  # a sound file, or 16 kHz mono
+Speech = Path | str | Float[ndarray, " N"]  # a sound file, or a signal of 16 kHz mono
 
 MODEL = Path("data", "train", "talkingeyes")
 DEFAULT_CONTROLS = Controls()
@@ -52,9 +52,9 @@ HASHED_MODULES = ("animation", "audio", "core", "head", "models", "physiology", 
 
 @dataclass(frozen=True)
 class AnimationOptions:
-    """What is asked for; `formats` and `previews` (films, plot, sheet) are of what is written.
+    """Options of an animation. `formats` and `previews` (videos, plot, sheet) concern the written files.
 
-    `flame` is the user's own FLAME file, which maps a face for the formats that show it on FLAME.
+    `flame` is the user's own FLAME file, which maps the face for formats on the FLAME head.
     """
 
     samples: int = 3
@@ -66,7 +66,7 @@ class AnimationOptions:
     flame: Path | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError (one line) for a number or a format that will not do."""
+        """Raises InputError (one line) for an invalid number or format."""
         if not 1 <= self.samples <= MAX_SAMPLES:
             raise InputError(f"samples: should be 1 to {MAX_SAMPLES}, got {self.samples}")
         if self.seed < 0:
@@ -86,10 +86,10 @@ def animate(
     model: Path | str = MODEL,
     controls: Controls = DEFAULT_CONTROLS,
 ) -> Animation:
-    """One performance of speech, which knows how to `save` itself; the same seed gives the same.
+    """Animate speech once. The result has a `save` method; the same seed gives the same result.
 
-    `controls` is what is asked of it besides: targets, eye contact, liveliness, ... (docs/control.md).
-    Raises InputError (one line) for a sound, a model or a number that will not do.
+    `controls` sets targets, eye contact, liveliness, ... (docs/control.md). Raises InputError (one line) for an invalid
+    sound, model or number.
     """
     return animate_samples(speech, 1, seed=seed, fps=fps, model=model, controls=controls)[0]
 
@@ -103,7 +103,7 @@ def animate_samples(
     model: Path | str = MODEL,
     controls: Controls = DEFAULT_CONTROLS,
 ) -> list[Animation]:
-    """Several performances of speech; the first is what `animate` gives with the same seed."""
+    """Sample several animations of speech; the first equals that of `animate` with the same seed."""
     options = AnimationOptions(samples, seed, float(fps), controls)
     return perform(load_performer(Path(model)), load_speech(speech), options)
 
@@ -122,9 +122,9 @@ def animate_to_folder(
     flame: Path | str | None = None,
     force: bool = False,
 ) -> list[Animation]:
-    """The same as a folder: motions, events, films, a plot, and the formats of `conversion.FORMATS` asked for.
+    """Animate speech into a folder: motions, events, videos, a plot, and the chosen formats of `convert.FORMATS`.
 
-    `force` replaces what an earlier call wrote.
+    `force` overwrites the output of an earlier call.
     """
     options = AnimationOptions(
         samples, seed, float(fps), controls, tuple(formats), previews, None if flame is None else Path(flame)
@@ -139,7 +139,7 @@ def run_animation(
     model: Path | str = MODEL,
     force: bool = False,
 ) -> list[Animation]:
-    """An order as a folder."""
+    """Animate speech into a folder."""
     output_path = output_folder.output_path(Path(out), OWN_FILES, force)
     sound = load_speech(speech)
     animations = perform(load_performer(Path(model)), sound, options)
@@ -161,9 +161,9 @@ def run_dialogue(
     model: Path | str = MODEL,
     force: bool = False,
 ) -> list[Dialogue]:
-    """An order for two people who talk with each other, as the folders `first` and `second`.
+    """Animate two speakers of a dialogue, into the folders `first` and `second`.
 
-    Whom it asks for by name are two: `A,B`.
+    `controls.person` names both speakers: `A,B`.
     """
     from talkingeyes.animation.dialogue import animate_dialogue
 
@@ -186,32 +186,32 @@ def run_dialogue(
 
 
 def load_performer(model: Path) -> Animator:
-    """The model in a folder of the train stage, or in a packed file."""
+    """Load a model from a folder of the train stage, or a packed file."""
     from talkingeyes.animation.animator import Animator
 
     return Animator.load(model)
 
 
 def load_speech(speech: Speech | SynthesizedSpeech) -> Float[ndarray, " N"]:
-    """The sound of a file or of spoken text, or the sound itself."""
+    """The sound of a file, of synthesized speech, or the given signal."""
     if isinstance(speech, Path | str):
         return read_speech(speech)
     return speech if isinstance(speech, ndarray) else speech.sound
 
 
 def spoken_text(speech: Speech | SynthesizedSpeech) -> SynthesizedSpeech | None:
-    """Text that was spoken, if it was one."""
+    """The synthesized speech, if the input was text."""
     return None if isinstance(speech, Path | str | ndarray) else speech
 
 
 def perform(model: Animator, sound: Float[ndarray, " N"], options: AnimationOptions) -> list[Animation]:
-    """The performances of an order."""
+    """Sample the animations of the options."""
     return model.perform(sound, options.samples, options.seed, options.fps, options.controls)
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What makes results: the code and the model."""
+    """Identity of the code and the model of a result."""
 
     version: str
     code_sha256: str
@@ -219,12 +219,12 @@ class Provenance:
 
 
 def provenance_of(model: Path) -> Provenance:
-    """This code with a model."""
+    """Provenance of this code with a model."""
     return Provenance(version("talkingeyes"), code_digest(HASHED_MODULES), _model_digest(model))
 
 
 def build_manifest(sound: Float[ndarray, " N"], provenance: Provenance, options: AnimationOptions) -> dict[str, Any]:
-    """All that a result follows from: code, model, sound, what is asked for."""
+    """All inputs of a result: code, model, sound and options."""
     return {
         "schema": "talkingeyes.manifest/2",
         **asdict(provenance),
@@ -238,11 +238,11 @@ def _digest_of(value: object) -> object:
         return {"sha256": hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}
     if isinstance(value, Path):
         return {"sha256": hashlib.sha256(value.read_bytes()).hexdigest()}
-    raise TypeError(f"an order should hold plain values, arrays and files, got {type(value).__name__}")
+    raise TypeError(f"options: should contain plain values, arrays and files, got {type(value).__name__}")
 
 
 def _model_digest(model: Path) -> str:
-    """Of a packed file, or of the files in a folder and in that of the face beside it."""
+    """Digest of a packed file, or of the files of a model folder and of the face model beside it."""
     from talkingeyes.animation.face import find_face_model
 
     if model.is_file():
@@ -263,7 +263,7 @@ def write(
     spoken: SynthesizedSpeech | None = None,
     show_progress: bool = True,
 ) -> None:
-    """The folder of a result, whole or not at all; `show_progress` shows how far its films are."""
+    """Write the folder of a result atomically; `show_progress` shows a progress bar of the videos."""
     try:
         with output_folder.atomic_folder(output_path) as folder:
             if spoken is not None:

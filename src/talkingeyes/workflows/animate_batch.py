@@ -1,10 +1,10 @@
-"""Many sounds at once: what `talkingeyes animate lines/*.wav -o DIR` does.
+"""Batch animation: `talkingeyes animate lines/*.wav -o DIR`.
 
-Each sound gets a folder of its own in DIR, as `animation.animate_into` writes it, under the sound's name; one table
-says what became of each: summary.csv and summary.json (file, seconds, samples, seed, status, reason). A failure does
-not stop the others. What stands finished, made of the same sound, model, order and code, is kept, so a run that was
-cut off goes on. The seed of a sound follows from that of the run and from what is heard, so it is the same alone, in
-any order and with any number of jobs; `animate FILE --seed` with the seed of the table makes the same motions.
+Each sound gets its own folder in DIR, written as by `animate.write`, with the name of the sound. The tables summary.csv
+and summary.json (file, seconds, samples, seed, status, reason) list the results. A failure does not stop the others.
+Finished results with the same sound, model, options and code are kept, so an interrupted run resumes. The seed of a
+sound follows from the seed of the run and from the sound, so the result does not depend on other sounds, their order
+and the number of jobs. `animate FILE --seed` with the seed of the table gives the same motions.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SOUND_SUFFIXES = (
     ".aac",
     ".aiff",
     ".mp4",
-)  # looked for in a folder
+)  # searched in a folder
 SUMMARIES = ("summary.csv", "summary.json")
 PARTIAL = re.compile(r"\..+\.\d+\.partial")
 DONE, SKIPPED, FAILED = "made", "kept", "failed"
@@ -54,7 +54,7 @@ DONE, SKIPPED, FAILED = "made", "kept", "failed"
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What became of a sound; `reason` is why it failed."""
+    """Result of a sound; `reason` explains a failure."""
 
     file: str
     seconds: float
@@ -83,15 +83,15 @@ def animate_all(
     jobs: int = 1,
     force: bool = False,
 ) -> list[BatchResult]:
-    """Animate the sounds, or those in folders; gives a line for each, in the order of their names.
+    """Animate the sounds, or those in folders; returns a result for each, in the order of their names.
 
-    `force` replaces results that were made of something else. Raises InputError (one line) before anything is made.
+    `force` overwrites results with other inputs or options. Raises InputError (one line) before any work is done.
     """
     if jobs < 1:
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
     sounds = find_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
-    animate.load_performer(Path(model))  # refused here rather than for every sound
+    animate.load_performer(Path(model))  # report an invalid model once, not for every sound
     provenance = animate.provenance_of(Path(model))
     folder.mkdir(parents=True, exist_ok=True)
     tasks = [_Task(path, folder / name, Path(model), provenance, options, force) for name, path in sounds.items()]
@@ -101,7 +101,7 @@ def animate_all(
 
 
 def find_sounds(paths: Sequence[Path]) -> dict[str, Path]:
-    """Sounds by the names that their results get; a folder stands for the sounds in it."""
+    """Sounds by the names of their results; a folder is replaced by the sounds in it."""
     listed: list[Path] = []
     for path in paths:
         inside = (
@@ -117,13 +117,13 @@ def find_sounds(paths: Sequence[Path]) -> dict[str, Path]:
         if path.stem in found:
             raise InputError(f"{path}: another sound is called {path.stem} too: {found[path.stem]}")
         if path.stem in SUMMARIES or path.stem.startswith("."):
-            raise InputError(f"{path}: should have another name, for its results would be called {path.stem}")
+            raise InputError(f"{path}: should have another name, because its results would be called {path.stem}")
         found[path.stem] = path
     return found
 
 
 def _folder(out: Path, sounds: dict[str, Path]) -> Path:
-    """The folder of all results: new, empty, or that of an earlier run, whose half-made leftovers go."""
+    """The folder of all results: new, empty, or that of an earlier run, whose partial results are removed."""
     folder = output_folder.output_path(out, re.compile(".+"), force=True)
     earlier = sorted(folder.iterdir()) if folder.is_dir() else []
     for path in earlier:
@@ -139,7 +139,7 @@ def _folder(out: Path, sounds: dict[str, Path]) -> Path:
 
 
 def _animate_sound(task: _Task) -> BatchResult:
-    """Animate one sound, unless that is done already."""
+    """Animate one sound, unless it is up to date."""
     line = BatchResult(task.speech.name, 0.0, task.options.samples, task.options.seed, FAILED)
     try:
         sound = read_speech(task.speech)
@@ -152,20 +152,21 @@ def _animate_sound(task: _Task) -> BatchResult:
         animations = animate.perform(_performer(task.model, task.provenance), sound, options)
         animate.write(output_path, animations, sound, options, manifest, show_progress=False)
         return replace(line, status=DONE)
-    except Exception as error:  # whatever it is, the other sounds go on; the table says what it was
+    except Exception as error:  # any error is reported in the table; the other sounds continue
         said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         return replace(line, reason=" ".join(said.split()))
 
 
 def derive_seed(seed: int, sound: Float[ndarray, " N"]) -> int:
-    """The seed of a sound in a run: of both, so that no two sounds of a run blink alike."""
+    """The seed of a sound: a hash of the seed of the run and the sound, so that sounds of a run get different
+    blinks."""
     heard = hashlib.sha256(np.ascontiguousarray(sound).tobytes()).digest()
     return int.from_bytes(hashlib.sha256(f"{seed}:".encode() + heard).digest()[:4], "big") >> 1
 
 
 @lru_cache(maxsize=1)
 def _performer(model: Path, provenance: Provenance) -> Animator:
-    """The model, loaded once a process; a model that changed is another one."""
+    """The model, loaded once per process; a changed model (by its provenance) is loaded again."""
     return animate.load_performer(model)
 
 

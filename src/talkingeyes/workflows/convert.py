@@ -1,7 +1,8 @@
-"""Motion files to and from the formats of others: what `talkingeyes export`, `import` and `animate -f` do.
+"""Conversion of motion files: `talkingeyes export`, `import` and `animate -f`.
 
-Reads a motion (.npz), the events beside it if there are any, files of others (formats/), and the user's own FLAME file
-where one is needed. Writes one file a motion, whole or not at all (export/). docs/formats.md describes each.
+Reads a motion (.npz), the events beside it if there are any, files of other programs (formats/readers/), and the user's
+FLAME file where one is needed. Writes one file per motion atomically (formats/writers/). docs/formats.md describes the
+formats.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ OWN_FILES = re.compile(r".+\.npz")
 
 @dataclass(frozen=True)
 class Format:
-    """How a file of a format is named, and whose expression it shows: `anny`, `flame`, the `chosen` head, or none."""
+    """File suffix of a format, and the head model of its expression: `anny`, `flame`, the `chosen` head, or none."""
 
     suffix: str
     expression: str
@@ -51,12 +52,14 @@ FORMATS = {
 }
 
 
-ANIMATE_FORMATS = tuple(name for name in FORMATS if name != "mp4")  # what `animate -f` writes; it always films
+ANIMATE_FORMATS = tuple(
+    name for name in FORMATS if name != "mp4"
+)  # formats of `animate -f`, which writes videos anyway
 
 
 @dataclass(frozen=True)
 class ImportedFile:
-    """A motion that was read, and where it was written."""
+    """An imported motion and the name of its file."""
 
     name: str
     read: ImportedMotion
@@ -74,18 +77,19 @@ def export(
     sound: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
-    """Write a motion (or that of a file) in another format; returns the motion that was written.
+    """Write a motion (or that of a file) in another format; returns the written motion.
 
-    Without `format` the ending of `out` says it, where only one format has it. `head` and `model` are as for `render`;
-    the model is also what maps expressions between the open head and FLAME. `fps` plays the motion at another rate, by
-    its events; `keys` are its saccades and blinks as somebody edited them.
-    Raises InputError (one line) for a mistake.
+    Without `format`, the suffix of `out` selects it, if only one format has this suffix. `head` and `model` are as for
+    `render`; the model also maps expressions between the open head and FLAME. `fps` resamples the motion by its events;
+    `keys` are its edited saccades and blinks.
+
+    Raises InputError (one line) for invalid arguments.
     """
     named = format_of(Path(out)) if format is None else format
     if named not in FORMATS:
         raise InputError(f"format: should be one of {', '.join(FORMATS)}, got {named!r}")
     if sound is not None and named != "mp4":
-        raise InputError(f"sound: only mp4 has any, got {named}")
+        raise InputError(f"sound: should be used with mp4 only, got {named}")
     output_path = _target(Path(out), FORMATS[named].suffix, force)
     shown, events = _motion_and_events(motion)
     if keys is not None:
@@ -109,15 +113,15 @@ def export(
 
 
 def format_of(out: Path) -> str:
-    """The format that a file's ending stands for. Raises InputError where that is none, or several."""
+    """The format of a file's suffix. Raises InputError if there is none, or more than one."""
     found = [name for name, each in FORMATS.items() if each.suffix == out.suffix.lower()]
     if len(found) != 1:
-        raise InputError(f"format: should be said for {out.name}: one of {', '.join(found or FORMATS)}, got none")
+        raise InputError(f"format: should be given for {out.name}, one of {', '.join(found or FORMATS)}, got none")
     return found[0]
 
 
 def _motion_and_events(motion: Path | str | Motion | Animation) -> tuple[Motion, Events | None]:
-    """A motion and the events that it was made with, where they are known."""
+    """A motion and its events, if they are known."""
     if isinstance(motion, Motion):
         return motion, None
     if isinstance(motion, Path | str):
@@ -128,7 +132,7 @@ def _motion_and_events(motion: Path | str | Motion | Animation) -> tuple[Motion,
 def write(
     motion: Motion, events: Events | None, format: str, path: Path, head: str = "anny", model: Path | str | None = None
 ) -> None:
-    """Write a motion in a format other than mp4; its events, if they are known, are its keys."""
+    """Write a motion in a format other than mp4. `events` become its keys, if they are known."""
     from talkingeyes.formats.writers import arkit, bvh, event_keys, flame_parameters, glb, usd, vertices, vrm
 
     expression = FORMATS[format].expression
@@ -152,22 +156,22 @@ def write(
 
 
 def check_formats(formats: Sequence[str]) -> None:
-    """Raises InputError for a format that `animate -f` does not know."""
+    """Raises InputError for a format that `animate -f` does not support."""
     for format in formats:
         if format not in ANIMATE_FORMATS:
             raise InputError(f"format: should be one of {', '.join(ANIMATE_FORMATS)}, got {format!r}")
 
 
 def beside(stem: Path, format: str) -> Path:
-    """What a file of a format is called beside the motion: sample_00.flame.npz, sample_00.keys.json, sample_00.glb."""
+    """Name of a file of a format beside the motion: sample_00.flame.npz, sample_00.keys.json, sample_00.glb."""
     suffix = FORMATS[format].suffix
     alone = [name for name in FORMATS if FORMATS[name].suffix == suffix] == [format] and format != "vocaset"
     return stem.with_name(stem.name + ("" if alone else f".{'keys' if format == 'events' else format}") + suffix)
 
 
 def retarget_expression(motion: Motion, expression: str, target_head: HeadModel, model: Path | str | None) -> Motion:
-    """The motion with its face in the shapes of the head that a format shows."""
-    if not motion.expression.any():  # a face at rest is one on every head
+    """The motion with its expression mapped to the head model of a format."""
+    if not motion.expression.any():  # a neutral face is the same on every head
         empty = np.zeros((len(motion), 0))
         return replace(motion, expression=empty, expression_names=(), head_model=target_head.name)
     wanted = target_head.name if expression == "chosen" else expression
@@ -190,9 +194,9 @@ def import_files(
     expression: bool = True,
     force: bool = False,
 ) -> list[ImportedFile]:
-    """Write the motions of files of others as Motion files: one as `out`.npz, or any number into a folder.
+    """Write the motions of external files as Motion files: one as `out`.npz, or any number into a folder.
 
-    `fps` is for files that do not say theirs, `mapping` a map of names; without `expression` the face is left out.
+    `fps` is for files without a frame rate, `mapping` a key map; without `expression`, the face is dropped.
     """
     from talkingeyes.formats.readers.key_map import load_key_map
     from talkingeyes.formats.readers.read_motion import read_motion
@@ -213,7 +217,7 @@ def import_files(
     try:
         _save(done, output_path, single)
     except OSError as error:
-        raise InputError(f"{out}: should be a place that can be written, got: {error.strerror or error}") from None
+        raise InputError(f"{out}: should be writable, got: {error.strerror or error}") from None
     return done
 
 
@@ -240,7 +244,7 @@ def _without_face(motion: Motion) -> Motion:
 
 
 def _sources(files: Sequence[Path]) -> dict[str, Path]:
-    """The files by the names that their motions get; a folder stands for what is in it, unless it is one motion."""
+    """The files by the names of their motions; a folder is replaced by its files, unless it is a single motion."""
     from talkingeyes.formats.readers.read_motion import SUFFIXES
 
     listed: list[Path] = []
@@ -264,7 +268,7 @@ def _sources(files: Sequence[Path]) -> dict[str, Path]:
 
 
 def _events_beside(motion: Path) -> Events | None:
-    """What the motion was made with, as `animate` wrote it beside: the original keys, if somebody edited them there."""
+    """Events of a motion, as `animate` wrote them beside it; the original keys, if the file was edited."""
     path = motion.with_name(f"{motion.stem}.events.json")
     if not path.is_file():
         return None

@@ -1,7 +1,7 @@
-"""What a person asks of a performance, from names and files: the options of `talkingeyes animate`, and `te.direct`.
+"""Controls of an animation from names and files: the options of `talkingeyes animate`, and `te.make_controls`.
 
-Reads a track of targets (.json, .csv), the partner's sound, motions (.npz) whose habits are to be followed or that
-take the place of a part. docs/control.md says what each does.
+Reads tracks of targets (.json, .csv), the partner's sound, and motions (.npz) as style references or as replacements of
+parts. docs/control.md describes each control.
 """
 
 from __future__ import annotations
@@ -45,13 +45,15 @@ def make_controls(
     without: Sequence[str] = (),
     replaced: Mapping[str, Path | str] = MappingProxyType({}),
 ) -> Controls:
-    """A direction: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or a motion.
+    """Controls of an animation: `target` is camera, listener or a file, `partner` a sound, `style` a speaker's name or
+    a motion.
 
-    `person` is who moves, a speaker whom the model knows; by default one of them, drawn by the seed.
-    `head`, `gaze` and `blinking` are dials: 0 none, 1 as the model, 2 twice. `no_postprocessing`: nothing is laid over
-    the model's head and gaze but what is asked (docs/whole.md). `emotion`, `intensity` (1 to 3) and
-    `speaker` are of the face. Parts (head, gaze, blinks, face) are switched off by `without`, or taken from motions.
-    Raises InputError (one line) for a mistake.
+    `person` is a training speaker of the model; by default a random one, chosen by the seed. `head`, `gaze` and
+    `blinking` are factors of liveliness: 0 none, 1 as the model, 2 double. `no_postprocessing` switches the rule-based
+    layers off, apart from the chosen controls (docs/whole.md). `emotion`, `intensity` (1 to 3) and `speaker` concern
+    the face. Parts (head, gaze, blinks, face) are switched off by `without`, or replaced by those of other motions.
+
+    Raises InputError (one line) for invalid arguments.
     """
     from talkingeyes.animation.part_overrides import PartOverrides
     from talkingeyes.core.motion import Motion
@@ -72,7 +74,7 @@ def make_controls(
 
 
 def default_intensity(emotion: str, intensity: int | None) -> int:
-    """The intensity of an emotion, which need not be said."""
+    """The intensity of an emotion, with its default."""
     if intensity is not None:
         return intensity
     return 0 if emotion == "neutral" else DEFAULT_INTENSITY
@@ -91,7 +93,7 @@ def _partner_speech(partner: Path | str) -> Float[ndarray, " N"]:
 
 
 def _motion_style(style: Path | str) -> MotionStyle | str:
-    """The habits in a motion, or the name of somebody whose habits the model knows."""
+    """The style of a motion, or the name of a speaker whose style the model contains."""
     if Path(style).suffix != ".npz":
         return str(style)
     from talkingeyes.core.motion import Motion

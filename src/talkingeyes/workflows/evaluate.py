@@ -1,10 +1,10 @@
-"""Anybody's motion against a corpus: what `talkingeyes evaluate` and `talkingeyes.workflows.evaluate.evaluate` do.
+"""Evaluation of any motion against a corpus: `talkingeyes evaluate`.
 
-Reads motion files (corpus/motion_files.py) and a corpus with its true motion. Files that have the names of its clips
-are compared with the truth under the same sounds; files for other sounds with the truth of all test and unseen sounds,
-and what depends on speech needs the sounds themselves then. Writes, if a folder is given, benchmark.json,
-benchmark.csv and strip.png. Clips are read once and forgotten. With the data folder of a finished chain on that corpus
-its frozen networks judge too: Corr. under the sounds, and the distances that need an encoder of windows.
+Reads motion files (corpus/motion_files.py) and a corpus with its true motion. Files named as clips of the corpus are
+compared with the truth for the same sounds. Files for other sounds are compared with the truth of all test and unseen
+sounds, and metrics that depend on speech need the sounds themselves. If a folder is given, writes benchmark.json,
+benchmark.csv and strip.png. Memory does not grow with the number of clips. With the data folder of a finished pipeline
+on the corpus, its frozen networks add Corr. for the sounds, and the distances that need a window encoder.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ SOUNDS = (".wav", ".flac", ".ogg", ".mp3", ".m4a")
 CLIPS_PER_TASK = 32
 CONFIDENCE_LEVEL = 0.95
 MAX_NOTES = 5
-SHUFFLED_SOUNDS = 2  # other sounds of the speaker under which Corr. is taken
-MIN_SOUNDS = 10  # below, resamples of them hardly differ
+SHUFFLED_SOUNDS = 2  # other sounds of the speaker for Corr.
+MIN_SOUNDS = 10  # with fewer sounds, intervals are too narrow
 
 
 @dataclass(frozen=True)
 class EvaluatedSound:
-    """A sound: files of motion for it, its takes and other sounds of the speaker in the corpus, a file of the sound."""
+    """A sound: its motion files, its takes and other sounds of the speaker in the corpus, and a file of the sound."""
 
     name: str
     files: tuple[Path, ...] = ()
@@ -61,7 +61,8 @@ class EvaluatedSound:
 
 @dataclass(frozen=True)
 class SoundObservation:
-    """The motions of one unit and its reference, None where there are none; what was refused."""
+    """Statistics of the motions and of the reference of one sound (None if there are none), and notes on rejected
+    files."""
 
     motions: MotionStatistics | None
     reference: MotionStatistics | None
@@ -70,7 +71,7 @@ class SoundObservation:
 
 @dataclass(frozen=True)
 class MotionStatistics:
-    """Sums and the features of windows of all motions of a sound, at one frame rate."""
+    """Sums and window features of all motions of a sound, at one frame rate."""
 
     fps: float
     sums: Float[ndarray, " K"]
@@ -84,7 +85,7 @@ class MotionStatistics:
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """The table, and what it is of."""
+    """The table of metrics, and the data that it is based on."""
 
     rows: list[MetricResult]
     fps: float
@@ -107,20 +108,23 @@ def evaluate(
     jobs: int = 1,
     force: bool = False,
 ) -> BenchmarkResult:
-    """The benchmark of the motion files in a folder against a corpus.
+    """Compute the benchmark of the motion files in a folder against a corpus.
 
-    `sound`: a folder of sounds that have the names of the motion files. `truth`: a folder of motion files of the
-    corpus's clips that takes the place of its true motion (say data/fit/motion of a tracked corpus). `evaluators`: the
-    data folder of a chain that has run on the corpus; its critics and its encoder add Corr. and what needs features.
-    Raises InputError (one line) for folders, files or numbers that will not do.
+    `sound`: a folder of sounds named as the motion files. `truth`: a folder of motion files of the corpus's clips to
+    use instead of its true motion (e.g. data/fit/motion of a tracked corpus). `evaluators`: the data folder of a
+    pipeline that has run on the corpus; its critics and its encoder add Corr. and the metrics that need features.
+
+    Raises InputError (one line) for invalid folders, files or numbers.
     """
     if n_resamples < 20 or jobs < 1 or seed < 0:
-        raise InputError(f"draws should be 20 or more, jobs 1, seed 0, got {n_resamples}, {jobs}, {seed}")
+        raise InputError(
+            f"n_resamples, jobs and seed: should be at least 20, 1 and 0, got {n_resamples}, {jobs}, {seed}"
+        )
     output_path = None if out is None else output_folder.output_path(Path(out), OUTPUT_FILES, force)
     corpus = Corpus(Path(reference))
     true = corpus.root / "truth" if truth is None else Path(truth)
     if not true.is_dir():
-        raise InputError(f"{true}: no true motion here; name a folder of reference motion with --truth")
+        raise InputError(f"{true}: should contain true motion, got none; set a folder of reference motion with --truth")
     for folder in (Path(motions), *([Path(sound)] if sound else [])):
         if not folder.is_dir():
             raise InputError(f"{folder}: should be a folder, got none")
@@ -135,7 +139,7 @@ def evaluate(
 
 @dataclass(frozen=True)
 class ReferencePaths:
-    """What motions are compared with: a corpus, where its true motion lies, the data of a chain that judges."""
+    """Paths of the reference: a corpus, its true motion, and the data of a pipeline with evaluators."""
 
     corpus: Path
     true: Path
@@ -145,7 +149,7 @@ class ReferencePaths:
 def _with_networks(data: Path) -> Path:
     for needed in (data / "critic" / "eyes", data / "embed" / "speech"):
         if not needed.is_dir():
-            raise InputError(f"{data}: should be the data folder of a finished chain; there is no {needed}")
+            raise InputError(f"{data}: should be the data folder of a finished pipeline, got none with {needed}")
     return data
 
 
@@ -157,7 +161,7 @@ def _measured(
     paired = bool(matched)
     if paired and unmatched:
         notes.append(
-            f"{len(unmatched)} of {len(unmatched) + len(matched)} names are no clip of {corpus.root}: left out"
+            f"{len(unmatched)} of {len(unmatched) + len(matched)} names are not clips of {corpus.root} and are excluded"
         )
     work = matched or [*unmatched, *_held_out(corpus)]
     chunks = [work[start : start + CLIPS_PER_TASK] for start in range(0, len(work), CLIPS_PER_TASK)]
@@ -171,22 +175,20 @@ def _measured(
         theirs.add(one.reference)
     tally, other = ours.tally(notes), theirs.tally(notes)
     if tally.clips < MIN_SOUNDS:
-        notes.append(
-            f"intervals are over sounds: those of {tally.clips} are too narrow, {MIN_SOUNDS} or more are better"
-        )
+        notes.append(f"intervals are over sounds and too narrow for {tally.clips}; use {MIN_SOUNDS} or more")
     rows = list(Comparison(tally, other, settings, paired).rows())
     return BenchmarkResult(rows, tally.fps, other.fps, tally.clips, paired, notes)
 
 
 class MotionAccumulator:
-    """The tally of motions that should all have one frame rate."""
+    """Accumulated statistics of motions, which must have one frame rate."""
 
     def __init__(self, whose: str) -> None:
         self.whose = whose
         self._tally: Accumulator | None = None
 
     def add(self, one: MotionStatistics | None) -> None:
-        """Count one unit, if it has any motion."""
+        """Add one sound, if it has any motion."""
         if one is None:
             return
         self._tally = self._tally or Accumulator(one.fps)
@@ -195,7 +197,7 @@ class MotionAccumulator:
         self._tally.add(one.sums, one.features)
 
     def tally(self, notes: Sequence[str]) -> Accumulator:
-        """What was counted. Raises InputError if nothing was."""
+        """The accumulated statistics. Raises InputError if there are none."""
         if self._tally is None:
             raise InputError(
                 f"{self.whose} should hold a usable motion, got none" + (f" ({notes[0]})" if notes else "")
@@ -206,7 +208,7 @@ class MotionAccumulator:
 def match_files(
     files: dict[str, list[Path]], corpus: Corpus, sound: Path | None
 ) -> tuple[list[EvaluatedSound], list[EvaluatedSound], list[str]]:
-    """Files that are for sounds of the corpus, with their takes; files that are not; what there is to say of them."""
+    """Files for sounds of the corpus, with their takes; other files; and notes."""
     takes: dict[str, list[Clip]] = {}
     sound_of: dict[str, str] = {}
     said_by: dict[str, dict[str, None]] = {}
@@ -235,14 +237,14 @@ def match_files(
 
 
 def _others(name: str, same_speaker: Sequence[str]) -> tuple[str, ...]:
-    """A few other sounds of the speaker, always the same ones."""
+    """A few other sounds of the speaker, chosen deterministically."""
     other_sounds = [each for each in same_speaker if each != name]
     rng = np.random.default_rng([*name.encode()])
     return tuple(other_sounds[index] for index in rng.permutation(len(other_sounds))[:SHUFFLED_SOUNDS])
 
 
 def _held_out(corpus: Corpus) -> list[EvaluatedSound]:
-    """The reference of motions for other sounds."""
+    """The reference for motions of other sounds."""
     clips = corpus.select(*HELD_OUT) or corpus.clips
     takes: dict[str, list[Clip]] = {}
     for clip in clips:
@@ -268,7 +270,7 @@ def _observe(references: ReferencePaths, unit: EvaluatedSound) -> SoundObservati
 
 
 def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -> list[Behaviour]:
-    """Motions with what the networks say of them; Corr. needs a sound that was embedded, at the motion's frame rate."""
+    """Motions with features of the networks and, if the sound was embedded at the motion's frame rate, Corr."""
     if data is None or not motions:
         return motions
     evaluators = _load_evaluators(data)
@@ -283,14 +285,14 @@ def _judged(data: Path | None, unit: EvaluatedSound, motions: list[Behaviour]) -
 
 @lru_cache(maxsize=1)
 def _load_evaluators(data: Path) -> Evaluators:
-    """Loaded once a process."""
+    """Evaluators, loaded once per process."""
     from talkingeyes.evaluation.critic.evaluators import Evaluators
 
     return Evaluators.load(data / "critic")
 
 
 def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None, notes: list[str]) -> list[Behaviour]:
-    """The true takes of a sound, each with another of them as its reference."""
+    """The true takes of a sound, each with another take as its reference."""
     found = [shard_path(true, clip.id, ".npz") for clip in takes]
     plain = list(_behaviours([path for path in found if path.is_file()], annotation, None, notes))
     if takes and not plain:
@@ -301,7 +303,7 @@ def _reference(true: Path, takes: Sequence[Clip], annotation: Annotation | None,
 def _behaviours(
     paths: Sequence[Path], annotation: Annotation | None, reference: Behaviour | None, notes: list[str]
 ) -> Iterator[Behaviour]:
-    """All motions of the files; a file that will not do is noted."""
+    """All motions of the files; unreadable files are noted."""
     for path in paths:
         try:
             for motion in read_motions(path):
@@ -325,9 +327,9 @@ def _heard(sound: Path | None) -> Annotation | None:
 
 
 def describe(found: BenchmarkResult) -> str:
-    """The table for a terminal, with what was left out and why."""
+    """The table as text for a terminal, with notes."""
     whose = "the truth under the same sounds" if found.paired else "the truth under other sounds"
-    head = f"{found.sounds} sounds at {found.fps:g} frames a second, beside {whose}; ! is apart from it by the interval"
+    head = f"{found.sounds} sounds at {found.fps:g} fps, compared with {whose}; ! marks significant differences"
     more = len(found.notes) - MAX_NOTES
     notes = [*found.notes[:MAX_NOTES], *([f"and {more} more notes"] if more > 0 else [])]
     return "\n".join([as_text(found.rows), "", head, *(f"note: {note}" for note in notes)])

@@ -1,7 +1,7 @@
-"""`talkingeyes pack`: trained models of a workspace become one file, which another machine opens without conf/.
+"""`talkingeyes pack`: pack trained models into one file, which another machine loads without conf/.
 
-Reads folders of the train stage; writes one safetensors file (performance.model_file says what is in it), whole or not
-at all. The speech encoder's weights are not in it: a package or a hub has them; the file knows which they were.
+Reads folders of the train stage; writes one safetensors file (format: animation/model_file.py) atomically. It does not
+contain the weights of the speech encoder, which come from a package or a hub; it stores the encoder's identity.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from talkingeyes.workflows.render import check_output_file
 if TYPE_CHECKING:
     from torch import Tensor
 
-NOT_PACKED = ("SHA256SUMS", "history.json")  # of the folder as it was, and of its training
+NOT_PACKED = ("SHA256SUMS", "history.json")  # checksums of the folder and history of the training
 
 
 @dataclass(frozen=True)
 class PackedModel:
-    """What was written: the models, how large the file is, and what somebody who opens it elsewhere should know."""
+    """Result of packing: the models, the file size, and notes for users of the file."""
 
     models: tuple[str, ...]
     size_bytes: int
@@ -33,11 +33,11 @@ class PackedModel:
 
 
 def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: bool = False) -> PackedModel:
-    """Write trained models into one file; `--model` means the first, others stand beside it.
+    """Pack trained models into one file; `--model FILE` uses the first, others are stored beside it.
 
-    With one model goes the one of the face that stands beside its folder, if there is one.
+    A single model is packed with the face model beside its folder, if there is one.
 
-    Raises InputError (one line) for a folder that is no trained model.
+    Raises InputError (one line) for a folder without a trained model.
     """
     from safetensors.torch import save
 
@@ -46,7 +46,7 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
     target = check_output_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
     if len(folders) == 1 and (face := find_face_model(folders[0])):
-        folders.append(face)  # `animate` takes it from there too
+        folders.append(face)  # `animate` loads it from there, too
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
         raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")
@@ -87,14 +87,14 @@ def _tensors(path: Path) -> dict[str, Tensor]:
         found: dict[str, Tensor] = load_file(path)
         return found
     except (OSError, ValueError, safetensors.SafetensorError) as error:
-        raise InputError(f"{path}: not a readable file of weights ({error}); `make repro` makes it anew") from None
+        raise InputError(f"{path}: not a readable file of weights ({error}); `make repro` recreates it") from None
 
 
 def _text(path: Path) -> str:
     try:
         return path.read_text()
     except (OSError, ValueError):
-        raise InputError(f"{path}: a model should hold text and safetensors alone, got another file") from None
+        raise InputError(f"{path}: should be a text or safetensors file of a model, got another file") from None
 
 
 def _identity(folder: Path, embedding: str) -> dict[str, Any]:
@@ -108,4 +108,4 @@ def _notes(encoder: dict[str, Any]) -> tuple[str, ...]:
     checkpoint = encoder["settings"]["encoder"].get("checkpoint")
     if checkpoint is None:
         return ()
-    return (f"the speech encoder is {checkpoint}, which the other machine must have under this name too",)
+    return (f"the speech encoder {checkpoint} must be available under this name on the other machine",)

@@ -1,7 +1,7 @@
-"""Motions as films, and the head as a picture: what `talkingeyes render` and `talkingeyes head` do.
+"""`talkingeyes render` and `talkingeyes head`: a motion as a video, a head as a picture.
 
-Reads a motion (.npz), a sound if one is wanted, and the user's own FLAME file if that is the head. Writes an mp4 or a
-png, whole or not at all.
+Reads a motion (.npz), optionally a sound, and the user's own FLAME file for that head. Writes an mp4 or a png
+atomically.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 HEAD_MODELS = ("anny", "flame")
 VIDEO_BOUNDS_PX = (16, 4096)
 SHEET_BOUNDS_PX = (170, 8192)
-CAMERA_FIELDS: Mapping[str, str] = {  # what may be set in --camera, and the field of a Framing that it sets
+CAMERA_FIELDS: Mapping[str, str] = {  # keys of --camera and their fields of Framing
     "yaw": "yaw_deg",
     "pitch": "pitch_deg",
     "distance": "distance_m",
@@ -42,16 +42,17 @@ def render(
     keys: Path | str | None = None,
     force: bool = False,
 ) -> Motion:
-    """Film the motion of a file on a head; returns the motion that was filmed.
+    """Render the motion of a file on a head as a video; returns the rendered motion.
 
-    `keys`: its saccades and blinks as somebody edited them (`talkingeyes export -f events`).
+    `keys`: edited saccades and blinks (`talkingeyes export -f events`).
 
-    `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers;
-    angles are degrees, the camera moves to the subject's left and up. Raises InputError (one line) for a mistake.
+    `camera` is a name of FRAMINGS, or numbers (`yaw=30,pitch=10,distance=0.9,height=0.3`), or a name and numbers.
+    Angles are in degrees; positive angles move the camera to the subject's left and up. Raises InputError (one line)
+    for invalid arguments.
     """
     target = check_output_file(Path(out), ".mp4", force)
     _within("size", size, VIDEO_BOUNDS_PX)
-    parse_camera(camera).view(size, size)  # refused before anything is read
+    parse_camera(camera).view(size, size)  # validated before anything is read
     shown = Motion.load(Path(motion))
     if keys is not None:
         from talkingeyes.animation.event_keys import apply_key_edits, load_keys
@@ -70,7 +71,7 @@ def film(
     sound: Path | str | None = None,
     size: int = 512,
 ) -> Motion:
-    """Film a motion on a head, as `render` does that of a file; returns the motion as the head shows it."""
+    """Render a motion on a head as a video; returns the motion retargeted to the head."""
     from talkingeyes.audio.waveform import read_speech
     from talkingeyes.orchestration.run import progress_bar
     from talkingeyes.rendering.render import HeadRenderer
@@ -92,7 +93,7 @@ def film(
 def render_head_sheet(
     out: Path | str, *, head: str = "anny", model: Path | str | None = None, size: int = 1400, force: bool = False
 ) -> None:
-    """A picture of a head: its eyes in nine directions, its lids at five openings; `size` is its width."""
+    """Write a picture of a head with its eyes in nine directions and its lids at five openings; `size` is its width."""
     from PIL import Image
 
     from talkingeyes.rendering.contact_sheet import eyes_sheet
@@ -111,7 +112,7 @@ def render_head_sheet(
 
 
 def parse_camera(camera: str) -> Framing:
-    """What `--camera` asks for."""
+    """The framing of a `--camera` argument."""
     framing = FRAMINGS["head"]
     for place, word in enumerate(camera.split(",")):
         name, equals, value = word.strip().partition("=")
@@ -146,7 +147,7 @@ def load_head(head: str, model: Path | str | None) -> HeadModel:
 
 
 def retarget_to_head(motion: Motion, head: HeadModel, model: Path | str | None) -> Motion:
-    """The motion with its expression in the shapes of this head: mapped, where it was made for the other one."""
+    """The motion with its expression in the shapes of this head, mapped if it is for the other head model."""
     if all(name in head.expression_names for name in motion.expression_names):
         return motion
     made_for = motion.head_model
@@ -174,11 +175,11 @@ def _within(name: str, value: int, bounds: tuple[int, int]) -> None:
 
 
 def check_output_file(out: Path, suffix: str, force: bool) -> Path:
-    """The file to write, checked before any work is done."""
+    """Check the output file before any work is done."""
     if out.suffix != suffix:
         raise InputError(f"{out}: should be a name that ends in {suffix}")
     if out.is_dir() or not out.resolve().parent.is_dir():
         raise InputError(f"{out}: should be a file in a folder that exists")
     if out.exists() and not force:
-        raise InputError(f"{out}: exists; should be a new file, or be replaced by --force")
+        raise InputError(f"{out}: should be a new file, got an existing one; overwrite it with --force")
     return out

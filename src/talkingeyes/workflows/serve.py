@@ -1,8 +1,8 @@
-"""The service with its models: what `talkingeyes serve` does.
+"""`talkingeyes serve`: the service with its models.
 
-Reads one trained model for files and one for streams. Serves until interrupted; what clients send and get lies in a
-temporary folder, which goes with it. The processes that work on files are made by `file_workers`, those of streams by
-`stream_worker`.
+Loads one trained model for files and one for live streams, and serves until interrupted. Uploads and results are stored
+in a temporary folder, which is removed at the end. `file_workers` creates the workers for files, `stream_worker` those
+for streams.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def run_service(
     jobs: int = 2,
     on_start: Callable[[str], None],
 ) -> None:
-    """Serve until interrupted; `on_start` is told the address.
+    """Serve until interrupted; `on_start` is called with the URL.
 
-    `live` is the model for streams: else that beside `model`, if there is one. `jobs` processes work on streams.
-    Raises InputError (one line) for a model or a port that will not do.
+    `live` is the model for streams; by default the one beside `model`, if it exists. `jobs` is the number of processes
+    for streams. Raises InputError (one line) for an invalid model or port.
     """
     from talkingeyes.animation.animator import Animator
     from talkingeyes.animation.streaming import LiveModel
@@ -79,12 +79,12 @@ def run_service(
 
 
 def _interrupted(*_: Any) -> None:
-    """Whoever ends the service by a signal interrupts it, so that its folder goes, too."""
+    """Treat SIGTERM as an interruption, so that the temporary folder is removed."""
     raise KeyboardInterrupt
 
 
 def file_workers(model: str) -> Callable[[Any], Any]:
-    """The function that answers messages about files: ("perform", folder, wish, seconds), ("export", folder, ...)."""
+    """The message handler for files: ("perform", folder, request, seconds), ("export", folder, ...)."""
     import torch
 
     from talkingeyes.animation.animator import Animator
@@ -116,7 +116,7 @@ def file_workers(model: str) -> Callable[[Any], Any]:
 
 
 def _read_upload(upload: Path, max_duration_s: float) -> Any:
-    """The sound of an upload, which goes; what is wrong is said without the name that it has here."""
+    """The sound of an upload, which is deleted; errors do not mention its internal file name."""
     try:
         sound = read_speech(upload)
     except InputError as error:

@@ -1,7 +1,7 @@
-"""Text becomes speech: what `talkingeyes animate --text` says, and `talkingeyes.speak`.
+"""Text to speech: `talkingeyes animate --text` and `talkingeyes.speak`.
 
-The synthesiser is the one that the synthetic world has (world.espeak; the extra `synthesis`), so words and phonemes
-have their times. A text is cut at its punctuation; the pauses are the medians of people's (world.text).
+The synthesiser is that of the synthetic data (synthesis/speech_synthesis.py; the extra `synthesis`), so times of words
+and phonemes are known. A text is split at its punctuation; the pauses are medians of human pauses (synthesis/text.py).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 DEFAULT_LANGUAGE = "en"
 DEFAULT_VARIANT = "f3"
-RATE_WPM, PITCH, PITCH_RANGE = 170, 50, 55  # espeak's own rate in this project, the middle of its pitches
-MAX_CHARACTERS = 50_000  # under an hour at the slowest rate
+RATE_WPM, PITCH, PITCH_RANGE = 170, 50, 55  # the project's default rate, the middle of the pitch range
+MAX_CHARACTERS = 50_000  # less than an hour at the slowest rate
 SENTENCE = re.compile(r"(?<=[.?!…])[\"'”’»)]*\s+|\n+")
 CLAUSE_ENDS = ",;:–—"
 PCM_16 = 32768
@@ -34,7 +34,7 @@ PCM_16 = 32768
 
 @dataclass(frozen=True)
 class SynthesizedSpeech:
-    """16 kHz sound, exactly as a 16-bit file holds it, the times of its words and phonemes, and what was said."""
+    """Sound (16 kHz, at 16-bit precision), the times of its words and phonemes, and the text."""
 
     sound: Float[ndarray, " N"]
     annotation: Annotation
@@ -42,7 +42,8 @@ class SynthesizedSpeech:
     voice: str
 
     def save(self, path: Path | str) -> None:
-        """Write the sound as a wav, and its words and phonemes beside it (NAME.json, as annotations of a corpus)."""
+        """Write the sound as a wav, and its words and phonemes beside it (NAME.json, in the format of corpus
+        annotations)."""
         import soundfile
 
         path = Path(path)
@@ -53,14 +54,16 @@ class SynthesizedSpeech:
 def speak(
     text: str, *, voice: str | None = None, language: str | None = None, emotion: str = "neutral", intensity: int = 0
 ) -> SynthesizedSpeech:
-    """Say a text; the same text and voice give the same bytes.
+    """Synthesize a text. The same text and voice give the same bytes.
 
-    `voice` is an accent and a variant of espeak-ng (en-us+f3); the language follows from it, or chooses it. An emotion
-    of an intensity from 1 to 3 bends the voice as in the synthetic world, and stands in the annotation.
-    Raises InputError (one line) for a text without words, and for a voice or a language that there is not.
+    `voice` is an accent and a variant of espeak-ng (en-us+f3). The language follows from it, or selects a default
+    voice. An emotion with an intensity from 1 to 3 modifies the voice as in the synthetic data, and is stored in the
+    annotation.
+
+    Raises InputError (one line) for a text without words, and for an unknown voice or language.
     """
     if find_spec("espeakng_loader") is None:
-        raise InputError("text: needs the package espeakng-loader (the extra `synthesis`), got none installed")
+        raise InputError("text: should have the package espeakng-loader installed (the extra `synthesis`), got none")
     from talkingeyes.synthesis.speech_synthesis import synthesize_script
     from talkingeyes.synthesis.voice_profiles import apply_emotion
 
@@ -69,7 +72,7 @@ def speak(
     bent = apply_emotion(chosen, emotion, intensity)
     try:
         spoken = synthesize_script(script, bent)
-    except (ValueError, IndexError, ZeroDivisionError):  # symbols that espeak has no sound for
+    except (ValueError, IndexError, ZeroDivisionError):  # symbols that espeak cannot speak
         spoken = None
     if spoken is None or not np.isfinite(spoken.sound).all() or not spoken.annotation.phonemes:
         raise InputError(f"text: should be words that {chosen.espeak_voice} can speak, got {_short(text)}")
@@ -79,7 +82,7 @@ def speak(
 
 
 def select_voice(voice: str | None, language: str | None) -> Voice:
-    """The voice of a name, or the usual one of a language."""
+    """The voice of a name, or the default voice of a language."""
     from talkingeyes.synthesis.voice_profiles import ACCENTS, VOICE_NAMES, Voice, is_voice
 
     if language is not None and language not in ACCENTS:
@@ -98,11 +101,11 @@ def select_voice(voice: str | None, language: str | None) -> Voice:
 
 
 def parse_script(text: str, language: str) -> Script:
-    """A text as it will be spoken: sentences of words and fillers, with a pause at every comma and full stop."""
+    """A text as a script: sentences of words and fillers, with a pause at every comma and full stop."""
     from talkingeyes.synthesis.text import Script, without_last_pause
 
     if len(text) > MAX_CHARACTERS:
-        raise InputError(f"text: should be at most {MAX_CHARACTERS} letters, got {len(text)}; cut it into parts")
+        raise InputError(f"text: should be at most {MAX_CHARACTERS} characters, got {len(text)}; split it into parts")
     sentences = [_sentence(each, language) for each in SENTENCE.split(text) if re.search(r"\w", each)]
     if not sentences or "\0" in text:
         raise InputError(f"text: should hold words, got {_short(text)}")
@@ -117,7 +120,7 @@ def _sentence(text: str, language: str) -> Sentence:
     fillers = {each.lower() for each in GRAMMARS[language]["filler"]}
     parts: list[SpeechUnit] = []
     for token in text.split():
-        if not re.search(r"\w", token):  # a dash alone: a pause after what came before
+        if not re.search(r"\w", token):  # a dash alone: a pause after the previous word
             if parts and isinstance(parts[-1], Word):
                 parts.append(Pause("comma", PAUSES["comma"][0]))
             continue

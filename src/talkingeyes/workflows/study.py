@@ -1,8 +1,8 @@
-"""Perception studies from motions or films: what `talkingeyes study make`, `run` and `results` do.
+"""Perception studies of motions or films: `talkingeyes study make`, `run` and `results`.
 
-`make` reads the conditions (what `sample` wrote, the truth of a corpus, or folders of motions and films) and writes a
-study folder (apps/study/study_folder.py); `run` serves it; `results` reads the answers and writes results.json and
-results.md.
+`make` reads the conditions (output of the stage `sample`, the truth of a corpus, or folders of motions and films) and
+writes a study folder (apps/study/study_folder.py). `run` serves it. `results` reads the answers and writes results.json
+and results.md.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PORT = 8020
 
 @dataclass(frozen=True)
 class FilmSources:
-    """Where films come from: a file a clip for each condition (none for the truth), and the corpus."""
+    """Sources of films: one file per clip for each condition (none for the truth), and the corpus."""
 
     corpus: Corpus
     clips: Mapping[str, Clip]
@@ -47,7 +47,7 @@ class FilmSources:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """What became of a study: its table, and how many took part."""
+    """Results of a study: its table, and numbers of participants."""
 
     table: str
     participant_count: int
@@ -69,11 +69,12 @@ def make(
     jobs: int = 1,
     force: bool = False,
 ) -> Study:
-    """Choose clips, draw the films of every condition, and write the study; returns it.
+    """Choose clips, render the films of every condition, and write the study; returns it.
 
-    `conditions` name folders of motions (.npz) or films (.mp4), named as clips, in the place of those below `data`;
-    `without` leaves conditions and their comparisons out; `allow_fewer` takes as many clips as there are.
-    Raises InputError (one line) for whatever will not do.
+    `conditions` names folders of motions (.npz) or films (.mp4), named as clips, instead of those below `data`.
+    `without` excludes conditions and their comparisons. `allow_fewer` accepts fewer clips than the design requires.
+
+    Raises InputError (one line) for invalid arguments.
     """
     asked = _without(load_design(design), without)
     output_path = output_folder.output_path(Path(out), OWN_FILES, force)
@@ -96,16 +97,16 @@ def make(
 
 
 def run(folder: Path | str, *, host: str = LOCALHOST, port: int = PORT, on_start: Callable[[str], None]) -> None:
-    """Serve a study until interrupted; answers are kept, and participants go on where they were."""
+    """Serve a study until interrupted; answers are stored, and participants can resume."""
     from talkingeyes.apps.study.server import study_app
 
     study = Study.load(Path(folder))
-    study.answers.participants()  # refused now, not at the first answer
+    study.answers.participants()  # report an unusable database now, not at the first answer
     serve(study_app(study, host), host, port, on_start)
 
 
 def results(folder: Path | str) -> StudySummary:
-    """The table of a study, and results.json and results.md beside its answers."""
+    """The results of a study; also writes results.json and results.md beside its answers."""
     study = Study.load(Path(folder))
     everybody = study.answers.participants()
     found = preference_rates(study.design, study.answers.valid_answers())
@@ -123,7 +124,7 @@ def results(folder: Path | str) -> StudySummary:
 
 
 def _without(design: Design, names: Sequence[str]) -> Design:
-    """The design without some conditions and what they are compared in."""
+    """The design without some conditions and their comparisons."""
     for name in names:
         if name not in design.conditions:
             raise InputError(f"without: should be one of {', '.join(design.conditions)}, got {name!r}")
@@ -150,7 +151,7 @@ def _material(design: Design, corpus: Corpus, data: Path, folders: Mapping[str, 
 
 
 def _files_of(name: str, folder: Path) -> dict[str, Path]:
-    """The motions and films in a folder, by clip; a motion stands before a film of it."""
+    """The motions and films in a folder, by clip; a motion takes precedence over a film."""
     found = {path.stem: path for suffix in ("*.mp4", "*.npz") for path in sorted(folder.rglob(suffix))}
     if not found:
         raise InputError(f"{name}: should have motions (.npz) or films (.mp4) in {folder}, got none")
@@ -158,7 +159,7 @@ def _files_of(name: str, folder: Path) -> dict[str, Path]:
 
 
 def _chosen(design: Design, film_sources: FilmSources, seed: int, allow_fewer: bool) -> dict[str, tuple[str, ...]]:
-    """The clips of each stratum, drawn among those that all conditions have; another one for the check of attention."""
+    """Random clips of each stratum that all conditions have, and another clip for the attention check."""
     common = sorted(set(film_sources.clips).intersection(*map(set, film_sources.files.values())))
     rng = np.random.default_rng([seed, len(common)])
     shuffled = [common[place] for place in rng.permutation(len(common))]
@@ -168,13 +169,13 @@ def _chosen(design: Design, film_sources: FilmSources, seed: int, allow_fewer: b
         if len(fitting) < stratum.pool and not allow_fewer:
             raise InputError(
                 f"{stratum.name}: should have {stratum.pool} clips that all conditions have, got {len(fitting)}; "
-                "--allow-fewer takes what there is"
+                "--allow-fewer accepts fewer"
             )
         if fitting:
             chosen[stratum.name] = tuple(fitting[: stratum.pool])
     taken = {clip for pool in chosen.values() for clip in pool}
     if not taken:
-        raise InputError("clips: should have one that all conditions have, got none")
+        raise InputError("clips: should contain one that all conditions have, got none")
     return {**chosen, ATTENTION_CHECK: (next((clip for clip in shuffled if clip not in taken), shuffled[0]),)}
 
 
@@ -183,12 +184,14 @@ def _fits(clip: Clip, stratum: Stratum) -> bool:
 
 
 def _draw(task: tuple[Design, FilmSources, Film, Path, int]) -> None:
-    """One film."""
+    """Render one film."""
     design, film_sources, film, path, size = task
     fault = design.attention.fault if film.condition == design.attention.fault else None
     name = design.attention.condition if fault else film.condition
     lasts = {stratum.name: stratum.seconds for stratum in design.strata}
-    seconds = lasts.get(film.stratum, design.strata[0].seconds)  # the check is as long as the first kind
+    seconds = lasts.get(
+        film.stratum, design.strata[0].seconds
+    )  # the attention check has the length of the first stratum
     source = film_sources.files.get(name, {}).get(film.clip)
     if source is not None and source.suffix == ".mp4":
         reencode_film(source, seconds, fault, path)

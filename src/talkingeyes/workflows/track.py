@@ -1,9 +1,9 @@
-"""Videos become a corpus: what `talkingeyes track` and the stage `track` do.
+"""`talkingeyes track` and the stage `track`: from videos to a corpus.
 
-Reads videos with sound (any container, codec, rate, size). Writes a corpus as docs/conventions.md describes it, and
-beside it tracked.csv (where each clip lies in its video), rejected.csv, failed.csv, summary.json, table1.md,
-thumbnails.html, and tracking/ (a ledger a video, from which an interrupted run goes on). The index is written last:
-without clips.parquet the folder is no corpus yet. Nothing leaves the machine; no absolute path is written.
+Reads videos with sound (any container, codec, rate, size). Writes a corpus as described in docs/conventions.md, and
+beside it tracked.csv (location of each clip in its video), rejected.csv, failed.csv, summary.json, table1.md,
+thumbnails.html, and tracking/ (a journal per video, from which an interrupted run resumes). The index is written last:
+without clips.parquet, the folder is not yet a corpus. No data leave the machine; no absolute paths are written.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ OWN_FILES = re.compile(
     r"clips\.parquet|(tracked|rejected|failed)\.csv|summary\.json|table1\.md|thumbnails(\.html)?|SHA256SUMS"
     r"|speech|annotations|observations|tracking|overlay"
 )
-DUPLICATE_LENGTH_TOLERANCE_S = 0.2  # of copies
-MIN_SHOT_S = 0.5  # shots shorter than this are not worth a line
+DUPLICATE_LENGTH_TOLERANCE_S = 0.2  # between duplicates
+MIN_SHOT_S = 0.5  # shorter shots are ignored
 
 
 @dataclass(frozen=True)
 class TrackingResult:
-    """A finished corpus and what came of each video."""
+    """A finished corpus and the result of each video."""
 
     corpus: Corpus
     outcomes: list[VideoResult]
@@ -76,7 +76,7 @@ def track_command(
     overlay: bool,
     force: bool,
 ) -> Iterator[str]:
-    """`talkingeyes track`: what it says, line by line. `overrides` are overrides of conf/."""
+    """`talkingeyes track`; yields its output lines. `overrides` are overrides of conf/."""
     from talkingeyes.orchestration.config import compose
 
     if jobs < 1:
@@ -100,10 +100,9 @@ def track_command(
 def track(
     videos: Sequence[Path], out: Path, settings: TrackSettings, *, speakers: Path | None = None, jobs: int = 1
 ) -> TrackingResult:
-    """Track all videos; goes on where an earlier call was interrupted, and tries failed videos again.
+    """Track all videos. Resumes an interrupted call, and retries failed videos.
 
-    Raises InputError (one line) for a folder that holds something else or was made with other settings, and if not one
-    clip was kept.
+    Raises InputError (one line) for a folder with other content or other settings, and if no clip was kept.
     """
     found = sources(videos, speakers)
     root = output_path(out, OWN_FILES, force=True)
@@ -126,7 +125,7 @@ def track(
     clips = index(outcomes, settings)
     if not clips:
         raise InputError(
-            f"{out}: not one clip was kept of {len(found)} videos; {out}/rejected.csv and failed.csv say why"
+            f"{out}: should contain clips, got none kept of {len(found)} videos; see {out}/rejected.csv and failed.csv"
         )
     (root / "table1.md").write_text(table(root.name, corpus_statistics(clips), "tracked from video"))
     corpus = Corpus(root)
@@ -135,7 +134,7 @@ def track(
 
 
 def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> TrackingJournal:
-    """Track one video from where its ledger ends; a video that cannot be read is noted, not raised."""
+    """Track one video from where its journal ends; an unreadable video is recorded, without raising an error."""
     path = shard_path(root / "tracking", source.id, ".jsonl")
     video_journal = journal.read(path)
     if video_journal.done:
@@ -144,7 +143,7 @@ def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> Tra
         journal.add(
             path,
             "failed",
-            f"broke off {video_journal.attempt_count} times without a word; the next call tries it again",
+            f"crashed {video_journal.attempt_count} times without an error message; the next call tries again",
         )
         return journal.read(path)
     journal.add(path, "begin", True)
@@ -167,7 +166,7 @@ def track_video(root: Path, settings: TrackSettings, source: VideoSource) -> Tra
 
 
 def places(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
-    """Where each clip of a corpus lies in the videos."""
+    """Location of each clip of a corpus in the videos."""
     where = {
         entry.id: ClipLocation(outcome.source.path, entry.start_s, entry.crop)
         for outcome in tracked.outcomes
@@ -177,7 +176,7 @@ def places(tracked: TrackingResult) -> list[tuple[Clip, ClipLocation]]:
 
 
 def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound: Soundtrack) -> ShotRecord:
-    """Judge a shot; write its observation, sound and annotation if it is kept, and its thumbnail either way."""
+    """Assess a shot; write its observation, sound and annotation if it is kept, and its thumbnail in any case."""
     frame = crop_shot(shot, settings.fps, settings.crop, settings.eyes)
     seen = frame.observation
     heard = sound.cut(shot.start_s, round(len(seen.landmarks) * SAMPLE_RATE / settings.fps))
@@ -207,9 +206,9 @@ def write_shot(root: Path, settings: TrackSettings, name: str, shot: Shot, sound
 
 
 def mark_duplicates(outcomes: list[VideoResult], settings: TrackSettings) -> list[VideoResult]:
-    """The outcomes, with every kept shot that an earlier one already shows marked as its copy.
+    """The results, with every kept shot that duplicates an earlier one marked.
 
-    Candidates share 16 bits of the fingerprint at the same place, so a million clips are not compared with each other.
+    Candidates share 16 bits of the fingerprint at the same position, so not all pairs of a million clips are compared.
     """
     places: dict[tuple[int, str], list[ShotRecord]] = {}
     judged = []
@@ -238,7 +237,7 @@ def mark_duplicates(outcomes: list[VideoResult], settings: TrackSettings) -> lis
 
 
 def index(outcomes: Sequence[VideoResult], settings: TrackSettings) -> list[Clip]:
-    """The rows of the index: clips of one video stay in one split."""
+    """Rows of the index; all clips of a video are in the same split."""
     kept = [(outcome.source, entry) for outcome in outcomes for entry in outcome.entries if not entry.reason]
     speaker_of = {entry.id: source.speaker for source, entry in kept}
     split = split_sounds(speaker_of, {entry.id: [source.name] for source, entry in kept}, settings.seed) if kept else {}
@@ -265,7 +264,7 @@ def _row(source: VideoSource, entry: ShotRecord, split: str, settings: TrackSett
 
 
 class _LastFrameTime:
-    """Remembers when the last frame was."""
+    """Remembers the time of the last frame."""
 
     last_s = 0.0
 
@@ -277,12 +276,12 @@ class _LastFrameTime:
 
 @cache
 def _mesh(settings: FaceDetectionSettings) -> FaceMesh:
-    """One pair of networks a process: they take a second to start."""
+    """One pair of networks per process, because loading takes a second."""
     return FaceMesh(settings)
 
 
 def get_face_mesh(settings: FaceDetectionSettings) -> FaceMesh:
-    """The networks of this process, which remember nothing of another video."""
+    """The networks of this process, reset before a new video."""
     mesh = _mesh(settings)
     mesh.reset()
     return mesh
@@ -294,16 +293,14 @@ def _is_duplicate(one: ShotRecord, other: ShotRecord, bits: float) -> bool:
 
 
 def _same_settings(root: Path, settings: TrackSettings) -> None:
-    """Keep the settings beside the ledgers; what was tracked with others cannot be gone on with."""
+    """Store the settings beside the journals; a run with other settings cannot be resumed."""
     path = root / "tracking" / "settings.json"
     wanted = json.loads(settings.model_dump_json(exclude={"seed", "source", "licence"}))
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(wanted, indent=1) + "\n")
     elif json.loads(path.read_text()) != wanted:
-        raise InputError(
-            f"{root}: was tracked with other settings; should be another folder, or be replaced by --force"
-        )
+        raise InputError(f"{root}: should be tracked with the same settings, got others; use another folder or --force")
 
 
 def _content_hash(sound: Float[ndarray, " N"], seen: Observation) -> str:

@@ -1,8 +1,8 @@
-"""The fitted head beside the video that it was fitted to: what `talkingeyes track --overlay` writes.
+"""`talkingeyes track --overlay`: the fitted head beside the video.
 
-Reads a tracked corpus and its videos. Writes overlay/<clip>.mp4: at the left what the camera saw, cut as it was
-tracked, with the landmarks and pupils; at the right the open head in the pose, gaze and lids that `fit` finds, under
-the same camera, with the sound.
+Reads a tracked corpus and its videos. Writes overlay/<clip>.mp4: on the left the tracked crop of the video, with
+landmarks and pupils; on the right the open head with the fitted pose, gaze and lids, under the same camera, with the
+sound.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from talkingeyes.head.observation import Observation
 from talkingeyes.tracking.cropping import Crop
 from talkingeyes.tracking.video import frames
 
-MAGNIFICATION = 2  # pixels of the film for one of the crop
+MAGNIFICATION = 2  # scale of the film relative to the crop
 MAX_FPS = 240.0
 LANDMARK, PUPIL = (90, 220, 90), (255, 80, 60)
 
 
 @dataclass(frozen=True)
 class ClipLocation:
-    """Where a clip lies: its video, its first moment there, its crop."""
+    """Location of a clip: its video, its start time there, its crop."""
 
     video: Path
     start_s: float
@@ -37,7 +37,7 @@ class ClipLocation:
 
 
 def overlay(root: Path, settings: FitSettings, task: tuple[Clip, ClipLocation]) -> Path:
-    """Film one clip of a tracked corpus; returns the film."""
+    """Render one clip of a tracked corpus; returns the film."""
     from talkingeyes.head.anny import anny_head
     from talkingeyes.rendering.render import HeadRenderer
     from talkingeyes.rendering.video import write_video
@@ -63,7 +63,7 @@ def overlay(root: Path, settings: FitSettings, task: tuple[Clip, ClipLocation]) 
 
 
 def draw_landmarks(location: ClipLocation, seen: Observation) -> Iterator[UInt8[ndarray, "H W 3"]]:
-    """The crop of the video at each frame of the observation, with what was found in it."""
+    """The crop of the video at each frame of the observation, with the detected points."""
     import cv2
 
     side = seen.camera.width * MAGNIFICATION
@@ -84,7 +84,7 @@ def draw_landmarks(location: ClipLocation, seen: Observation) -> Iterator[UInt8[
 
 
 def _dots(image: UInt8[ndarray, "H W 3"], points: Float[ndarray, "K 2"], colour: tuple[int, int, int]) -> None:
-    """Draw the points that were seen into the picture."""
+    """Draw the detected points into the picture."""
     import cv2
 
     for x, y in points[np.isfinite(points).all(axis=1)] * MAGNIFICATION:

@@ -1,7 +1,8 @@
-"""Motions in the browser, with their sound: what `talkingeyes view` does.
+"""`talkingeyes view`: motions in the browser, with their sound.
 
-Reads motions (.npz; events beside them) or what the stage `sample` wrote, a sound, and from a corpus the sound, words
-and truth of the clip that they are named after. Writes nothing; serves one page on this machine until interrupted.
+Reads motions (.npz; events beside them) or samples of the stage `sample`, a sound, and from a corpus the sound, words
+and truth of the clip with the name of the first motion. Writes nothing; serves one page on this machine until
+interrupted.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from talkingeyes.corpus.store import Corpus, shard_path
 from talkingeyes.workflows.render import load_head, retarget_to_head
 
 MAX_MOTIONS = 12
-MAX_FRAMES = 120_000  # of all takes together: some 40 MB in the browser
+MAX_FRAMES = 120_000  # of all motions together: about 40 MB in the browser
 PORT = 8010
 
 
 @dataclass(frozen=True)
 class ClipContext:
-    """What is known about a sound beside the motions made for it."""
+    """Known data of a clip: its sound, words and true motion."""
 
     sound: Float[ndarray, " N"] | None = None
     words: tuple[Span, ...] = ()
@@ -50,9 +51,9 @@ def view(
     port: int = PORT,
     on_start: Callable[[str], None],
 ) -> None:
-    """Show motions side by side until interrupted; `on_start` is told the address of the page.
+    """Show motions side by side until interrupted; `on_start` is called with the URL of the page.
 
-    Raises InputError (one line) for a file, a head, a number of motions or a port that will not do.
+    Raises InputError (one line) for an invalid file, head, number of motions or port.
     """
     from talkingeyes.apps.viewer.server import viewer_app
 
@@ -73,7 +74,7 @@ def build_scene(
     words: Path | str | None = None,
     corpus: Path | str | None = None,
 ) -> Scene:
-    """The motions of files with what is known beside them; the truth stands first."""
+    """Scene of motion files and related data; the truth comes first."""
     files = [Path(motion) for motion in motions]
     if not files:
         raise InputError("motions: should be one file or more, got none")
@@ -83,7 +84,7 @@ def build_scene(
         viewer_motion for file in files for viewer_motion in _load_motions(file)
     )
     if len(viewer_motions) > MAX_MOTIONS:
-        raise InputError(f"motions: should be at most {MAX_MOTIONS} to look at together, got {len(viewer_motions)}")
+        raise InputError(f"motions: should be at most {MAX_MOTIONS} to view together, got {len(viewer_motions)}")
     frames = sum(len(viewer_motion.motion) for viewer_motion in viewer_motions)
     if frames > MAX_FRAMES:
         raise InputError(f"motions: should have at most {MAX_FRAMES} frames together, got {frames}")
@@ -106,7 +107,7 @@ def _of_clip(corpus: Corpus, name: str) -> ClipContext:
 
 
 def _load_motions(file: Path) -> Iterator[ViewerMotion]:
-    """The motion of a file, or each of the samples in it."""
+    """The motion of a file, or all samples in it."""
     motions = load_motions(file)
     if len(motions) == 1:
         yield _load_motion(file, file.stem)
