@@ -133,7 +133,9 @@ class Animator:
         if self.face:
             self.face.check(controls.face)
         elif controls.face != NEUTRAL_FACE:
-            raise InputError("emotion and speaker: should be left out without a face model (probtalk3d), got one of them")
+            raise InputError(
+                "emotion and speaker: should be left out without a face model (probtalk3d), got one of them"
+            )
 
     def _generate_all(
         self,
