@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench face tables reference-ranges real-videos ui docs clean
+.PHONY: help setup repro params test check tiny sweep bench wheel packaged-models face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -73,6 +73,14 @@ bench: setup  ## Measure speed and memory: benchmarks/*.py, each prints a table
 	@failed=; for script in benchmarks/*.py; do name=$$(basename $$script .py); \
 		echo "== $$name"; $(BIN)/python -m benchmarks.$$name || failed="$$failed $$name"; \
 	done; if [ "$$failed" ]; then echo "failed:$$failed" >&2; exit 1; fi
+
+wheel: setup  ## Build dist/talkingeyes-*.whl, with the packaged models and the open head
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
+	@ls -l dist/talkingeyes-*.whl
+
+packaged-models: setup  ## Put the trained default models into the package; for a release, after make repro
+	$(BIN)/talkingeyes pack data/train/talkingeyes -o src/talkingeyes/animation/assets/talkingeyes.safetensors --half-precision --force
+	$(BIN)/talkingeyes pack data/train/talkingeyes_live -o src/talkingeyes/animation/assets/talkingeyes_live.safetensors --no-face --half-precision --force
 
 face: setup  ## ProbTalk3D's Table 1: every model of the face, three seeds (docs/face_table.md); goes on where it was killed
 	$(BIN)/python -m pipelines.face_table

@@ -66,7 +66,7 @@ CASES = [
     ("animate a.wav -o out --model model --replace head", "replace: should be PART=MOTION.npz"),
     ("animate a.wav -o out --model model --replace head=other.npz", "schema should be"),
     ("animate a.wav -o out --model model --dialogue", "a dialogue should have two channels"),
-    ("animate a.wav a.wav -o out --model model --dialogue --partner a.wav", "and no --partner"),
+    ("animate a.wav a.wav -o out --model model --dialogue --partner a.wav", "without --partner"),
     ("animate a.wav a.wav -o out --model model --dialogue --person ann", "person: should be two in a dialogue (A,B)"),
     ("animate --text Hi -o out --model model --language xx", "language: should be one of en"),
     ("animate --text Hi -o out --model model --emotion bored", "emotion: should be one of neutral"),

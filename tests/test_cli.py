@@ -113,7 +113,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt", "-o", "out", "--seed", "-1"], "seed: should be 0 or more"),
         (["my speech.txt", "-o", "out", "-f", "fbx"], "format: should be one of flame, vhap"),
         (["my speech.txt", "-o", "out", "--model", "other"], "other: not a trained model"),
-        (["my speech.txt"], "out: should be the folder to write"),
+        (["my speech.txt", "another.txt"], "out: should be the folder to write"),
         (["-o", "out"], "speech: should be sound files or --text, got neither"),
         (["my speech.txt", "--text", "Hello.", "-o", "out"], "speech: should be sound files or --text, got both"),
         (["my speech.txt", "--voice", "en-us+f3", "-o", "out"], "voice: should be used with --text"),

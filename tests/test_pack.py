@@ -16,7 +16,17 @@ import safetensors.numpy
 from toy_model import sound_file, toy_model
 
 import talkingeyes
-from talkingeyes.animation.model_file import METADATA_KEY, SCHEMA, open_model, read_packed_metadata
+from talkingeyes.animation.animator import Animator
+from talkingeyes.animation.model_file import (
+    METADATA_KEY,
+    PACKAGED_LIVE_MODEL,
+    PACKAGED_MODEL,
+    SCHEMA,
+    find_model,
+    open_model,
+    read_packed_metadata,
+)
+from talkingeyes.animation.streaming import LiveModel
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.workflows.pack import pack
@@ -97,6 +107,63 @@ def test_another_machine_needs_no_conf(place: Path, repository: Path, tmp_path: 
     here = talkingeyes.animate(place / "a.wav", model=place / "toy.safetensors")
     there = Motion.load(tmp_path / "empty" / "out" / "sample_00.npz")
     np.testing.assert_allclose(there.head, here.motion.head, atol=1e-6)
+
+
+def test_half_precision_halves_the_weights_and_hardly_moves_the_motion(place: Path, tmp_path: Path) -> None:
+    pack(place / "train" / "toy", tmp_path / "half.safetensors", half_precision=True)
+    assert (tmp_path / "half.safetensors").stat().st_size < 0.7 * (place / "toy.safetensors").stat().st_size
+    one, other = (
+        talkingeyes.animate(place / "a.wav", seed=3, model=path)
+        for path in (place / "toy.safetensors", tmp_path / "half.safetensors")
+    )
+    np.testing.assert_allclose(one.motion.head, other.motion.head, atol=1e-3)
+
+
+def test_the_default_is_the_model_of_the_workspace_then_the_packaged_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert find_model("some/model") == Path("some/model")
+    assert find_model(None) == PACKAGED_MODEL
+    (tmp_path / "data" / "train" / "talkingeyes").mkdir(parents=True)
+    assert find_model(None) == Path("data/train/talkingeyes")
+
+
+def test_the_packaged_models_are_small_and_complete() -> None:
+    assert PACKAGED_MODEL.stat().st_size + PACKAGED_LIVE_MODEL.stat().st_size < 8e6
+    animator = Animator.load(PACKAGED_MODEL)
+    assert animator.face is not None
+    assert animator.persons
+    assert LiveModel.load(PACKAGED_LIVE_MODEL).latency_s < 0.25
+
+
+@pytest.mark.slow
+def test_the_wheel_animates_in_an_empty_environment_and_folder(repository: Path, tmp_path: Path) -> None:
+    """Needs the package registry of pip."""
+    source = tmp_path / "source"  # setuptools builds inside the source tree
+    shutil.copytree(repository / "src", source / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(repository / name, source)
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+
+    def run(*command: str | Path) -> str:
+        ended = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=600
+        )
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout
+
+    pip = (sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation")
+    run(*pip, "--wheel-dir", str(tmp_path), str(source))
+    (wheel,) = tmp_path.glob("talkingeyes-*.whl")
+    assert wheel.stat().st_size < 8e6
+    run(sys.executable, "-m", "venv", str(tmp_path / "venv"))
+    run(tmp_path / "venv" / "bin" / "pip", "install", "--quiet", "--no-compile", wheel)
+    sound_file(tmp_path / "speech.wav", 2.0)
+    said = run(tmp_path / "venv" / "bin" / "talkingeyes", "animate", "speech.wav", "--samples", "1")
+    assert said == "speech: 1 motion of 2.00 s at 25 fps by the packaged model\n"
+    made = {path.name for path in (tmp_path / "speech").iterdir()}
+    assert {"sample_00.npz", "sample_00.mp4", "traces.png", "sheet.png"} <= made
 
 
 def foreign(path: Path) -> None:

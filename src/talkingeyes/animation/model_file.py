@@ -29,6 +29,9 @@ from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
+WORKSPACE_MODEL = Path("data", "train", "talkingeyes")
+ASSETS = Path(__file__).parent / "assets"
+PACKAGED_MODEL, PACKAGED_LIVE_MODEL = ASSETS / "talkingeyes.safetensors", ASSETS / "talkingeyes_live.safetensors"
 SUFFIX = ".safetensors"
 MEMBER_PATTERN = re.compile(r"\w[\w.-]*/\w[\w.-]*")  # FOLDER/FILE: no path outside the folder it is unpacked to
 
@@ -40,6 +43,18 @@ class PackedMetadata:
     models: tuple[str, ...]
     files: Mapping[str, str]
     encoder: Mapping[str, Any]
+
+
+def find_model(model: Path | str | None) -> Path:
+    """The given model, else the trained one of the workspace, else the one that this package contains."""
+    if model is not None:
+        return Path(model)
+    return WORKSPACE_MODEL if WORKSPACE_MODEL.is_dir() else PACKAGED_MODEL
+
+
+def model_title(model: Path) -> str:
+    """How to name a model to a user: its path, or that it is the packaged one."""
+    return "the packaged model" if model == PACKAGED_MODEL else str(model)
 
 
 @contextlib.contextmanager

@@ -23,7 +23,10 @@ def animate(
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write: new, or empty.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="The folder to write: new, or empty. Default for one sound: its name."),
+    ] = None,
     text: Annotated[str | None, typer.Option(help="Text to speak and animate instead of SPEECH.")] = None,
     voice: Annotated[
         str | None, typer.Option(help="Voice of --text: accent+variant of espeak-ng, such as en-us+f3.")
@@ -69,8 +72,12 @@ def animate(
         list[str] | None, typer.Option("--replace", help="PART=MOTION.npz: take a part from another motion.")
     ] = None,
     model: Annotated[
-        Path, typer.Option(help="A trained model: a folder (`make repro` makes this one) or a file of `pack`.")
-    ] = Path("data/train/talkingeyes"),
+        Path | None,
+        typer.Option(
+            help="A model: a folder of the train stage or a file of `pack`. "
+            "Default: data/train/talkingeyes (of `make repro`), else the packaged one."
+        ),
+    ] = None,
     formats: Annotated[
         list[str] | None, typer.Option("-f", "--format", help="Also write this format, as `export` does; repeatable.")
     ] = None,
@@ -85,9 +92,11 @@ def animate(
     from talkingeyes.workflows.animate import AnimationOptions
     from talkingeyes.workflows.direct import make_controls
 
-    if out is None:
-        raise InputError("out: should be the folder to write (-o DIR), got none")
     sounds = speech or []
+    if out is None:
+        if text is not None or dialogue or len(sounds) != 1 or sounds[0].is_dir():
+            raise InputError("out: should be the folder to write (-o DIR), got none")
+        out = Path(sounds[0].stem)
     if (text is None) == (not sounds):
         raise InputError(f"speech: should be sound files or --text, got {'neither' if text is None else 'both'}")
     if text is None and (voice or language):
@@ -135,7 +144,9 @@ def _parts(replaced: list[str]) -> dict[str, str]:
     return found
 
 
-def _animate_dialogue(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, force: bool) -> None:
+def _animate_dialogue(
+    sounds: list[Path], out: Path, options: AnimationOptions, model: Path | None, force: bool
+) -> None:
     from talkingeyes.audio.waveform import read_dialogue, read_speech
     from talkingeyes.workflows.animate import run_dialogue
 
@@ -150,16 +161,20 @@ def _animate_dialogue(sounds: list[Path], out: Path, options: AnimationOptions, 
 
 
 def _animate_one(
-    speech: Path | SynthesizedSpeech, out: Path, options: AnimationOptions, model: Path, force: bool
+    speech: Path | SynthesizedSpeech, out: Path, options: AnimationOptions, model: Path | None, force: bool
 ) -> None:
+    from talkingeyes.animation.model_file import find_model, model_title
     from talkingeyes.workflows.animate import run_animation
 
     performances = run_animation(speech, out, options, model, force)
     count = "1 motion" if options.samples == 1 else f"{options.samples} motions"
-    typer.echo(f"{out}: {count} of {performances[0].motion.seconds:.2f} s at {options.fps:g} fps")
+    seconds, used = performances[0].motion.seconds, model_title(find_model(model))
+    typer.echo(f"{out}: {count} of {seconds:.2f} s at {options.fps:g} fps by {used}")
 
 
-def _animate_all(sounds: list[Path], out: Path, options: AnimationOptions, model: Path, jobs: int, force: bool) -> None:
+def _animate_all(
+    sounds: list[Path], out: Path, options: AnimationOptions, model: Path | None, jobs: int, force: bool
+) -> None:
     from talkingeyes.workflows.animate_batch import DONE, FAILED, SKIPPED, animate_all
 
     lines = animate_all(sounds, out, options, model=model, jobs=jobs, force=force)

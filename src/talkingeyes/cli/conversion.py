@@ -71,12 +71,16 @@ def pack(
         typer.Argument(metavar="MODEL_DIR...", help="Folders of the train stage; `--model` means the first."),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="The file to write (.safetensors).")],
+    face: Annotated[bool, typer.Option(help="Include the face model beside a single model.")] = True,
+    half_precision: Annotated[
+        bool, typer.Option("--half-precision", help="Store the weights in 16 bits: half the size.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
 ) -> None:
     """Put trained models into one file, for `--model FILE` on another machine."""
     from talkingeyes.workflows.pack import pack as make
 
-    done = make(models, out, force=force)
+    done = make(models, out, face=face, half_precision=half_precision, force=force)
     typer.echo(f"{out}: {', '.join(done.models)}, {done.size_bytes / 1e6:.1f} MB")
     for note in done.notes:
         typer.echo(f"{out}: note: {note}", err=True)

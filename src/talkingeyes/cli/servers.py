@@ -133,7 +133,10 @@ def results_of_study(
 
 
 def serve(
-    model: Annotated[Path, typer.Option(help="The trained model for files.")] = Path("data/train/talkingeyes"),
+    model: Annotated[
+        Path | None,
+        typer.Option(help="The model for files; default: data/train/talkingeyes, else the packaged one."),
+    ] = None,
     live_model: Annotated[
         Path | None,
         typer.Option(help="Model for live streams; default: talkingeyes_live beside --model, if it exists."),

@@ -10,6 +10,7 @@ from typing import Any
 
 import safetensors
 import safetensors.torch
+import torch
 from torch import Tensor
 
 from talkingeyes.core.errors import InputError
@@ -34,9 +35,12 @@ def save(
 
 
 def load(folder: Path) -> Checkpoint:
-    """Read a checkpoint folder. Raises InputError if a file is missing or damaged."""
+    """Read a checkpoint folder, in single precision. Raises InputError if a file is missing or damaged."""
     try:
         config = json.loads((folder / "config.json").read_text())
-        return Checkpoint(config, safetensors.torch.load_file(folder / "model.safetensors"))
+        tensors = safetensors.torch.load_file(folder / "model.safetensors")
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise InputError(f"{folder}: not a trained model ({error}); `make repro` trains one") from None
+    return Checkpoint(
+        config, {name: each.float() if each.dtype == torch.half else each for name, each in tensors.items()}
+    )

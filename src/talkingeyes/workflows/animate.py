@@ -22,6 +22,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.animation.controls import Controls
+from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import read_speech
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 Speech = Path | str | Float[ndarray, " N"]  # a sound file, or a signal of 16 kHz mono
 
-MODEL = Path("data", "train", "talkingeyes")
 DEFAULT_CONTROLS = Controls()
 VIDEO_PX = 256
 FPS_BOUNDS = (10.0, 240.0)
@@ -83,7 +83,7 @@ def animate(
     *,
     seed: int = 0,
     fps: float = 25.0,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     controls: Controls = DEFAULT_CONTROLS,
 ) -> Animation:
     """Animate speech once. The result has a `save` method; the same seed gives the same result.
@@ -100,12 +100,12 @@ def animate_samples(
     *,
     seed: int = 0,
     fps: float = 25.0,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     controls: Controls = DEFAULT_CONTROLS,
 ) -> list[Animation]:
     """Sample several animations of speech; the first equals that of `animate` with the same seed."""
     options = AnimationOptions(samples, seed, float(fps), controls)
-    return perform(load_performer(Path(model)), load_speech(speech), options)
+    return perform(load_performer(model), load_speech(speech), options)
 
 
 def animate_to_folder(
@@ -115,7 +115,7 @@ def animate_to_folder(
     samples: int = 3,
     seed: int = 0,
     fps: float = 25.0,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     controls: Controls = DEFAULT_CONTROLS,
     formats: Sequence[str] = (),
     previews: bool = True,
@@ -136,19 +136,19 @@ def run_animation(
     speech: Speech | SynthesizedSpeech,
     out: Path | str,
     options: AnimationOptions,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     force: bool = False,
 ) -> list[Animation]:
     """Animate speech into a folder."""
     output_path = output_folder.output_path(Path(out), OWN_FILES, force)
     sound = load_speech(speech)
-    animations = perform(load_performer(Path(model)), sound, options)
+    animations = perform(load_performer(model), sound, options)
     write(
         output_path,
         animations,
         sound,
         options,
-        build_manifest(sound, provenance_of(Path(model)), options),
+        build_manifest(sound, provenance_of(find_model(model)), options),
         spoken_text(speech),
     )
     return animations
@@ -158,7 +158,7 @@ def run_dialogue(
     sounds: Sequence[Float[ndarray, " _"]],
     out: Path | str,
     options: AnimationOptions,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     force: bool = False,
 ) -> list[Dialogue]:
     """Animate two speakers of a dialogue, into the folders `first` and `second`.
@@ -174,9 +174,9 @@ def run_dialogue(
         raise InputError(f"person: should be two in a dialogue (A,B), got {asked}")
     first, second = (replace(options.controls, person=each) for each in persons)
     dialogues = animate_dialogue(
-        load_performer(Path(model)), sounds, options.samples, options.seed, options.fps, (first, second)
+        load_performer(model), sounds, options.samples, options.seed, options.fps, (first, second)
     )
-    provenance = provenance_of(Path(model))
+    provenance = provenance_of(find_model(model))
     with output_folder.atomic_folder(output_path) as folder:
         pairs = (("first", first, sounds), ("second", second, sounds[::-1]))
         for name, controls, (own, other) in pairs:
@@ -185,11 +185,11 @@ def run_dialogue(
     return dialogues
 
 
-def load_performer(model: Path) -> Animator:
+def load_performer(model: Path | str | None) -> Animator:
     """Load a model from a folder of the train stage, or a packed file."""
     from talkingeyes.animation.animator import Animator
 
-    return Animator.load(model)
+    return Animator.load(find_model(model))
 
 
 def load_speech(speech: Speech | SynthesizedSpeech) -> Float[ndarray, " N"]:

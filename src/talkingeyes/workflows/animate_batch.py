@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.animation.model_file import find_model
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core import output_folder
 from talkingeyes.core.errors import InputError
@@ -79,7 +80,7 @@ def animate_all(
     out: Path | str,
     options: AnimationOptions,
     *,
-    model: Path | str = animate.MODEL,
+    model: Path | str | None = None,
     jobs: int = 1,
     force: bool = False,
 ) -> list[BatchResult]:
@@ -91,10 +92,11 @@ def animate_all(
         raise InputError(f"jobs: should be 1 or more, got {jobs}")
     sounds = find_sounds([Path(path) for path in speech])
     folder = _folder(Path(out), sounds)
-    animate.load_performer(Path(model))  # report an invalid model once, not for every sound
-    provenance = animate.provenance_of(Path(model))
+    found = find_model(model)
+    animate.load_performer(found)  # report an invalid model once, not for every sound
+    provenance = animate.provenance_of(found)
     folder.mkdir(parents=True, exist_ok=True)
-    tasks = [_Task(path, folder / name, Path(model), provenance, options, force) for name, path in sounds.items()]
+    tasks = [_Task(path, folder / name, found, provenance, options, force) for name, path in sounds.items()]
     lines = list(parallel_map(_animate_sound, tasks, jobs, "animate"))
     _write_summary(folder, lines)
     return lines

@@ -32,10 +32,18 @@ class PackedModel:
     notes: tuple[str, ...]
 
 
-def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: bool = False) -> PackedModel:
+def pack(
+    models: Path | str | Sequence[Path | str],
+    out: Path | str,
+    *,
+    face: bool = True,
+    half_precision: bool = False,
+    force: bool = False,
+) -> PackedModel:
     """Pack trained models into one file; `--model FILE` uses the first, others are stored beside it.
 
-    A single model is packed with the face model beside its folder, if there is one.
+    A single model is packed with the face model beside its folder, if there is one and `face` is true.
+    `half_precision` stores the matrices of weights in 16 bits.
 
     Raises InputError (one line) for a folder without a trained model.
     """
@@ -45,8 +53,8 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
 
     target = check_output_file(Path(out), SUFFIX, force)
     folders = [Path(each) for each in ([models] if isinstance(models, str | Path) else models)]
-    if len(folders) == 1 and (face := find_face_model(folders[0])):
-        folders.append(face)  # `animate` loads it from there, too
+    if face and len(folders) == 1 and (beside := find_face_model(folders[0])):
+        folders.append(beside)  # `animate` loads it from there, too
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
         raise InputError(f"models: should be folders of different names, got {', '.join(names) or 'none'}")
@@ -56,7 +64,7 @@ def pack(models: Path | str | Sequence[Path | str], out: Path | str, *, force: b
         _check(folder)
         for path in sorted(folder.iterdir()):
             if path.suffix == SUFFIX:
-                tensors |= {f"{name}/{path.name}:{key}": value for key, value in _tensors(path).items()}
+                tensors |= {f"{name}/{path.name}:{key}": value for key, value in _tensors(path, half_precision).items()}
             elif path.is_file() and path.name not in NOT_PACKED and not path.name.startswith("."):
                 files[f"{name}/{path.name}"] = _text(path)
     encoder = _identity(folders[0], files[f"{names[0]}/embedding.json"])
@@ -79,15 +87,18 @@ def _check(folder: Path) -> None:
         )
 
 
-def _tensors(path: Path) -> dict[str, Tensor]:
+def _tensors(path: Path, half_precision: bool) -> dict[str, Tensor]:
     import safetensors
     from safetensors.torch import load_file
 
     try:
-        found: dict[str, Tensor] = load_file(path)
-        return found
+        tensors: dict[str, Tensor] = load_file(path)
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise InputError(f"{path}: not a readable file of weights ({error}); `make repro` recreates it") from None
+    if not half_precision:
+        return tensors
+    # Vectors (biases, statistics of the data) are small and keep their precision.
+    return {key: each.half() if each.is_floating_point() and each.ndim > 1 else each for key, each in tensors.items()}
 
 
 def _text(path: Path) -> str:

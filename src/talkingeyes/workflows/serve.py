@@ -15,13 +15,13 @@ from typing import Any
 
 import soundfile
 
+from talkingeyes.animation.model_file import PACKAGED_LIVE_MODEL, PACKAGED_MODEL, find_model
 from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
 from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.audio.waveform import SAMPLE_RATE, read_speech
 from talkingeyes.core.errors import InputError
 from talkingeyes.workflows import convert
 
-MODEL = Path("data", "train", "talkingeyes")
 LIVE_MODEL_NAME = "talkingeyes_live"
 PORT = 8030
 LIMITS = Limits(
@@ -39,7 +39,7 @@ FILM_PX = 384
 
 def run_service(
     *,
-    model: Path | str = MODEL,
+    model: Path | str | None = None,
     live: Path | str | None = None,
     host: str = LOCALHOST,
     port: int = PORT,
@@ -59,9 +59,9 @@ def run_service(
     from talkingeyes.apps.viewer.pose_encoding import head_glb
     from talkingeyes.head.anny import anny_head
 
-    beside = Path(model).parent / LIVE_MODEL_NAME
-    streamed = Path(live) if live is not None else beside if beside.is_dir() else None
-    persons = Animator.load(Path(model)).persons
+    for_files = find_model(model)
+    streamed = Path(live) if live is not None else _default_live_model(for_files)
+    persons = Animator.load(for_files).persons
     stream_workers = None
     if streamed is not None:
         LiveModel.load(streamed)
@@ -69,13 +69,19 @@ def run_service(
             "talkingeyes.apps.service.stream_worker:stream_worker", [str(streamed.resolve())], jobs, 0
         )
     file_workers = WorkerPool(
-        "talkingeyes.workflows.serve:file_workers", [str(Path(model).resolve())], limits.files, 2 * limits.files
+        "talkingeyes.workflows.serve:file_workers", [str(for_files.resolve())], limits.files, 2 * limits.files
     )
     formats = {name: each.suffix for name, each in convert.FORMATS.items()}
     signal.signal(signal.SIGTERM, _interrupted)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as folder:
         resources = ServiceResources(file_workers, stream_workers, head_glb(anny_head()), persons, formats)
         serve(service_app(resources, limits, Path(folder), host), host, port, on_start)
+
+
+def _default_live_model(model: Path) -> Path | None:
+    """The live model beside a model, if there is one."""
+    beside = PACKAGED_LIVE_MODEL if model == PACKAGED_MODEL else model.parent / LIVE_MODEL_NAME
+    return beside if beside.exists() else None
 
 
 def _interrupted(*_: Any) -> None:
