@@ -1,4 +1,4 @@
-"""The stages as commands. One thread a process and no telemetry, set before anything heavy is imported."""
+"""The stages as commands. One thread per process and no telemetry, set before heavy packages are imported."""
 
 from talkingeyes.orchestration.run import configure_environment
 

@@ -1,7 +1,8 @@
-"""How much the sound of a corpus says about its motion: probes of `make reference-ranges`. Not a command of its own.
+"""Probes of the relation between speech and motion of a corpus, for `make reference-ranges`. Not a command.
 
-Probes are ridge regressions from features of speech, each speaker told by what was learnt from all others; towers tell
-right from wrong sounds of a speaker, as the critics do. Reads data/embed and the true motion.
+Probes are ridge regressions from speech features, tested on each speaker after training on all others. Towers are
+contrastive networks like the critics, which distinguish the right sound from other sounds of the speaker. Reads
+data/embed and the true motion.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ PROSODY = ("energy_dbfs", "f0_octaves", "voicing")
 
 @dataclass(frozen=True)
 class ProbeData:
-    """Features of speech and what is to be told from them, for all frames of one speaker."""
+    """Speech features and regression targets, for all frames of one speaker."""
 
     features: Float[ndarray, "T F"]
     targets: Float[ndarray, "T K"]
 
 
 def probe_data(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> ProbeData:
-    """Of the clips of one speaker; angles about the mean of their clip."""
+    """Data of the clips of one speaker; angles are relative to the mean of their clip."""
     normal = Normaliser.of(corpus_inputs.embed)
     prosodic = [normal.channels.index(name) for name in PROSODY]
     features, targets = [], []
@@ -58,20 +59,20 @@ def probe_data(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> ProbeData:
 
 
 def speaker_gram(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> probes.GramMatrices:
-    """All that learning a probe needs of one speaker."""
+    """Sufficient statistics of one speaker for training a probe."""
     speaker = probe_data(corpus_inputs, clips)
     return probes.gram(speaker.features, speaker.targets)
 
 
 def score_speaker(corpus_inputs: CorpusInputs, work: tuple[Sequence[Clip], Float[ndarray, "F K"]]) -> probes.ProbeScore:
-    """What the probe learnt from others tells of one speaker."""
+    """Score of the probe trained on all other speakers, for one speaker."""
     clips, weights = work
     speaker = probe_data(corpus_inputs, clips)
     return probes.score_probe(speaker.features, speaker.targets, weights)
 
 
 def measure_probes(corpus_inputs: CorpusInputs, clips: Sequence[Clip], jobs: int) -> Measurements:
-    """Ridge regression from sound, each speaker told by what was learnt from all others."""
+    """Leave-one-speaker-out ridge regression from speech."""
     by_speaker: dict[str, list[Clip]] = {}
     for clip in clips:
         by_speaker.setdefault(clip.speaker, []).append(clip)
@@ -79,15 +80,15 @@ def measure_probes(corpus_inputs: CorpusInputs, clips: Sequence[Clip], jobs: int
         few = no_measurement(f"too few speakers: {len(by_speaker)}, 3 are needed")
         return dict.fromkeys(("eye_r2", "head_r2", "averted_auc"), few)
     people = list(by_speaker.values())
-    grams = list(parallel_map(partial(speaker_gram, corpus_inputs), people, jobs, "reference ranges: probes learn"))
+    grams = list(parallel_map(partial(speaker_gram, corpus_inputs), people, jobs, "reference ranges: fit probes"))
     work = [(mine, probes.fit_ridge(grams[:index] + grams[index + 1 :])) for index, mine in enumerate(people)]
     return probes.measure_probes(
-        list(parallel_map(partial(score_speaker, corpus_inputs), work, jobs, "reference ranges: probes tell"))
+        list(parallel_map(partial(score_speaker, corpus_inputs), work, jobs, "reference ranges: score probes"))
     )
 
 
 def recording(corpus_inputs: CorpusInputs, clip: Clip, part: str) -> Recording:
-    """Speech features and true motion of a clip; the jaw takes the head's place for towers of the jaw."""
+    """Speech features and true motion of a clip; for towers of the jaw, the jaw replaces the head."""
     motion = reference_motion(corpus_inputs, clip)
     speech = np.load(shard_path(corpus_inputs.embed / "speech", clip.sound, ".npy"), mmap_mode="r")
     frames = min(len(speech), len(motion))
@@ -97,7 +98,7 @@ def recording(corpus_inputs: CorpusInputs, clip: Clip, part: str) -> Recording:
 
 
 def train_tower(corpus_inputs: CorpusInputs, part: str) -> SimilarityMatrix:
-    """Train and judge the towers of one part."""
+    """Train and evaluate the towers of one part."""
     from talkingeyes.evaluation.reference_ranges.audio_motion_matching import train_similarity
 
     content = json.loads((corpus_inputs.embed / "embedding.json").read_text())
@@ -113,7 +114,7 @@ def train_tower(corpus_inputs: CorpusInputs, part: str) -> SimilarityMatrix:
 
 
 def measure_towers(corpus_inputs: CorpusInputs, jobs: int) -> Measurements:
-    """Right against wrong sounds."""
+    """AUC of right against wrong sounds."""
     from talkingeyes.evaluation.reference_ranges.audio_motion_matching import matching_auc, permutation_p_value
 
     space, head, jaw = parallel_map(

@@ -1,4 +1,4 @@
-"""Every head generator before every gaze decoder, trained alike: what each combination costs and gives, in one table.
+"""Every head generator with every gaze decoder, trained alike: cost and results of each combination in one table.
 
 Run     python -m pipelines.combinations [seeds=0] [--out DIR] [overrides]; training steps:
         model.vae_head_base.loop.steps=200
@@ -6,9 +6,9 @@ Reads   conf/experiment/head_gaze_combinations; corpus, fit and embedding of `ma
 Writes  DIR (by default docs/): combinations.md, combinations.json; works in the folder that `workspace` names
         (build/combinations)
 
-Figures are those of `validate`, on val: which combination to go on with is a choice. Times are CPU seconds of this
-machine. An interrupted run resumes (pipelines/table_runs.py); of an interrupted training only the last part is counted.
-Outside the default chain.
+Metrics are those of `validate`, on val, because the table is for model selection. Times are CPU seconds of this
+machine. An interrupted run resumes (pipelines/table_runs.py); of an interrupted training, only the last part is
+counted. Outside the default pipeline.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from talkingeyes.training.motion_generators import load_generator
 
 HEADS = {
     "vae": "VAE",
-    "causal_vae": "VAE that hears the past",
+    "causal_vae": "causal VAE",
     "vqvae": "VQ-VAE",
     "point_process": "point process (movement segments)",
 }
 GAZES = {
     "point_process": "point process",
-    "categorical": "codes, drawn",
+    "categorical": "codes, sampled",
     "regression": "codes, regressed (the paper's)",
     "vae": "VAE",
 }
@@ -59,7 +59,7 @@ TITLES = {f"{head}_{gaze}": (HEADS[head], GAZES[gaze]) for head in HEADS for gaz
 }
 LENGTH_S, SAMPLES = 10.0, 10
 ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/training", "src/talkingeyes/models")
-# Keys of data/validate/<model>/metrics.json with the column titles; `fitted` is the same of the fitted motion.
+# From keys of data/validate/<model>/metrics.json to column titles. FITTED holds the keys of the fitted motion.
 VAL_METRICS = {
     "dynamics_distance": "dynamics_distance",
     "corr": "Corr. eyes",
@@ -69,40 +69,42 @@ VAL_METRICS = {
 }
 FITTED = {name: name.replace("corr", "corr_fitted") for name in VAL_METRICS if name.startswith("corr")}
 COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
-INTRODUCTION = """# Every head before every gaze decoder
+INTRODUCTION = """# Every head generator with every gaze decoder
 
-Written by `python -m pipelines.combinations{words}` at revision {revision}; killed, it goes on. What is combined, and
-how: conf/experiment/head_gaze_combinations.yaml. A combination is configuration alone; any of them:
+Written by `python -m pipelines.combinations{words}` at revision {revision}; an interrupted run resumes. The
+combinations are defined in conf/experiment/head_gaze_combinations.yaml, by configuration alone. To train one of them:
 `python -m pipelines.experiment experiment=head_gaze_combinations target=validate@vae_point_process`.
 
-Seeds of training and sampling: {seeds}. Each learnt for {steps} steps of {batch} windows, both parts together, under
-the same speech encoder: so few that rows can be compared with each other, and not with models that learnt for longer.
-Each figure is the mean of the seeds; small, their range.
+Seeds of training and sampling: {seeds}. Each combination is trained jointly for {steps} steps of {batch} windows, with
+the same speech encoder. Training is so short that rows can be compared with each other only, not with models that were
+trained longer. Each value is the mean over seeds; in small print their range.
 
-`parameters` are all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process on
-the machine that wrote this page: of training (without codebooks, which `categorical` and `regression` need beforehand;
-with the validation in free running at its end), and of generating {length_s:g} s of head and gaze from the embedded
-speech. The rest is measured on val by the stage `validate`: `distance` is that of eye speed and saccade amplitude from
-the truth's, in its standard deviations; Corr. is to be near that of the fitted motion, not above it; `apart` counts the
-measures of the gaze benchmark by which samples are worse than the truth by more than the interval of {level:.0%}, or
-that the truth has a figure for and they, for want of events, have none{apart_of}.
+`parameters` counts all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process
+on the machine that wrote this page: of training (without the codebooks that `categorical` and `regression` need; with
+the free-running validation at its end), and of generating {length_s:g} s of head and gaze from embedded speech. The
+other columns are measured on val by the stage `validate`. `dynamics_distance` is the distance of the distributions of
+eye speed and saccade amplitude from the truth's, in standard deviations. Corr. should be close to that of the fitted
+motion, not above it. `metrics_worse` counts the metrics of the gaze benchmark by which samples are worse than the truth
+by more than the interval of {level:.0%}, or which are defined for the truth but not for samples, for lack of
+events{apart_of}.
 
 """
 LEFT_OUT = """
 Not in the table:
 
-- Canonical correlation behind the other heads: it learns no head, is in closed form, and gives one gaze a head, so that
-  behind another head it would tell of that head alone. Its training is the closed form, behind `vae_point_process`.
-- Heads that are learnt alone, of six numbers at 30 frames a second (PoseGAN, the CNN and others): they come before a
-  gaze decoder that was trained elsewhere; all of them, before one: [posegan_table.md](posegan_table.md).
-- Baselines (mean, random, similar): they take head and gaze from one motion, and combine with nothing.
-- Streams: a decoder hears the future here, whatever its head hears; what streams is `talkingeyes_live` alone
+- Canonical correlation with the other heads: it has no head of its own, and its gaze is a function of the head, so
+  further rows would only show the differences between heads. Its training is the closed-form fit, with the head of
+  `vae_point_process`.
+- Heads trained alone, of six dimensions at 30 fps (PoseGAN, the CNN and others): they use a gaze decoder that was
+  trained elsewhere. All of them with one decoder: [posegan_table.md](posegan_table.md).
+- Baselines (mean, random, similar): they take head and gaze from one motion, and cannot be combined.
+- Streaming: all decoders here use future speech, even with a causal head. Only `talkingeyes_live` can be streamed
   ([live.md](live.md)).
 """
 
 
 def main() -> None:
-    """All combinations of all seeds, then the page."""
+    """Compute all combinations with all seeds, then write the page."""
     wanted = options(sys.argv[1:])
     made = configs_by_seed(wanted.overrides, wanted.seeds)
     kind = RowSpec("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("validate",))
@@ -115,7 +117,7 @@ def main() -> None:
 
 
 def options(arguments: Sequence[str]) -> TableOptions:
-    """What is asked for, one seed unless more are named. An experiment is composed on top of the combinations'."""
+    """The options, with one seed by default. A given experiment is composed on top of that of the combinations."""
     wanted = parse_arguments(arguments)
     seeds = wanted.seeds if any(text.startswith("seeds=") for text in arguments) else [0]
     more = [text.partition("=")[2] for text in wanted.overrides if text.startswith("experiment=")]
@@ -126,13 +128,13 @@ def options(arguments: Sequence[str]) -> TableOptions:
 
 
 def _measure(call: StageCall, workspace: Workspace) -> Report:
-    """What one combination costs, and its figures on val."""
+    """Cost of one combination, and its metrics on val."""
     (row,), data = call.names, workspace.data
     clip = recordings(Corpus(workspace.corpus), data("fit"), data("embed"), "val", take=0)[0]
     frames = round(LENGTH_S * clip.clip.fps)
     speech = np.tile(np.asarray(clip.speech), (-(-frames // len(clip)), 1))[:frames]
     generator, seeds = load_generator(data("train", row)), list(range(SAMPLES))
-    generator.generate(speech[: frames // 5], seeds[:1], clip.clip.fps)  # what the first call prepares is not counted
+    generator.generate(speech[: frames // 5], seeds[:1], clip.clip.fps)  # warm-up, not counted
     taken = {}
     for name, drawn in (("one_cpu_s", seeds[:1]), ("ten_cpu_s", seeds)):
         start = time.process_time()
@@ -149,7 +151,7 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
 
 
 def _table(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, list[dict[str, Any]]]:
-    """Of every combination the figures of every seed, with what its training took."""
+    """Metrics of every combination and seed, with the CPU seconds of its training."""
     return {
         name: [{**json.loads(one.figures.read_text()), "training_cpu_s": one.training_cpu_s} for one in seeds]
         for name, seeds in by_name.items()
@@ -159,7 +161,7 @@ def _table(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, list[dict[st
 def page(
     table: Mapping[str, Sequence[Mapping[str, Any]]], params: Mapping[str, Any], words: str, seeds: Sequence[int]
 ) -> str:
-    """The table as Markdown, with what it was made with and what is not in it."""
+    """The table as Markdown, with its settings and the excluded combinations."""
     loop = params["model"][next(name for name in table if name != CANONICAL)]["loop"]
     of = sorted({seed["val"]["metrics_comparable"] for found in table.values() for seed in found})
     introduction = INTRODUCTION.format(
@@ -179,7 +181,7 @@ def page(
 
 
 def _fitted(seeds: Sequence[Mapping[str, Any]]) -> str:
-    """The motion that models learn from, on val: what Corr. should be near."""
+    """Row of the fitted motion on val, the reference value of Corr."""
     cells = [f"{seeds[0]['val'][FITTED[name]]:.3f}" if name in FITTED else "" for name in VAL_METRICS]
     return "| " + " | ".join(["*fitted motion*", *[""] * (len(COLUMNS) - 1), *cells]) + " |"
 
@@ -203,4 +205,4 @@ def _line(name: str, seeds: Sequence[Mapping[str, Any]]) -> str:
 if __name__ == "__main__":
     run_command(
         importlib.import_module("pipelines.combinations").main
-    )  # by its name, so that worker processes find `_measure`
+    )  # by module name, so that worker processes can import `_measure`

@@ -1,11 +1,11 @@
-"""Stage `critic`: train the networks that measure: a contrastive one behind Corr. for eye-in-head, gaze in space and
-head each, and the encoder behind the Frechet distance.
+"""Stage `critic`: train the evaluation networks: contrastive critics behind Corr. for eye-in-head, gaze in space and
+head, and the encoder behind the Frechet distance.
 
-Reads   data/fit, data/embed (train split; test and unseen only to report on, after training)
-Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC on
-        negatives of the same speaker and on all; Corr. of the truth, of the truth under other sounds of the speaker,
-        and of a constant; data/critic/notes.txt: a line a part whose figures must be read with care
-Run     python -m pipelines.critic; killed, it goes on from data/.critic-<part>.resume
+Reads   data/fit, data/embed (train split; test and unseen only for the report after training)
+Writes  data/critic/<part>/ and data/critic/encoder/ (weights, config, history) and data/critic/report.json: AUC with
+        negatives of the same speaker and with all; Corr. of the truth, of the truth with other sounds of the speaker,
+        and of a constant; data/critic/notes.txt: one line per part whose metrics have a caveat
+Run     python -m pipelines.critic; an interrupted run resumes from data/.critic-<part>.resume
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from talkingeyes.orchestration.run import CHECKSUMS_FILE, Report, Workspace, mai
 
 @dataclass(frozen=True)
 class CriticResult:
-    """What the critic of a part can tell by group of clips, and what a reader of its figures must know."""
+    """Scores of the critic of a part by group of clips, and a caveat for readers of its metrics."""
 
     verdicts: dict[str, CriticScores]
     caveat: str
 
 
 def run(workspace: Workspace) -> Report:
-    """Train the three parts, each in a process of its own."""
+    """Train the three parts, each in its own process."""
     settings = workspace.settings("critic", CriticSettings)
     machine = workspace.params["machine"]
     with workspace.output("critic") as folder:
@@ -72,7 +72,7 @@ def train_part(
     machine: Mapping[str, Any],
     part: str,
 ) -> CriticResult:
-    """Train and save the critic of one part; what it can tell on each group of speakers."""
+    """Train and save the critic of one part; return its scores on each group of speakers."""
     from talkingeyes.training.checkpoint import save
     from talkingeyes.training.execution import ExecutionContext
     from talkingeyes.training.resume import ResumeFile
@@ -97,7 +97,7 @@ def train_part(
 
 
 def train_encoder(corpus_root: Path, fit: Path, embed: Path, folder: Path, settings: CriticSettings) -> float:
-    """Train and save the encoder; the share of variance that it keeps of the speakers kept out."""
+    """Train and save the encoder; return the fraction of variance that it explains on the held-out speakers."""
     from talkingeyes.evaluation.distribution.encoder import CHECKPOINT_NAME, fit_motion_encoder
     from talkingeyes.training.checkpoint import save
 

@@ -1,9 +1,10 @@
-"""embed: speech features of every sound, aligned to motion frames.
+"""Stage `embed`: speech features of every sound, aligned to motion frames.
 
 Run: python -m pipelines.embed
-Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one a sound (takes share it), and
-data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train split.
-With `include_partner: true` also data/embed/partner/<shard>/<sound>.npy, of the sounds that are conversations.
+
+Reads: the corpus. Writes: data/embed/speech/<shard>/<sound>.npy, float32 (T, C), one per sound (shared by its takes),
+and data/embed/embedding.json: fps, settings, names of the channels, their mean and standard deviation over the train
+split. With `include_partner: true` also data/embed/partner/<shard>/<sound>.npy, for conversations.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
-MIN_STD = 1e-5  # a channel that never moves is not blown up by dividing
+MIN_STD = 1e-5  # lower bound, for constant channels
 
 
 @dataclass(frozen=True)
 class ChannelSums:
-    """Frames of a set of sounds, and the sums over them of each channel and of its square."""
+    """Number of frames of a set of sounds, and sums of each channel and of its square."""
 
     frames: int
     sums: Float[ndarray, " C"]
@@ -37,7 +38,7 @@ class ChannelSums:
 
 
 def run(workspace: Workspace) -> Report:
-    """Embed every sound once; the statistics are summed in the order of the index, whatever the number of jobs."""
+    """Embed every sound once. Statistics are summed in index order, so they do not depend on the number of jobs."""
     settings = workspace.settings("embed", EmbedSettings)
     clips = list({clip.sound: clip for clip in Corpus(workspace.corpus).clips}.values())
     fps = common_frame_rate(clips)
@@ -64,7 +65,7 @@ def run(workspace: Workspace) -> Report:
 
 
 def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip) -> ChannelSums:
-    """Write the features of a clip's sound, and of its partner's. Gives the sums of its own."""
+    """Write the features of a clip's sound, and of its partner's. Returns the sums of the own sound."""
     features = cached_encoder(settings)(Corpus(corpus).speech(clip), clip.fps)
     np.save(make_shard_path(folder / "speech", clip.sound, ".npy"), features, allow_pickle=False)
     partner = Corpus(corpus).partner(clip) if settings.include_partner else None
@@ -77,7 +78,7 @@ def embed_sound(corpus: Path, settings: EmbedSettings, folder: Path, clip: Clip)
 
 @lru_cache(maxsize=1)
 def cached_encoder(settings: EmbedSettings) -> SpeechEncoder:
-    """The encoder, loaded once a process."""
+    """The encoder, loaded once per process."""
     return make_encoder(settings)
 
 
@@ -85,12 +86,12 @@ def common_frame_rate(clips: list[Clip]) -> float:
     """The frame rate of all clips. Raises InputError if there is none, or more than one."""
     rates = sorted({clip.fps for clip in clips})
     if len(rates) != 1:
-        raise InputError(f"embed: a corpus should have clips, all of one frame rate; got {rates or 'none'}")
+        raise InputError(f"embed: the corpus should have clips with a single frame rate, got {rates or 'none'}")
     return rates[0]
 
 
 def merge_sums(parts: Iterable[ChannelSums]) -> ChannelSums:
-    """Sums over sounds. Raises InputError if there are none."""
+    """Merge sums over sounds. Raises InputError if there are none."""
     total: ChannelSums | None = None
     for part in parts:
         total = (

@@ -1,13 +1,16 @@
-"""Stage `evaluate`: the figures of one row of Table III, on sounds that no model was trained or chosen on.
+"""Stage `evaluate`: the metrics of one row of Table III, on sounds that no model was trained or selected on.
 
 Run: python -m pipelines.evaluate talkingeyes
-Rows: `truth` (the true motion; its takes are its samples), `fitted` (what models train on: the ceiling), `mismatched`
-(fitted motion of other sounds of the speaker), or a model. A model of the face has the part `face` alone; truth and
-fitted have it beside the others (`evaluate_face`).
+
+Rows: `truth` (the true motion; its takes are its samples), `fitted` (the training targets, an upper bound),
+`mismatched` (fitted motion of other sounds of the speaker), or a model. A face model has only the part `face`; truth
+and fitted have it besides the others (`evaluate_face`).
+
 Reads: the corpus, data/fit, data/embed, data/critic, for a model data/sample/<model>.
-Writes: data/evaluate/<row>/metrics.json {split: {part: {figure: {value, low, high}}}}, speed.csv (share of frames
-that are faster), and benchmark.json: the gaze benchmark on both splits together against the truth, all takes of it (in
-a corpus without truth: the fitted motion). A corpus without truth has an empty row `truth`.
+
+Writes: data/evaluate/<row>/metrics.json {split: {part: {metric: {value, low, high}}}}, speed.csv (fraction of frames
+that are faster), and benchmark.json: the gaze benchmark on both splits together, compared with all takes of the truth
+(in a corpus without truth: with the fitted motion). A corpus without truth has an empty row `truth`.
 """
 
 from __future__ import annotations
@@ -56,15 +59,15 @@ from talkingeyes.evaluation.paper_metrics.summary import (
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
 SPLITS = ("test", "unseen")
-# Where the distribution of speed is written.
+# Speeds at which the distribution is written.
 SPEEDS_DEG_S = np.geomspace(0.1, 1000, 81)
-# Starting a process takes as long as measuring some twenty sounds.
+# Starting a process takes as long as evaluating about twenty sounds.
 SOUNDS_PER_PROCESS = 40
 
 
 @dataclass(frozen=True)
 class InputPaths:
-    """Where the things lie that a row is made of."""
+    """Paths of the inputs of a row."""
 
     row: str
     corpus: Path
@@ -72,19 +75,19 @@ class InputPaths:
     embed: Path
     critic: Path
     sample: Path
-    benchmark_samples: int  # samples of a sound that the benchmark looks at
+    benchmark_samples: int  # samples per sound in the benchmark
 
 
 @dataclass(frozen=True)
 class SoundResult:
-    """What is kept of a sound: figures by part, and its part of the benchmark."""
+    """Results of a sound: metrics by part, and its statistics for the benchmark."""
 
     figures: dict[str, ClipMetrics]
     benchmark: SoundStatistics
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Clip-parallel; the figures of a clip do not depend on the others."""
+    """Evaluate in parallel over sounds, which are independent."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     data = workspace.data
     paths = InputPaths(
@@ -127,7 +130,7 @@ def run(workspace: Workspace, name: str) -> Report:
 def _faces(
     paths: InputPaths, work: Sequence[SoundGroup], settings: EvaluateSettings, jobs: int
 ) -> dict[str, dict[str, Estimate]]:
-    """The figures of the face, by split; none where motions have no face."""
+    """Metrics of the face, by split; empty if motions have no face."""
     places = FaceInputPaths(paths.row, paths.corpus, paths.fit, paths.sample, settings.seed)
     if not work or not has_face(places, work[0].takes[0]):
         return {}
@@ -144,13 +147,13 @@ def held_out_sounds(paths: InputPaths, settings: EvaluateSettings) -> list[Sound
         return []
     found = sounds(corpus, paths.fit, paths.embed, SPLITS, settings.mismatched_samples, settings.seed)
     if not found:
-        raise InputError(f"{corpus.root}: no fitted clip in {' or '.join(SPLITS)}; Table III needs one")
+        raise InputError(f"{corpus.root}: should contain a fitted clip in {' or '.join(SPLITS)}, got none")
     return found
 
 
 @dataclass(frozen=True)
 class EvaluatedSound:
-    """One sound of a row: what is compared, what the critics say of it, and its figures by part."""
+    """One sound of a row: the compared motions, the scores of the critics, and its metrics by part."""
 
     case: EvaluationCase
     samples: Samples  # uncropped
@@ -162,7 +165,7 @@ class EvaluatedSound:
 
 
 def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) -> EvaluatedSound | None:
-    """Measure one sound; None if the row has nothing for it (a speaker of one sound has no mismatch)."""
+    """Evaluate one sound; None if the row has no motion for it (a speaker with one sound has no mismatch)."""
     corpus, clip = Corpus(paths.corpus), item.takes[0]
     takes = Recordings(item.takes, paths.fit, paths.embed)[:]
     fitted = stack_motions(clip.fps, takes)
@@ -188,7 +191,7 @@ def evaluate_sound(paths: InputPaths, evaluators: Evaluators, item: SoundGroup) 
 
 
 def evaluate(paths: InputPaths, evaluators: Evaluators | None, item: SoundGroup) -> SoundResult | None:
-    """The figures of one sound and its part of the gaze benchmark; None if the row has nothing for it."""
+    """Metrics of one sound and its benchmark statistics; None if the row has no motion for it."""
     assert evaluators is not None
     seen = evaluate_sound(paths, evaluators, item)
     if seen is None:
@@ -215,7 +218,7 @@ def _compared(paths: InputPaths, item: SoundGroup, samples: Samples, true: list[
 
 
 def _other_sounds(paths: InputPaths, item: SoundGroup) -> list[np.ndarray]:
-    """Embeddings of a few other sounds of the speaker; none for mismatched motion, to which they may belong."""
+    """Embeddings of a few other sounds of the speaker; none for mismatched motion, which may belong to them."""
     others = [] if paths.row == "mismatched" else item.others[:SHUFFLED_SOUNDS]
     return [np.array(each.speech) for each in Recordings(others, paths.fit, paths.embed)]
 
@@ -258,7 +261,7 @@ def _flat(table: dict[str, dict[str, dict[str, Estimate]]]) -> dict[str, float]:
 
 
 def _write_speeds(path: Path, found: dict[str, dict[str, list[ClipMetrics]]]) -> None:
-    """Share of frames that are faster than each of SPEEDS_DEG_S, of both splits together."""
+    """Write the fraction of frames faster than each of SPEEDS_DEG_S, over both splits."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["part", "speed_deg_s", "share_faster"])

@@ -1,8 +1,8 @@
-"""The face of a row of `evaluate`: of the true takes, the fitted ones, or the samples of a model of the face.
+"""Face metrics of a row of `evaluate`: the true takes, the fitted ones, or the samples of a face model.
 
-Compared with the true motion (in a corpus without truth: the fitted) on the vertices of the open head. The classifier
-of emotions learns from true faces of the train split, anew for each row: a second or two for the default corpus.
-Reads the corpus, data/fit, for a model data/sample/<model>. No command of its own.
+Compared with the true motion (in a corpus without truth: with the fitted) on the vertices of the open head. The emotion
+classifier is trained on true faces of the train split, again for each row: a second or two for the default corpus.
+Reads the corpus, data/fit, for a model data/sample/<model>. Not a command.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from talkingeyes.evaluation.face.surface import FaceSurface
 from talkingeyes.head.anny import anny_head
 from talkingeyes.orchestration.run import parallel_map
 
-# Starting a process takes as long as looking at so many faces.
+# Starting a process takes as long as evaluating this number of faces.
 FACES_PER_PROCESS = 400
 REAL_ROWS = ("truth", "fitted")
 
 
 @dataclass(frozen=True)
 class FaceInputPaths:
-    """Where the things lie; `seed` of the halves that diversity is taken of."""
+    """Paths of the inputs; `seed` of the random halves for diversity."""
 
     row: str
     corpus: Path
@@ -43,7 +43,7 @@ class FaceInputPaths:
 
 
 def has_face_samples(sample: Path) -> bool:
-    """Whether what `sample` drew is faces."""
+    """Whether the samples of `sample` are faces."""
     path = next(sample.glob("*/*.npz"), None)
     if path is None:
         return False
@@ -52,19 +52,19 @@ def has_face_samples(sample: Path) -> bool:
 
 
 def has_face(paths: FaceInputPaths, clip: Clip) -> bool:
-    """Whether motions of the corpus have faces: an expression, if only at rest."""
+    """Whether motions of the corpus have an expression, even if it is neutral."""
     return bool(Motion.load(shard_path(paths.fit / "motion", clip.id, ".npz")).expression_names)
 
 
 def measure_faces(paths: FaceInputPaths, sounds: Sequence[Sequence[Clip]], jobs: int) -> list[FaceMetrics]:
-    """The figures of each sound, of which the fitted takes are given, the first of them take 0."""
+    """Metrics of each sound; `sounds` holds the fitted takes of each, take 0 first."""
     classifier = train_emotion_classifier(paths, min(jobs, 1 + len(sounds) // FACES_PER_PROCESS))
     measure = partial(_measure, paths, classifier)
     return list(parallel_map(measure, list(sounds), jobs, f"evaluate {paths.row}: face"))
 
 
 def train_emotion_classifier(paths: FaceInputPaths, jobs: int) -> EmotionClassifier | None:
-    """From the train split; None where it has less than two emotions."""
+    """Train the classifier on the train split; None if it has fewer than two emotions."""
     clips = Corpus(paths.corpus).select("train")
     if len({clip.emotion for clip in clips}) < 2:
         return None
@@ -75,7 +75,7 @@ def train_emotion_classifier(paths: FaceInputPaths, jobs: int) -> EmotionClassif
 
 @cache
 def _surface() -> FaceSurface:
-    """Once a process."""
+    """The face surface, created once per process."""
     return FaceSurface(anny_head())
 
 

@@ -1,11 +1,11 @@
-"""The Hydra entry: compose conf/, run the chain through the result store, once or for every job of a sweep.
+"""Hydra entry point: compose conf/ and run the pipeline through the result store, once or for every job of a sweep.
 
-One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, target=train@vae
-A sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook_size (docs/sweeps.md)
+One run    python -m pipelines.experiment [overrides]          e.g. experiment=tiny, train.seed=1, target=train@vae A
+sweep    python -m pipelines.experiment -m train.seed=0,1,2  or sweep=codebook_size (docs/sweeps.md)
 
-Any key and any group may be swept. Every job calls the same stage functions as dvc.yaml does, in the same order; what
-the store or data/ holds already is taken from there. Its results appear as links under the folder that `workspace`
-names, its row in MLflow there. A job returns the figures of `objective`, measured on val.
+Any key and any group can be swept. Every job calls the same stage functions as dvc.yaml, in the same order, and reuses
+results of the store or data/. Results appear as links in the folder that `workspace` names, the row in MLflow there. A
+job returns the metrics of `objective`, measured on val.
 """
 
 import importlib
@@ -37,7 +37,7 @@ ValidationCallback = Callable[[int, dict[str, float]], None]
 
 
 def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """The stages in order, each with the item that it is called for."""
+    """The stages in order, each with its item, if any."""
     models = list(params["model"])
     watched = [name for name, model in params["model"].items() if "gaze" in model["parts"]]
     judged = [name for name, model in params["model"].items() if {"gaze", "face"} & set(model["parts"])]
@@ -52,7 +52,7 @@ def stage_order(params: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def pipeline_calls(params: Mapping[str, Any]) -> list[StageCall]:
-    """What `until` needs. A corpus from elsewhere takes the place of `synthesize`."""
+    """The calls that `target` depends on. An external corpus replaces `synthesize`."""
     found = stage_calls(params, stage_order(params))
     if params["corpus"] != DEFAULT_CORPUS:
         found = [call for call in found if call.stage != "synthesize"]
@@ -65,7 +65,8 @@ def run_pipeline(
     overrides: Sequence[str] = (),
     on_validation: ValidationCallback | None = None,
 ) -> list[float]:
-    """Run what is not in the store, link all into `view`, log the rows. Gives the objectives, if they were measured."""
+    """Run what is not in the store, link all into `view`, and log the rows. Returns the objectives, if they were
+    measured."""
     root, start = Path(params["workspace"]), time.monotonic()
     if root.resolve() == REPOSITORY_ROOT or view.resolve() == REPOSITORY_ROOT:
         raise InputError("workspace: should be another folder than the repository, whose data/ belongs to dvc")
@@ -81,14 +82,14 @@ def run_pipeline(
     for call in pipeline_calls(params):
         entry = get_or_run(Path(params["result_store"]), call, params, entries, make)
         if entry.origin != "made":
-            print("==", call.stage, *call.names, f"is in the {entry.origin}", file=sys.stderr)
+            print("==", call.stage, *call.names, f"reused from {entry.origin}", file=sys.stderr)
         entries[call.folder] = entry
         link(entry, view / call.folder)
     return _log(params, entries, root, overrides, time.monotonic() - start)
 
 
 def _stage(call: StageCall, workspace: Workspace, root: Path, params: Mapping[str, Any]) -> Report:
-    """Call a stage and log it; its rows are logged with those of the whole chain."""
+    """Call a stage and log it; its rows are logged later with those of the whole pipeline."""
     stage = importlib.import_module(f"pipelines.{call.stage}").run
     start = time.monotonic()
     with parallel_backend(params["machine"]):
@@ -106,7 +107,7 @@ def _log(
     overrides: Sequence[str],
     seconds: float,
 ) -> list[float]:
-    """One flat row a model: what the report says of it, if there is one, and its figures on val."""
+    """Log one flat row per model: its row of the report, if there is one, and its metrics on val."""
     val = {
         folder.name: json.loads((entry.output / "metrics.json").read_text())
         for folder, entry in entries.items()
@@ -124,7 +125,7 @@ def _log(
 
 
 def job(config: Any) -> float | tuple[float, ...] | None:
-    """One job as Hydra calls it."""
+    """One job, called by Hydra."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
@@ -133,13 +134,13 @@ def job(config: Any) -> float | tuple[float, ...] | None:
     if params["machine"]["device"] != "cpu":
         from talkingeyes.training.execution import ExecutionContext
 
-        ExecutionContext.of(params["machine"])  # a card that is not there is told before the corpus is made
+        ExecutionContext.of(params["machine"])  # report a missing GPU before the corpus is made
     found = run_pipeline(params, Path(hydra_config.runtime.output_dir), list(hydra_config.overrides.task))
     return found[0] if len(found) == 1 else tuple(found) or None
 
 
 def main() -> None:
-    """Check what can be checked before anything runs, then hand over to Hydra; afterwards sum a study up."""
+    """Validate the arguments, run Hydra, and write the results of a study."""
     from pipelines.optuna_study import prepare, silence_warnings, write_results
 
     silence_warnings()
@@ -157,7 +158,7 @@ def main() -> None:
 
 
 def run_hydra(arguments: list[str]) -> None:
-    """Hydra with these arguments. Its errors come as one line."""
+    """Run Hydra with these arguments; its errors become one line."""
     from hydra import main as entry
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors are raised, not printed
@@ -167,7 +168,7 @@ def run_hydra(arguments: list[str]) -> None:
 
 
 class _WithoutEcho:
-    """stderr without the line that Hydra prints before it raises what went wrong in a job."""
+    """stderr without the line that Hydra prints before it raises the error of a job."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -182,4 +183,4 @@ class _WithoutEcho:
 if __name__ == "__main__":
     run_command(
         importlib.import_module("pipelines.experiment").main
-    )  # by its name, so that worker processes find `job`
+    )  # by module name, so that worker processes can import `job`

@@ -1,12 +1,13 @@
-"""ProbTalk3D's Table 1 with its ablation: every model of the face in conf/experiment/probtalk3d_table, three seeds.
+"""ProbTalk3D's Table 1 with its ablation: every face model of conf/experiment/probtalk3d_table, three seeds.
 
 Run     python -m pipelines.face_table [--out DIR] [overrides], e.g. seeds=0 for one seed of all, or experiment=tiny
-Reads   conf/; the corpus, fit and embedding that `make repro` made are taken over if they are the same
+Reads   conf/; corpus, fit and embedding of `make repro` are reused if they match
 Writes  DIR (by default docs/): face_table.md, face_table.json, pictures/face-heat.png, pictures/face-emotions-model.png
-Killed, it goes on: every model, its samples and its row are kept under `store` (store.py), so nothing is made twice.
 
-"Seeds" are those of training and sampling; corpus, fit and stage 1 are the same for all. Models run side by side, one a
-process. Outside the default chain.
+An interrupted run resumes: every model, its samples and its row are kept in the result store.
+
+Seeds are those of training and sampling; corpus, fit and stage 1 are shared. Models run in parallel, one per process.
+Outside the default pipeline.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.face_generators import TrainedFaceGenerator, load_face_generator
 
 EXPERIMENT = "experiment=probtalk3d_table"
-# What a row follows from beside what it reads.
+# Code that a row depends on besides its inputs.
 ROW_CODE = (
     "pipelines/evaluate_face.py",
     "pipelines/face_table.py",
@@ -62,37 +63,38 @@ ROW_CODE = (
 )
 HEAT_MAP_ROWS = ("truth", "probtalk3d", "face_vae", "face_ddim", "face_codetalker", "face_mean")
 HEAT_PX, TILE_PX, FRAMES_SHOWN = 220, 120, 6
-EMOTION_MODEL = "probtalk3d"  # the model on the sheet of emotions
+EMOTION_MODEL = "probtalk3d"  # the model of the sheet of emotions
 INTRODUCTION = """# The face: ProbTalk3D's Table 1
 
-Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; killed, it goes on. The models:
-[face_models.md](face_models.md).
+Written by `python -m pipelines.face_table` (`make face`) at revision {revision}; an interrupted run resumes. The models
+are described in [face_models.md](face_models.md).
 
-Seeds of training and sampling: {seeds}. Each figure is their mean; small, its 95 % interval over sounds and, of several
-seeds, their range. On the vertices of the open head, in millimetres, against the true motion (its first take); ten
-samples a sound. Definitions and what each cannot tell: [face_measures.md](face_measures.md). The last column are the
-paper's numbers on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not the values.
+Seeds of training and sampling: {seeds}. Each value is the mean over seeds; in small print its 95 % interval over sounds
+and, with several seeds, their range. Errors are on the vertices of the open head, in millimetres, against the true
+motion (its first take), with ten samples per sound. Definitions and caveats: [face_measures.md](face_measures.md). The
+last column has the paper's values on 3DMEAD and FLAME, read as metres and square metres: compare the order of rows, not
+the values.
 
 """
 
 
-PICTURES = """### How much each vertex moves from frame to frame (its Fig. 6)
+PICTURES = """### Motion of each vertex from frame to frame (as in Fig. 6 of the paper)
 
 ![Mean and SD of motion](pictures/face-heat.png)
 
-### One sentence in eight emotions (its Fig. 7)
+### One sentence in eight emotions (as in Fig. 7 of the paper)
 
 ![Emotions](pictures/face-emotions-model.png)
 """
 
 
 def rows_of(params: Mapping[str, Any]) -> list[str]:
-    """The models that give a face, and nothing else."""
+    """The models that generate the face alone."""
     return [name for name, model in params["model"].items() if tuple(model["parts"]) == ("face",)]
 
 
 def main() -> None:
-    """All seeds of all models, then the page and the pictures."""
+    """Compute all models with all seeds, then write the page and the pictures."""
     wanted = options(sys.argv[1:])
     out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
     params = made[0]
@@ -109,7 +111,7 @@ def main() -> None:
 
 
 def options(arguments: Sequence[str]) -> TableOptions:
-    """What is asked for; without an experiment, all models of the face."""
+    """The options; by default, all face models."""
     wanted = parse_arguments(arguments)
     if any(text.startswith("experiment=") for text in wanted.overrides):
         return wanted
@@ -117,7 +119,7 @@ def options(arguments: Sequence[str]) -> TableOptions:
 
 
 def _measure(call: StageCall, workspace: Workspace) -> Report:
-    """The figures of a row, sound by sound."""
+    """Metrics of a row, sound by sound."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
     places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
@@ -133,7 +135,7 @@ def _measure(call: StageCall, workspace: Workspace) -> Report:
 
 
 def _summary(seeds: Sequence[RowResult], settings: EvaluateSettings) -> dict[str, Any]:
-    """{split: {"face": figures}} of a row under all its seeds."""
+    """{split: {"face": metrics}} of a row over all its seeds."""
     by_seed = [json.loads(one.figures.read_text()) for one in seeds]
     found = {}
     for split in SPLIT_TITLES:
@@ -151,7 +153,8 @@ def _figures(row: Mapping[str, Any]) -> FaceMetrics:
 
 
 def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult]) -> None:
-    """Heat maps of truth and a few models, and one model's sheet of emotions, for the first neutral sound of test."""
+    """Heat maps of truth and a few models, and a sheet of emotions of one model, for the first neutral sound of
+    test."""
     corpus = Corpus(data["synthesize"])
     clips = sorted(corpus.select("test", take=0), key=lambda clip: (clip.intensity, clip.id))
     if not clips:
@@ -171,7 +174,7 @@ def _draw(folder: Path, data: Mapping[str, Path], made: Mapping[str, RowResult])
 
 
 def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) -> dict[str, FaceSamples]:
-    """One sample of the same speech and speaker in every emotion, strong."""
+    """One sample of the same speech and speaker in every emotion at maximum intensity."""
     embedding = np.load(shard_path(embed / "speech", clip.sound, ".npy"))
     speaker = clip.speaker if clip.speaker in generator.vocabulary.speakers else None
     styles = {name: FaceStyle(speaker, name, 0 if name == NEUTRAL else max(INTENSITIES)) for name in EMOTIONS}
@@ -181,4 +184,4 @@ def sample_emotions(generator: TrainedFaceGenerator, embed: Path, clip: Clip) ->
 if __name__ == "__main__":
     run_command(
         importlib.import_module("pipelines.face_table").main
-    )  # by its name, so that worker processes find `_row`
+    )  # by module name, so that worker processes can import `_measure`

@@ -1,8 +1,8 @@
-"""Stage `fit`: head, gaze and lids of every clip from its landmarks and pupils, the motion that models train on.
+"""Stage `fit`: head, gaze and lids of every clip from its landmarks and pupils, the training targets of models.
 
 Reads   the corpus (observations; truth, if there is one, only to report errors)
 Writes  data/fit/motion/<shard>/<clip>.npz (Motion), rejected.csv (clip, reason), table8.json (the paper's Table VIII),
-        blinks.json (laws of blinks a minute), speakers.json (habits of the speakers of the train split),
+        blinks.json (distributions of blinks per minute), speakers.json (styles of the speakers of the train split),
         summary.json (head error, precision and recall of blinks)
 Run     python -m pipelines.fit
 """
@@ -36,7 +36,7 @@ from talkingeyes.fitting.motion_style import (
 )
 from talkingeyes.orchestration.run import Report, Workspace, main, parallel_map
 
-# Table VIII of the paper: 30 HDTF videos brought down to 224 x 224; pixels, and pixels a second at 25 fps.
+# Table VIII of the paper: 30 HDTF videos scaled to 224 x 224; pixels, and pixels per second at 25 fps.
 PAPER = [
     {"method": "Ground Truth", "error_px": 0.0, "velocity_px_s": 16.2188, "velocity_ratio": 1.0},
     {"method": "Gaze360", "error_px": 1.4041, "velocity_px_s": 20.9604, "velocity_ratio": 1.2924},
@@ -46,7 +46,8 @@ PAPER = [
 
 @dataclass(frozen=True)
 class ClipResult:
-    """Of one clip; a rejected one has a reason and no verdict. `motion_style` is None, too, if the clip is short."""
+    """Result of one clip; a rejected one has a reason and no evaluation. `motion_style` is also None for short
+    clips."""
 
     reject_reason: str
     blinks: int
@@ -56,7 +57,7 @@ class ClipResult:
 
 
 def run(workspace: Workspace) -> Report:
-    """Fit all clips, then pool what was measured."""
+    """Fit all clips, then pool the results."""
     settings = workspace.settings("fit", FitSettings)
     corpus = Corpus(workspace.corpus)
     clips = corpus.clips
@@ -95,7 +96,7 @@ def fit_one(corpus_root: Path, motions: Path, settings: FitSettings, by_adam: se
 
 
 def method_comparison(evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
-    """Table VIII: one row a method, the ratios taken to the truth of the same clips; the paper's own rows beside it."""
+    """Table VIII: one row per method, with ratios to the truth of the same clips; and the paper's own rows."""
     names = list(dict.fromkeys(name for evaluation in evaluations for name in evaluation.error_sums_by_method))
     return {
         "units": "pixels of the crop, pixels a second; frames without blinks; errors against noiseless pupils",
@@ -126,7 +127,7 @@ def _row(name: str, evaluations: Sequence[FitEvaluation]) -> dict[str, Any]:
 
 
 def summarise(evaluations: Sequence[FitEvaluation], clips: int) -> dict[str, Any]:
-    """Means over clips: residual of the rigid landmarks, head error; precision and recall of blinks."""
+    """Means over clips: residual of the rigid landmarks and head error; precision and recall of blinks."""
     summary: dict[str, Any] = {
         "clips": clips,
         "rejected": clips - len(evaluations),
@@ -151,7 +152,7 @@ def summarise(evaluations: Sequence[FitEvaluation], clips: int) -> dict[str, Any
 
 
 def blink_rate_summary(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, Any]:
-    """Blinks a minute over clips, as the paper counts them, and over speakers, whose long counts scatter less."""
+    """Blinks per minute over clips, as in the paper, and over speakers, whose longer counts have less variance."""
     speakers: dict[str, list[ClipResult]] = {}
     for clip, outcome in kept:
         speakers.setdefault(clip.speaker, []).append(outcome)
@@ -169,7 +170,7 @@ def blink_rate_summary(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, Any
 
 
 def speakers(kept: Sequence[tuple[Clip, ClipResult]]) -> dict[str, MotionStyle]:
-    """Habits of the speakers of the train split, by name."""
+    """Styles of the speakers of the train split, by name."""
     found: dict[str, list[tuple[MotionStyle, float]]] = {}
     for clip, outcome in kept:
         if clip.split == "train" and outcome.motion_style is not None:

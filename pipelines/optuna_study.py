@@ -1,11 +1,11 @@
-"""A study of Optuna behind a sweep: where it is kept, whether it is still the same search, how much of it is left.
+"""Optuna study behind a sweep: its storage, a check that the search is unchanged, and the remaining trials.
 
-Hydra's sweeper asks the trials and tells what came of them; this file looks after the study around it. A sweep that was
-killed goes on: trials that it left running count as failed, n_trials is of the whole study, and the sampler's seed
-counts on with the trials, because a sampler that starts again from its seed proposes the same trials again.
+Hydra's sweeper asks for trials and reports their results; this module manages the study around it. An interrupted sweep
+resumes: trials left running count as failed, n_trials refers to the whole study, and the sampler's seed is advanced by
+the number of trials, because a sampler that restarts from its seed proposes the same trials again.
 
-Reads   conf/ as Hydra composes it, and the study's storage
-Writes  the study; at the end <workspace>/<study>/: trials.csv and, of two objectives, pareto.png
+Reads   conf/ as composed by Hydra, and the study's storage
+Writes  the study; at the end <workspace>/<study>/: trials.csv and, with two objectives, pareto.png
 """
 
 from __future__ import annotations
@@ -24,49 +24,49 @@ from talkingeyes.orchestration.config import CONFIG_DIR, compose, one_line_hydra
 from talkingeyes.orchestration.mlflow_logging import log_run
 from talkingeyes.orchestration.run import Report
 
-# What the study keeps of the search that it belongs to.
+# User attribute of the study that stores the search space.
 SPACE = "search_space"
 
 
 def silence_warnings() -> None:
-    """The sweeper's words for distributions are Optuna 2's: they work, and would be warned of at every step."""
+    """Silence warnings about the Optuna 2 distributions that the sweeper uses; they work, but warn at every step."""
     warnings.filterwarnings("ignore", category=FutureWarning, module="optuna|hydra_plugins")
 
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """A search as conf/ and the command line give it: words of Hydra for what is searched, in which direction."""
+    """A search as configured by conf/ and the command line: Hydra's search overrides, and the directions."""
 
     params: dict[str, Any]  # the composition
     name: str
     storage: Any
     directions: list[Literal["minimize", "maximize"]]
-    fixed: list[str]  # overrides of the command line that are not searched
+    fixed: list[str]  # overrides of the command line outside the search
     search_overrides: list[str]  # key=choice(...), key=interval(...)
     trials: int
     seed: int | None
-    sampler: Callable[[int], Any]  # with the seed counted on by so many trials
+    sampler: Callable[[int], Any]  # takes the number of past trials, added to the seed
 
 
 @dataclass(frozen=True)
 class OptunaStudy:
-    """A search and the study that stands for it in the storage."""
+    """A search and its study in the storage."""
 
     search: SearchConfig
     optuna: Any
 
     @property
     def finished(self) -> int:
-        """Trials that ended well or were pruned."""
+        """Number of trials that are complete or pruned."""
         return sum(trial.state.name in ("COMPLETE", "PRUNED") for trial in self.optuna.trials)
 
     @property
     def remaining_trials(self) -> int:
-        """Trials still to make."""
+        """Number of trials still to run."""
         return max(0, self.search.trials - self.finished)
 
     def overrides(self) -> list[str]:
-        """What Hydra's sweeper is told, so that it goes on where the study stands."""
+        """Overrides for Hydra's sweeper that continue the study."""
         found = [f"hydra.sweeper.n_trials={self.remaining_trials}"]
         if self.search.seed is not None:
             found.append(f"hydra.sweeper.sampler.seed={self.search.seed + len(self.optuna.trials)}")
@@ -74,9 +74,9 @@ class OptunaStudy:
 
     @contextmanager
     def exclusive(self, join: bool = False) -> Iterator[None]:
-        """Nobody else sweeps it from this workspace; then trials that still run were left by one that was killed.
+        """Lock the study for this workspace; trials that still run were then left by a killed process.
 
-        To `join` is to work beside whoever does. Raises InputError otherwise.
+        With `join`, work beside another process. Raises InputError otherwise.
         """
         from filelock import FileLock, Timeout
         from optuna.trial import TrialState
@@ -89,7 +89,7 @@ class OptunaStudy:
         except Timeout:
             if not join:
                 raise InputError(
-                    f"study {self.search.name}: a sweep is at work on it; pipelines.pruned_sweep joins it"
+                    f"study {self.search.name}: should be idle, got a running sweep; pipelines.pruned_sweep can join it"
                 ) from None
         try:
             if lock.is_locked:
@@ -114,9 +114,9 @@ def storage(where: str) -> Any:
 
 
 def prepare(overrides: Sequence[str]) -> OptunaStudy | None:
-    """Check a sweep before it starts; the study behind it, if it has one that outlives it.
+    """Validate a sweep before it starts; returns its study, if it has a persistent one.
 
-    Raises InputError: a bad override, a value outside its bounds, a study of another search.
+    Raises InputError: an invalid override, a value outside its bounds, a study of another search.
     """
     search = read(overrides)
     for values in _boundary_overrides(search.search_overrides if search else _sweep_overrides(overrides)):
@@ -125,7 +125,7 @@ def prepare(overrides: Sequence[str]) -> OptunaStudy | None:
 
 
 def read(overrides: Sequence[str]) -> SearchConfig | None:
-    """The search that the overrides ask for; None if there is no Optuna in it, or no storage."""
+    """The search that the overrides define; None without Optuna or without a storage."""
     from hydra import compose as hydra_compose
     from hydra import initialize_config_dir
     from hydra.utils import instantiate
@@ -158,7 +158,7 @@ def read(overrides: Sequence[str]) -> SearchConfig | None:
 
 
 def open_study(search: SearchConfig) -> OptunaStudy:
-    """The study in the storage, new or the same search as before. Raises InputError if it is another."""
+    """The study in the storage, new or of the same search. Raises InputError if it is of another search."""
     import optuna
 
     figures = search.params["objective"]["metrics"]
@@ -174,12 +174,15 @@ def open_study(search: SearchConfig) -> OptunaStudy:
     elif before != asked:
         now, then = asked["space"], before["space"]
         changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key))) or "the objective"
-        raise InputError(f"study {search.name}: began as another search, {changed} changed; a new one needs study=NAME")
+        raise InputError(
+            f"study {search.name}: should have the same search as before, got changes of {changed}; "
+            "start a new one with study=NAME"
+        )
     return OptunaStudy(search, found)
 
 
 def distributions(search: SearchConfig) -> dict[str, Any]:
-    """The search space in Optuna's words."""
+    """The search space as Optuna distributions."""
     from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
 
     with warnings.catch_warnings():
@@ -189,14 +192,14 @@ def distributions(search: SearchConfig) -> dict[str, Any]:
 
 
 def space(search: SearchConfig) -> dict[str, Any]:
-    """The search space as plain values, to compare it with another."""
+    """The search space as plain values, for comparison."""
     from optuna.distributions import distribution_to_json
 
     return {key: json.loads(distribution_to_json(each)) for key, each in sorted(distributions(search).items())}
 
 
 def write_results(study: OptunaStudy) -> None:
-    """Write down all trials, draw the front of two objectives, and log both as the run of the whole sweep."""
+    """Write all trials, plot the Pareto front of two objectives, and log both as the run of the sweep."""
     from optuna.trial import TrialState
 
     search, trials = study.search, study.optuna.get_trials(deepcopy=False)
@@ -248,7 +251,7 @@ def _write_trials(path: Path, trials: Sequence[Any], figures: Sequence[str]) -> 
 
 
 def _parsed(overrides: Sequence[str]) -> list[Any]:
-    """Overrides as Hydra understands them. Raises InputError."""
+    """Overrides parsed by Hydra. Raises InputError."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
@@ -266,12 +269,12 @@ def _sweep_overrides(overrides: Sequence[str]) -> list[str]:
     return [each.input_line for each in _parsed(overrides) if each.is_sweep_override()]
 
 
-# So many values of a key are checked before a sweep starts: the first and the last of a longer list.
+# Maximum number of values of a key to check before a sweep: the first and the last of a longer list.
 MAX_CHECKED_VALUES = 8
 
 
 def _boundary_overrides(search_overrides: Sequence[str]) -> Iterator[list[str]]:
-    """Overrides with single values to check a sweep by, every choice and both ends of an interval, all keys at once."""
+    """Overrides that check a sweep with single values: every choice and both ends of an interval, all keys at once."""
     values: dict[str, list[str]] = {}
     for each in _parsed(search_overrides):
         if each.is_interval_sweep():

@@ -1,4 +1,5 @@
-"""What is measured of a model, or of real motion, for the paper's tables (pipelines/tables.py writes their page)."""
+"""Measurement of one row, a model or real motion, of the paper's tables (the page is written by
+pipelines/tables.py)."""
 
 from __future__ import annotations
 
@@ -22,9 +23,9 @@ from talkingeyes.orchestration.run import Report, Workspace, progress_bar
 from talkingeyes.orchestration.stage_graph import StageCall
 from talkingeyes.training.motion_generators import load_generator
 
-# Motions for Table VI: this long, this many of each split, under its sounds one after the other.
+# Motions for Table VI: their length, and number per split, for concatenated sounds of the split.
 LONG_S, LONG_MOTIONS = 60.0, 4
-# What a row follows from beside what it reads.
+# Code that a row depends on besides its inputs.
 ROW_CODE = (
     "pipelines/evaluate.py",
     "pipelines/paper_table_rows.py",
@@ -35,7 +36,7 @@ READS = ("data/critic",)
 
 
 def measure_row(call: StageCall, workspace: Workspace) -> Report:
-    """The numbers of a row: {"sounds": {split: [numbers]}, "long": {split: [numbers]}}."""
+    """Metrics of a row: {"sounds": {split: [metrics]}, "long": {split: [metrics]}}."""
     settings = workspace.settings("evaluate", EvaluateSettings)
     (row,), data = call.names, workspace.data
     places = (workspace.corpus, data("fit"), data("embed"), data("critic"), data("sample", row))
@@ -67,7 +68,7 @@ def _of_split(work: Sequence[SoundGroup], split: str) -> list[SoundGroup]:
 
 
 def _long(model: Path, paths: InputPaths, work: Sequence[SoundGroup]) -> list[SoundMetrics]:
-    """Long motions of a model under the sounds of a split, end to end."""
+    """Long motions of a model for the concatenated sounds of a split."""
     if not work:
         return []
     fps = work[0].takes[0].fps

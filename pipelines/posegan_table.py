@@ -1,10 +1,13 @@
-"""The tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head before one gaze.
+"""Tables of personal head motion (Zhang et al., Tables 1 to 3, their ablations), and every head with one gaze decoder.
 
 Run: python -m pipelines.posegan_table [--seeds 0,1,2] [--workspace build/posegan] [overrides]
-The gaze benchmark, half of the time, may be left out (--without-gaze) or made for fewer seeds (--gaze-seeds 0).
-Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny).
-Trains what the result store does not hold; a run that was cut off goes on.
-Writes in the workspace: seed-N/data/..., measured/seed-N.json (made again when a model has changed), tables.md.
+
+The gaze benchmark, half of the time, can be omitted (--without-gaze) or computed for fewer seeds (--gaze-seeds 0).
+
+Reads conf/ (experiment=posegan, or that of the overrides, such as experiment=posegan_tiny). Trains what the result
+store does not contain; an interrupted run resumes.
+
+Writes in the workspace: seed-N/data/..., measured/seed-N.json (recomputed when a model has changed), tables.md.
 """
 
 from __future__ import annotations
@@ -28,26 +31,26 @@ ABLATIONS = ("posegan_without_motion", "posegan_without_initial_pose")
 GAZE = tuple(f"{name}_then_gaze" for name in HEADS)
 INTRODUCTION = """# Personal head motion: the tables
 
-Written by `python -m pipelines.posegan_table` (build/posegan/tables.md), which goes on where it was cut off. What is
-measured, and what the models are: [posegan.md](posegan.md).
+Written by `python -m pipelines.posegan_table` (build/posegan/tables.md); an interrupted run resumes. Metrics and models
+are described in [posegan.md](posegan.md).
 
-Seeds of training and sampling: {seeds}. Each figure is their mean; small, their range. Corpus, the SVM of Table 1 and
-the classifier of Table 3 are the same for all seeds. The paper's people speak in videos of the web, ours are drawn:
-compare the order of rows, not the values.
+Seeds of training and sampling: {seeds}. Each value is the mean over seeds; in small print their range. Corpus, the SVM
+of Table 1 and the classifier of Table 3 are the same for all seeds. The paper's speakers are from web videos, ours are
+synthetic: compare the order of rows, not the values.
 
 """
-# New people who speak other languages: for style transfer, and for how a model takes to sounds that it never heard.
+# New speakers of other languages: for style transfer, and for robustness to unfamiliar sounds.
 NEW_SPEAKERS = ("synthesize.languages=[fr,de]", "synthesize.seed=1", "synthesize.speakers=10", "synthesize.clips=20")
 
 
 def main() -> None:
-    """Train, measure, write."""
+    """Train, evaluate and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="0,1,2", help="of training and sampling, as 0,1,2")
-    parser.add_argument("--workspace", type=Path, default=Path("build/posegan"), help="where it works")
-    parser.add_argument("--without-gaze", action="store_true", help="leave out the gaze benchmark, half of the time")
-    parser.add_argument("--gaze-seeds", help="of the gaze benchmark, where they should be fewer, as 0")
-    parser.add_argument("overrides", nargs="*", help="values of conf/, such as experiment=posegan_tiny")
+    parser.add_argument("--seeds", default="0,1,2", help="seeds of training and sampling, such as 0,1,2")
+    parser.add_argument("--workspace", type=Path, default=Path("build/posegan"), help="working folder")
+    parser.add_argument("--without-gaze", action="store_true", help="omit the gaze benchmark (half of the time)")
+    parser.add_argument("--gaze-seeds", help="fewer seeds for the gaze benchmark, such as 0")
+    parser.add_argument("overrides", nargs="*", help="overrides of conf/, such as experiment=posegan_tiny")
     given = parser.parse_args()
     seeds = [int(each) for each in given.seeds.split(",")]
     of_gaze = [int(each) for each in (given.gaze_seeds or given.seeds).split(",")] if not given.without_gaze else []
@@ -72,7 +75,7 @@ def _params(workspace: Path, conf: Sequence[str], seed: int, models: Sequence[st
 
 
 def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -> Path:
-    """The models of one seed, and what the gaze benchmark needs; CPU seconds of what was made are kept."""
+    """The models of one seed, and the inputs of the gaze benchmark; CPU seconds of trainings are recorded."""
     view, cost = workspace / f"seed-{seed}", workspace / f"seed-{seed}" / "cpu_seconds.json"
     taken = json.loads(cost.read_text()) if cost.is_file() else {}
     models = (*HEADS, *ABLATIONS, "pgface")
@@ -91,7 +94,7 @@ def _trained(workspace: Path, conf: Sequence[str], seed: int, with_gaze: bool) -
 
 
 def _strangers(workspace: Path, conf: Sequence[str]) -> Path:
-    """The corpus of new people, and its embedding."""
+    """The corpus of new speakers, and its embedding."""
     view = workspace / "strangers"
     params = compose((*conf, *NEW_SPEAKERS, f"workspace={workspace}"))
     run_pipeline({**params, "model": {}, "target": "embed"}, view)
@@ -104,7 +107,7 @@ def _digest(view: Path, name: str) -> str:
 
 
 def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dict[str, Any]:
-    """All figures of one seed's models; from the file if they are of these models."""
+    """All metrics of one seed's models; from the file if it is up to date."""
     from talkingeyes.evaluation.head_pose.evaluation import PoseInputPaths, evaluate_models
 
     path = workspace / "measured" / f"seed-{seed}.json"
@@ -122,7 +125,7 @@ def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dic
 
 
 def _benchmark(workspace: Path, seeds: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
-    """The gaze benchmark of every row, a seed each."""
+    """The gaze benchmark of every row, one per seed."""
     rows = ("truth", "fitted", "talkingeyes", *GAZE)
     folders = [workspace / f"seed-{seed}" / "data" / "evaluate" for seed in seeds]
     return {row: [json.loads((each / row / "benchmark.json").read_text()) for each in folders] for row in rows}

@@ -1,8 +1,9 @@
-"""Pretrain a codebook of gaze, or a motion autoencoder of the face, on the fitted motion of the train split.
+"""Stage `pretrain`: a codebook of gaze, or a motion autoencoder of the face, on the fitted motion of the train split.
 
 Run: python -m pipelines.pretrain gaze_frames
-Reads: the corpus index, data/fit, data/embed. Writes: data/pretrain/<tokenizer>: weights, history, code use.
-Killed, it goes on from data/.pretrain-<tokenizer>.resume; torchrun --nproc-per-node N shares the batches.
+
+Reads: the corpus index, data/fit, data/embed. Writes: data/pretrain/<tokenizer>: weights, history, code usage. An
+interrupted run resumes from data/.pretrain-<tokenizer>.resume; torchrun --nproc-per-node N splits the batches.
 """
 
 import json
@@ -23,7 +24,7 @@ from talkingeyes.training.resume import ResumeFile
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Of gaze or of the face, as the section says."""
+    """Pretrain a tokenizer of gaze or of the face, by the kind of its section."""
     tokenizer = workspace.params.get("pretrain", {}).get(name)
     if isinstance(tokenizer, dict) and tokenizer.get("kind") == "face":
         return _face(workspace, name, workspace.settings(f"pretrain.{name}", FaceTokenizerSettings))
@@ -31,7 +32,7 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> Report:
-    """Train, then count code use over all windows of the train split."""
+    """Train, then measure code usage over all windows of the train split."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     task = GazeTokenizerTask(settings, recordings(corpus, fit, embed, "train"), recordings(corpus, fit, embed, "val"))
     context = ExecutionContext.of(workspace.params["machine"])
@@ -48,7 +49,7 @@ def _gaze(workspace: Workspace, name: str, settings: GazeTokenizerSettings) -> R
 
 
 def _face(workspace: Workspace, name: str, settings: FaceTokenizerSettings) -> Report:
-    """Train, then take the autoencoder's units of its own latents and count the use of codes, if it has any."""
+    """Train, then fit the statistics of the latents and measure code usage, if there are codes."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     train_faces, val_faces = faces(corpus, fit, embed, "train"), faces(corpus, fit, embed, "val")
     basis = FaceBasis(train_faces.head_model, train_faces.expression_names)
@@ -72,7 +73,7 @@ def _face(workspace: Workspace, name: str, settings: FaceTokenizerSettings) -> R
 
 
 def _resume_file(workspace: Workspace, name: str, settings: Settings, context: ExecutionContext) -> ResumeFile:
-    """The file of this training, and all that its result follows from."""
+    """The resume file of this training, with a fingerprint of all its dependencies."""
     sums = [workspace.data(stage) / CHECKSUMS_FILE for stage in ("fit", "embed")]
     reads = (workspace.corpus / "clips.parquet", *sums, Path(__file__))
     fingerprint = (settings.model_dump(mode="json"), context.describe())

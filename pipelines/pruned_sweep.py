@@ -1,11 +1,12 @@
-"""The second way to sweep: processes ask trials of one study and tell what came of them, and bad ones end early.
+"""Sweep with pruning: processes ask for trials of one study and report their results, and bad trials end early.
 
 Run     python -m pipelines.pruned_sweep sweep=free_running [overrides]; on all machines that share the study's storage
 Reads   the same sweep, study and store as `pipelines.experiment -m sweep=free_running`; each can resume the other
-Writes  what a sweep writes (docs/sweeps.md)
+Writes  the output of a sweep (docs/sweeps.md)
 
-Hydra's sweeper cannot prune. Here every validation of a training is reported to the study, and a trial whose figures
-are below the median of the others at the same step ends there. Of one objective only: Optuna prunes no other.
+Hydra's sweeper cannot prune. Here every validation of a training is reported to the study, and a trial whose metrics
+are below the median of the others at the same step is pruned. Only for a single objective, because Optuna prunes no
+other.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import run_command
 
-# So many trials are finished before one is measured by them.
+# Number of complete trials before pruning starts.
 STARTUP_TRIALS = 4
 
 
 def main() -> None:
-    """As many processes as machine.jobs, each taking trials until none is left."""
+    """Start `machine.jobs` processes, each taking trials until none is left."""
     import joblib
 
     silence_warnings()
@@ -44,7 +45,9 @@ def main() -> None:
     if study is None:
         raise InputError("sweep: should be a search of Optuna with a storage, such as sweep=free_running")
     if len(study.search.directions) != 1:
-        raise InputError(f"sweep: pruning needs one objective, got {study.search.params['objective']['metrics']}")
+        raise InputError(
+            f"sweep: should have one objective for pruning, got {study.search.params['objective']['metrics']}"
+        )
     jobs = int(study.search.params["machine"]["jobs"])
     with study.exclusive(join=True):
         joblib.Parallel(n_jobs=jobs)(joblib.delayed(run_trials)(overrides) for _ in range(jobs))
@@ -52,7 +55,7 @@ def main() -> None:
 
 
 def run_trials(overrides: Sequence[str]) -> None:
-    """Make trials until the study has enough, finished or begun by anybody."""
+    """Run trials until the study has enough that are finished or running."""
     import optuna
 
     silence_warnings()
@@ -73,18 +76,18 @@ def run_trials(overrides: Sequence[str]) -> None:
 
 
 def _next(study: OptunaStudy) -> Any:
-    """A trial, unless all are finished or begun; processes of one workspace ask in turn."""
+    """A new trial, unless enough are finished or running; processes of one workspace take turns."""
     from filelock import FileLock
 
     with FileLock(Path(study.search.params["workspace"], f".{study.search.name}.ask.lock")):
         trials = study.optuna.get_trials(deepcopy=False)
         begun = sum(trial.state.name == "RUNNING" for trial in trials)
-        study.optuna.sampler = study.search.sampler(len(trials))  # no two trials are drawn from the same seed
+        study.optuna.sampler = study.search.sampler(len(trials))  # no two trials are sampled from the same seed
         return study.optuna.ask(distributions(study.search)) if study.remaining_trials > begun else None
 
 
 def _trial(study: OptunaStudy, trial: Any, overrides: Sequence[str]) -> float:
-    """Run the chain with what was suggested. Raises TrialPruned."""
+    """Run the pipeline with the suggested values. Raises TrialPruned."""
     import optuna
 
     sign = 1 if study.search.directions[0] == "maximize" else -1
@@ -104,4 +107,4 @@ def _trial(study: OptunaStudy, trial: Any, overrides: Sequence[str]) -> float:
 if __name__ == "__main__":
     run_command(
         importlib.import_module("pipelines.pruned_sweep").main
-    )  # by its name, so that worker processes find `run_trials`
+    )  # by module name, so that worker processes can import `run_trials`

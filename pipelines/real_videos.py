@@ -32,18 +32,18 @@ from talkingeyes.tracking.video import probe_video
 from talkingeyes.workflows.track import track
 
 FOLDER = Path("build/real")
-MIN_GAZE_RANGE_DEG = 8.0  # 5 to 95 % range of yaw in the head above which gaze is said to move
-MAX_FRONTAL_YAW_DEG = 12.0  # median turn of the head below which a clip is said to face the camera
+MIN_GAZE_RANGE_DEG = 8.0  # eye-in-head yaw, 5 to 95 %; above it, gaze counts as moving
+MAX_FRONTAL_YAW_DEG = 12.0  # median head yaw below which a clip counts as frontal
 BLINKS_PER_MINUTE = (15.0, 35.0)
 MIN_EYE_CORRELATION = 0.8
-UNINFORMATIVE_SD_RAD = 10.0  # a prior on changes of vergence that is none
+UNINFORMATIVE_SD_RAD = 10.0  # an uninformative prior on changes of vergence
 
 
 @dataclass(frozen=True)
 class RealClipResult:
-    """One clip: what its fit says. Correlations of yaw: of both eyes, of the eyes with the head; angles in degrees.
+    """Result of one clip. Correlations of yaw: between both eyes, and between eyes and head; angles in degrees.
 
-    Both eyes as each was seen, fitted without the prior on how they stand to each other, under which they always agree.
+    For the correlation of both eyes, each eye is fitted without the vergence prior, which would make them agree.
     """
 
     clip: str
@@ -59,7 +59,7 @@ class RealClipResult:
 
 
 def evaluate_real_videos(videos: Path, jobs: int) -> list[RealClipResult]:
-    """Track and fit all clips, print the table, return its rows."""
+    """Track and fit all clips, print the table, and return its rows."""
     params = compose(["fit=video", "track.clip_filter.require_voice=false", "track.thumbnails=false"])
     tracked = track([videos], FOLDER / "corpus", validate_section("track", TrackSettings, params["track"]), jobs=jobs)
     print(as_text(tracked.outcomes))
@@ -75,7 +75,7 @@ def evaluate_real_videos(videos: Path, jobs: int) -> list[RealClipResult]:
 
 
 def measure_fit(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float], clip: Clip) -> RealClipResult:
-    """Fit one clip and look at its yaw."""
+    """Fit one clip and measure its yaw."""
     fit = fit_clip(corpus.observation(clip), settings)
     motion = fit.motion
     alone = settings.eye_calibration.model_copy(update={"vergence_sd_rad": UNINFORMATIVE_SD_RAD})
@@ -97,7 +97,7 @@ def measure_fit(corpus: Corpus, settings: FitSettings, rates: Mapping[str, float
 
 
 def table(rows: Sequence[RealClipResult]) -> str:
-    """The rows and what they should show, for a person."""
+    """The rows and expected properties, as text for a terminal."""
     head = f"{'clip':<34}{'fps':>7}{'s':>7}{'px':>6}{'head':>7}{'gaze':>7}{'l~r':>7}{'e~h':>7}{'blinks':>8}"
     lines = [head, *(_line(row) for row in rows), ""]
     kept = [row for row in rows if not row.reject_reason]
@@ -116,9 +116,9 @@ def table(rows: Sequence[RealClipResult]) -> str:
             f" (> {MIN_GAZE_RANGE_DEG:g} degrees): {together} of {len(moving)}",
             f"eyes turn against the head where it faces the camera (< {MAX_FRONTAL_YAW_DEG:g} degrees): "
             f"{against} of {len(facing)}",
-            f"blinks a minute, pooled over {minutes:.1f} min: {rate:.1f} ({'in' if low <= rate <= high else 'not in'} "
-            f"{low:g} to {high:g})",
-            f"refused because the face does not fit: {sum('does not fit' in row.reject_reason for row in rows)}",
+            f"blinks per minute, pooled over {minutes:.1f} min: {rate:.1f} "
+            f"({'within' if low <= rate <= high else 'outside'} {low:g} to {high:g})",
+            f"rejected because the face does not fit: {sum('does not fit' in row.reject_reason for row in rows)}",
         ]
     )
 
@@ -136,12 +136,12 @@ def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> floa
 
 
 def main() -> None:
-    """The command."""
+    """Entry point of the command."""
     if len(sys.argv) != 2:
         raise InputError(f"real: should get a folder of videos, got {' '.join(sys.argv[1:]) or 'nothing'}")
     videos = Path(sys.argv[1])
     if not videos.is_dir():
-        print(f"real: no videos at {videos}; nothing was done")
+        print(f"real: no videos at {videos}; nothing to do")
         return
     evaluate_real_videos(videos, jobs=1)
 

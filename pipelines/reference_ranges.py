@@ -1,12 +1,12 @@
-"""The acceptance table: what a corpus has of how people's eyes, head, lids and jaw move, and what recorded people have.
+"""Comparison of a corpus, and of recorded people, with reference ranges of eye, head, lid and jaw movements.
 
 Run     python -m pipelines.reference_ranges [CORPUS]        (make reference-ranges; make reference-ranges corpus=DIR)
-Reads   the corpus of the workspace, or CORPUS; data/fit and data/embed beside it, where they are there; recordings of
-        people in ../shared/data/real/gaze, where they are there
-Writes  docs/reference_ranges.md and docs/pictures/reference-ranges-*.png; of another CORPUS build/reference_ranges/
+Reads   the corpus of the workspace, or CORPUS; data/fit and data/embed beside it, if they exist; recordings of people
+        in ../shared/data/real/gaze, if they exist
+Writes  docs/reference_ranges.md and docs/pictures/reference-ranges-*.png; for another CORPUS build/reference_ranges/
 
-No stage: nothing reads it, and it reads what several stages have made. Takes of a synthetic corpus are drawn again from
-their seeds, which gives the same events, and rendered at 500, 120, 60 and 25 frames a second.
+Not a stage: nothing reads its output, and it reads the output of several stages. Takes of a synthetic corpus are
+regenerated from their seeds, which gives the same events, and rendered at 500, 120, 60 and 25 fps.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from talkingeyes.synthesis.take import Take, sample_take
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 MAX_NATIVE_CLIPS, MAX_RAW_CLIPS = 300, 100
 FURTHER_TAKES = range(1000, 1004)
-CANDIDATES = 40  # for the timeline
+CANDIDATES = 40  # candidate clips for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
 SOUND_AND_MOTION = ("eye_r2", "averted_auc", "head_r2", "match_space", "match_gaze", "match_gaze_p", "match_jaw")
 DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
@@ -64,14 +64,14 @@ DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
 
 @dataclass(frozen=True)
 class CorpusMeasurements:
-    """Figures of a corpus by fact, and what plots are drawn from."""
+    """Measurements of a corpus by reference range, and the pooled arrays for plots."""
 
     pool: PooledArrays
     measurements: Measurements
 
 
 def source_of(workspace: Workspace, corpus: Path) -> CorpusInputs:
-    """The corpus with what stands beside it. Raises InputError if there is none."""
+    """The corpus with its neighbouring data. Raises InputError if it has no clips."""
     found = Corpus(corpus)
     if not found.clips:
         raise InputError(f"{corpus}: should hold clips, got none; `make repro` makes a corpus")
@@ -88,7 +88,7 @@ def source_of(workspace: Workspace, corpus: Path) -> CorpusInputs:
 
 
 def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
-    """One clip with what is known of it."""
+    """One clip with all data about it."""
     motion, annotation = reference_motion(corpus_inputs, clip), corpus_inputs.corpus.annotation(clip)
     speech = corpus_inputs.corpus.speech(clip)
     heard = prosody(speech, motion.fps, corpus_inputs.prosody)
@@ -106,7 +106,7 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip) -> ClipData:
 
 
 def axis_divergence_rad(corpus_inputs: CorpusInputs, clip: Clip) -> float:
-    """By how much the optical axes of a synthetic speaker's eyes part more than the lines of sight."""
+    """Difference in divergence between the optical axes and the lines of sight of a synthetic speaker."""
     if corpus_inputs.settings is None:
         return 0.0
     left, right = plan.speaker_of(corpus_inputs.settings, sound_of(corpus_inputs.settings, clip)).style.kappa
@@ -114,12 +114,12 @@ def axis_divergence_rad(corpus_inputs: CorpusInputs, clip: Clip) -> float:
 
 
 def sound_of(settings: plan.SynthesizeSettings, clip: Clip) -> plan.PlannedSound:
-    """The sound of the plan that a clip is a take of."""
+    """The planned sound of a clip."""
     return plan.sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
 
 
 def extract_sound(corpus_inputs: CorpusInputs, takes: Sequence[Clip]) -> dict[str, np.ndarray]:
-    """All takes of one sound, and how they differ."""
+    """Pooled arrays of all takes of one sound, with the variance between takes."""
     seen = [load_clip_data(corpus_inputs, clip) for clip in takes]
     pool = join_pools(measurements.extract(one) for one in seen)
     if len(takes) > 1:
@@ -133,7 +133,7 @@ def extract_sound(corpus_inputs: CorpusInputs, takes: Sequence[Clip]) -> dict[st
 
 
 def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
-    """A take of the sound of a clip from its seeds: one that the corpus holds, or a further one."""
+    """Regenerate a take of a clip's sound from its seeds, of the corpus or a further one."""
     settings = corpus_inputs.settings
     assert settings is not None
     sound = sound_of(settings, clip)
@@ -143,15 +143,17 @@ def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
 
 
 def reproduce_take(corpus_inputs: CorpusInputs, clip: Clip) -> Take:
-    """The take of a clip. Raises InputError if it is not the one that the corpus holds."""
+    """Regenerate the take of a clip. Raises InputError if it differs from that of the corpus."""
     take = regenerate_take(corpus_inputs, clip, clip.take)
     if take.events != corpus_inputs.corpus.truth_events(clip):
-        raise InputError(f"{clip.id}: drawn again it has other events; the corpus is of other settings or code")
+        raise InputError(
+            f"{clip.id}: should have the regenerated events, got others; the corpus is from other settings or code"
+        )
     return take
 
 
 def extract_further_takes(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np.ndarray]:
-    """Large gaze shifts of takes that the corpus does not hold: it has too few of them for a figure."""
+    """Large gaze shifts of takes outside the corpus, which has too few of them for an estimate."""
     found = []
     for number in FURTHER_TAKES:
         motion = regenerate_take(corpus_inputs, clip, number).motion(clip.fps, int(clip.seconds * clip.fps))
@@ -178,7 +180,7 @@ def extract_frame_rates(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np
 
 
 def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements:
-    """All figures of a corpus, and the pool that plots are drawn from."""
+    """All measurements of a corpus, and the pooled arrays for plots."""
     sounds = select_sounds(corpus_inputs.corpus.clips)
     firsts = [takes[0] for takes in sounds]
     pool = join_pools(parallel_map(partial(extract_sound, corpus_inputs), sounds, jobs, "reference ranges: clips"))
@@ -230,7 +232,7 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
 
 
 def measure_blink_rate_draws(corpus_inputs: CorpusInputs) -> Measurements:
-    """Rates of blinks as they are drawn, for people and for the paper's profile."""
+    """Sampled blink rates, of speakers and of the paper's profile."""
     seed = corpus_inputs.settings.seed if corpus_inputs.settings else 0
     rng = np.random.default_rng(seed)
     generators = (plan.generator(seed, "speaker", index) for index in range(DRAWN_SPEAKERS))
@@ -251,7 +253,7 @@ def measure_fit(corpus_inputs: CorpusInputs) -> Measurements:
 
 
 def measure_pupils(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> Measurements:
-    """The simulated fitter and the projection; both want the truth."""
+    """The simulated fitter and the projection; both need the truth."""
     if not corpus_inputs.corpus.has_truth:
         return dict.fromkeys(("raw_error", "raw_speed", "projected"), no_measurement("no true motion"))
     rng, rows = np.random.default_rng(0), []
@@ -273,14 +275,14 @@ def select_sounds(clips: Sequence[Clip]) -> list[list[Clip]]:
 
 @dataclass(frozen=True)
 class RecordedMeasurements:
-    """Figures of recorded people, and their saccades, by the letter that the page gives a source."""
+    """Measurements of recorded people, and their saccades, by the letter of the source on the page."""
 
     measurements: dict[str, Measurements]
     pools: dict[str, PooledArrays]
 
 
 def measure_recordings(folder: Path) -> RecordedMeasurements:
-    """What the recordings in a folder tell; nothing where there is none."""
+    """Measurements of the recordings in a folder; empty if there are none."""
     tracked = [read_andersson(path).recording for path in sorted(folder.glob("andersson_*_MN.mat"))]
     filmed = [read_openface(path) for path in sorted(folder.glob("openface_*.csv.gz"))]
     found, pools = {}, {}
@@ -295,7 +297,8 @@ def measure_recordings(folder: Path) -> RecordedMeasurements:
 
 
 def timeline_clip(corpus_inputs: CorpusInputs) -> Clip:
-    """The clip of the timeline: of the first with several aversions and blinks, listening if any clip does."""
+    """The clip of the timeline: among the first, one with several aversions and blinks, and with listening if
+    possible."""
     best, most = corpus_inputs.corpus.clips[0], -1
     for clip in corpus_inputs.corpus.clips[:CANDIDATES]:
         seen = load_clip_data(corpus_inputs, clip)
@@ -310,7 +313,7 @@ def timeline_clip(corpus_inputs: CorpusInputs) -> Clip:
 def write(
     out: Path, corpus_inputs: CorpusInputs, found: CorpusMeasurements, recorded: RecordedMeasurements, what: str
 ) -> None:
-    """The page and its pictures; each file is written beside its place and put there whole."""
+    """Write the page and its pictures, each file atomically."""
     pictures = out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     drawn: dict[str, Callable[[Path], None]] = {
@@ -330,14 +333,14 @@ def write(
 
 
 def write_atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """A file that appears when it is finished."""
+    """Write a file atomically."""
     partial_path = path.with_name(f".{path.name}.partial")
     write_to(partial_path)
     partial_path.replace(path)
 
 
 def describe_corpus(corpus_inputs: CorpusInputs) -> str:
-    """A corpus in words: nothing of the machine, so that the page is the same everywhere."""
+    """Description of a corpus, without machine-dependent data, so that the page is reproducible."""
     clips = corpus_inputs.corpus.clips
     minutes = sum(clip.seconds for clip in clips) / 60
     speakers = len({clip.speaker for clip in clips})
@@ -347,7 +350,7 @@ def describe_corpus(corpus_inputs: CorpusInputs) -> str:
 
 
 def main() -> None:
-    """Measure, print, write."""
+    """Measure, print and write."""
     workspace = Workspace.open(Path.cwd())
     if len(sys.argv) > 2:
         raise InputError(f"reference ranges: should get one corpus or none, got {' '.join(sys.argv[1:])}")

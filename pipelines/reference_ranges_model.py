@@ -1,13 +1,14 @@
-"""The acceptance table of a model: does motion that it makes move like people, at 25 and at 120 frames a second?
+"""Comparison of a model's motion with the reference ranges of human behaviour, at 25 and at 120 fps.
 
 Run     python -m pipelines.reference_ranges_model [MODEL]       (default talkingeyes; after make repro)
 Reads   the corpus, data/embed, data/train/MODEL; sounds that no model was trained on
-Writes  docs/reference_ranges_model.md; of another model than the default build/reference_ranges/MODEL.md
+Writes  docs/reference_ranges_model.md; for another model than the default build/reference_ranges/MODEL.md
 
-Each sound is performed SAMPLES times, blinks included, with its partner's voice where it has one (or nobody would know
-when to listen), and rendered at both rates, and at 500 for the law of saccades; once more as the model alone draws it.
-Beside it stands the true motion of the same sounds at 25: what is out there as well is for want of motion. No stage:
-nothing reads it. Rows of jaws, lids and of the fit are not a model's of head and gaze.
+Each sound is animated SAMPLES times, with blinks and with its partner's voice if it has one (listening depends on it),
+and rendered at both rates, and at 500 fps for the main sequence. A further column has the model's output without
+post-processing. The true motion of the same sounds at 25 fps is shown for comparison: ranges that it also misses are
+due to the small amount of motion. Not a stage: nothing reads its output. Rows of jaws, lids and of the fit do not apply
+to a model of head and gaze.
 """
 
 from __future__ import annotations
@@ -47,19 +48,19 @@ from talkingeyes.training.conditioning import speaker_index
 
 HELD_OUT_SPLITS = ("val", "test", "unseen")
 SAMPLES = 16
-# The model's own rate, that of a screen, and that of the law of saccades.
+# The model's own rate, a display rate, and the rate for the main sequence.
 OWN_FPS, SCREEN_FPS, MAIN_SEQUENCE_FPS = 25.0, 120.0, 500.0
 INTRODUCTION = """# Reference ranges: the default model
 
 Written by `python -m pipelines.reference_ranges_model{words}`: motion of the model for {sounds} sounds that it was not
-trained on, {samples} samples each, with the partner's voice where there is one, against the bands of
-[reference_ranges.md](reference_ranges.md), at 25 and at 120 frames a second; the law of saccades at 500. Beside it the
-true motion of the same sounds at 25 (its own rows of the law: [reference_ranges.md](reference_ranges.md)). A model that
-knows speakers is told who speaks; whom it does not know is one of them, always the same.
+trained on, {samples} samples each, with the partner's voice where there is one, compared with the ranges of
+[reference_ranges.md](reference_ranges.md), at 25 and at 120 fps; the main sequence at 500 fps. The last column has the
+true motion of the same sounds at 25 fps (its main sequence: [reference_ranges.md](reference_ranges.md)). A model with a
+speaker embedding is conditioned on the speaker; an unseen speaker is replaced by a fixed random training speaker.
 
-**At 25 frames a second {slow}; at 120 {fast}; as drawn {drawn}; of the truth {truth}.** Left out is what is not head,
-gaze or blinks. Listening, saccadic intrusions, blinks, and the head's part in far gaze are laws laid over what the
-model draws ([whole.md](whole.md)): the column "as drawn" has none of them but blinks, and no partner
+**At 25 fps {slow}; at 120 fps {fast}; as sampled {drawn}; truth {truth}.** Only head, gaze and blinks are compared.
+Listening, saccadic intrusions, blinks and the head contribution to large gaze shifts are rule-based layers added to the
+samples of the model ([whole.md](whole.md)). The column "as sampled" has only blinks of these, and no partner
 (`--no-postprocessing`).
 
 """
@@ -67,8 +68,7 @@ model draws ([whole.md](whole.md)): the column "as drawn" has none of them but b
 
 @dataclass(frozen=True)
 class AnimationPools:
-    """What is read off the performances of one sound at 25 and at 120 frames a second, off those of the model alone at
-    25, and off the truth."""
+    """Pooled arrays of one sound: animations at 25 and at 120 fps, unprocessed animations at 25 fps, and the truth."""
 
     slow: PooledArrays
     fast: PooledArrays
@@ -77,7 +77,7 @@ class AnimationPools:
 
 
 def main() -> None:
-    """Perform, measure, print, write."""
+    """Animate, measure, print and write."""
     workspace = Workspace.open(Path.cwd())
     if len(sys.argv) > 2:
         raise InputError(f"reference_ranges_model: should get one model or none, got {' '.join(sys.argv[1:])}")
@@ -118,15 +118,15 @@ def main() -> None:
 
 @lru_cache(maxsize=1)
 def _performer(model: Path) -> Animator:
-    """Loaded once a process."""
+    """The model, loaded once per process."""
     return Animator.load(model)
 
 
 def extract(corpus_inputs: CorpusInputs, model: Path, numbered: tuple[int, Clip]) -> AnimationPools:
-    """One sound, performed by seeds of its own and as it was.
+    """Pooled arrays of one sound, animated with its own seeds, and of its truth.
 
-    By the same seeds, all sounds would begin with the same numbers: vergence, which hardly changes within a clip, would
-    be that of so many draws as there are seeds.
+    With equal seeds for all sounds, all would start with the same random numbers: vergence, which hardly changes within
+    a clip, would have only as many values as there are seeds.
     """
     format_number, clip = numbered
     embedding = np.array(Recordings([clip], corpus_inputs.fit, corpus_inputs.embed)[0].speech)
@@ -156,7 +156,7 @@ def extract(corpus_inputs: CorpusInputs, model: Path, numbered: tuple[int, Clip]
 
 
 def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> ClipData:
-    """A performance with what is known of its sound; its jaw is not the model's."""
+    """An animation with the data of its sound; the model has no jaw."""
     heard = prosody(corpus_inputs.corpus.speech(clip), motion.fps, corpus_inputs.prosody)
     annotation = corpus_inputs.corpus.annotation(clip)
     fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
@@ -172,7 +172,7 @@ def load_clip_data(corpus_inputs: CorpusInputs, clip: Clip, motion: Motion) -> C
 
 
 def extract_main_sequence(finest: Motion, coarse: Motion) -> PooledArrays:
-    """Saccades at 500 frames a second, the same ones at 25, and the blinks' course."""
+    """Saccades at 500 fps, the same ones at 25 fps, and the kinematics of blinks."""
     high, low = (
         behaviour(each.fps, {"head": each.head, "gaze": each.gaze, "lid": each.lid}) for each in (finest, coarse)
     )
@@ -185,14 +185,14 @@ def extract_main_sequence(finest: Motion, coarse: Motion) -> PooledArrays:
 
 
 def order_by_take(pool: PooledArrays) -> PooledArrays:
-    """Styles of the first sample of every sound, then of the second: half minutes of a speaker are of several sounds
-    then, as those of the truth are, and not of one sound again and again."""
+    """Order styles by sample, then by sound: half minutes of a speaker then combine several sounds, like those of the
+    truth, instead of samples of a single sound."""
     styles = {name: values.reshape(-1, SAMPLES).T.ravel() for name, values in pool.items() if name.startswith("style.")}
     return {**pool, **styles}
 
 
 def measure_pool(pool: PooledArrays) -> Measurements:
-    """The rows that head, gaze and blinks of one rate have."""
+    """Rows for head, gaze and blinks at one rate."""
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) | measurements.measure_speech(pool)
     found |= measurements.measure_blinks(pool) | measurements.measure_gaze_shifts(pool)
     found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
@@ -200,14 +200,14 @@ def measure_pool(pool: PooledArrays) -> Measurements:
 
 
 def measure_with_main_sequence(pool: PooledArrays) -> Measurements:
-    """The same, and the rows of the law of saccades and of the course of blinks."""
+    """These rows, and those of the main sequence and of the kinematics of blinks."""
     return measure_pool(pool) | measurements.measure_main_sequence(pool) | measurements.measure_blink_kinematics(pool)
 
 
 def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
-    """The page: rows of the acceptance table, a column a rate, and the truth."""
+    """The page: rows of the reference ranges, with columns for the rates and the truth."""
     rows = [
-        markdown_row(["", "band", "25 fps", "120 fps", "25 fps, as drawn", "truth, 25 fps"]),
+        markdown_row(["", "reference range", "25 fps", "120 fps", "25 fps, as sampled", "truth, 25 fps"]),
         markdown_row(["---"] * 6),
     ]
     for reference_range in REFERENCE_RANGES:
@@ -222,17 +222,17 @@ def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
 
 
 def counts(found: Measurements) -> str:
-    """How many of the rows that were measured are in their bands, and how many are out."""
+    """Numbers of measured rows within and outside their ranges."""
     verdicts = [
         page.range_status(reference_range, found[reference_range.name])
         for reference_range in REFERENCE_RANGES
         if reference_range.name in found
     ]
-    return f"{verdicts.count('in')} are in, {verdicts.count('OUT')} out"
+    return f"{verdicts.count('in')} are within, {verdicts.count('OUT')} outside"
 
 
 def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:
-    """A figure, and whether it is out."""
+    """A value, marked if it is outside its range."""
     if found is None or found.value is None:
         return "" if found is None else f"- ({found.reason})"
     return f"{page.format_number(found.value)}{'' if reference_range.contains(found.value) else ' **out**'}"
@@ -241,4 +241,4 @@ def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:
 if __name__ == "__main__":
     run_command(
         importlib.import_module("pipelines.reference_ranges_model").main
-    )  # by its name, so that worker processes find `extract`
+    )  # by module name, so that worker processes can import `extract`

@@ -1,10 +1,10 @@
-"""Stage `report`: Table III beside the paper's, what is required and whether it is reached, and plots.
+"""Stage `report`: Table III beside the paper's values, requirements and whether they are met, and plots.
 
-Reads   data/evaluate/* (figures, speeds, the gaze benchmark), data/critic/report.json and notes.txt; for plots the
-        corpus and data/sample/*; if there, data/fit/table8.json and data/pretrain/*/codes.json
-Writes  data/report/: metrics.json {row: {split: {part: {figure: value}}}}, table3.md, table3.csv, and as PNG: figures,
-        traces (several samples of one sound), speeds, codes, benchmark (all measures beside the truth's intervals);
-        face.md: the faces, as in ProbTalk3D's Table 1
+Reads   data/evaluate/* (metrics, speeds, the gaze benchmark), data/critic/report.json and notes.txt; for plots the
+        corpus and data/sample/*; if they exist, data/fit/table8.json and data/pretrain/*/codes.json
+Writes  data/report/: metrics.json {row: {split: {part: {metric: value}}}}, table3.md, table3.csv, and as PNG: metrics,
+        traces (several samples of one sound), speeds, code usage, benchmark (all metrics beside the truth's
+        intervals); face.md: the faces, as in ProbTalk3D's Table 1
 Run     python -m pipelines.report
 """
 
@@ -51,36 +51,36 @@ from talkingeyes.evaluation.plots import (
 )
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, main
 
-# Methods whose traces are drawn beside truth, and how many of their samples.
+# Methods whose traces are plotted beside the truth, and their number of samples.
 TRACE_METHODS, SAMPLES_DRAWN = ("talkingeyes", "talkingeyes_paper", "vae"), 4
-# Requirements on what comes before the models: pupil error and speed after fitting, codes in use.
+# Requirements on the stages before the models: pupil error and speed after fitting, fraction of used codes.
 MAX_ERROR_PX, MIN_SPEED_RATIO, MAX_SPEED_RATIO, MIN_CODE_USAGE = 0.95, 1.0, 1.25, 0.9
 
 INTRODUCTION = """# Table III
 
-Beside each figure stands its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds
-with the true motion. The mean pose wins every L2 and a conditional mean wins Corr.: read both beside truth, fitted and
-mismatched motion. The paper's numbers are of another corpus and another critic. `TalkingEyes` is told who speaks, of
-unseen speakers that it is somebody it knows, drawn for each sound; all others are told nobody.
+Each value is followed by its interval over clips. L2, Diversity and Corr. compare with fitted motion, speeds with the
+true motion. The mean pose wins every L2 and a conditional mean wins Corr.: compare both with truth, fitted and
+mismatched motion. The paper's values are of another corpus and another critic. `TalkingEyes` is conditioned on the
+speaker; for unseen speakers, a random training speaker is used for each sound. All other models are unconditional.
 """
 FACES = """# The face
 
-On the vertices of the open head, against the true motion; each figure with its interval over sounds. What the measures
-are, and more rows: docs/face_table.md.
+Errors on the vertices of the open head, against the true motion; each value with its interval over sounds. Definitions
+are in docs/face_measures.md, more rows in docs/face_table.md.
 
 """
 BENCHMARK = """### The gaze benchmark, test and unseen together
 
-Each figure with its interval over sounds; bold: worse than the truth under the same sounds by more than the interval.
-`fitted` is what models learn from: the ceiling. What the measures are and what they cannot tell: docs/benchmark.md.
+Each value with its interval over sounds; bold: worse than the truth for the same sounds by more than the interval.
+`fitted` is the training target, an upper bound. Definitions and caveats of the metrics: docs/benchmark.md.
 """
 
 
 def run(workspace: Workspace) -> Report:
-    """Gather, write, draw."""
+    """Collect the rows, write the tables and draw the plots."""
     rows = {path.parent.name: _json(path) for path in sorted(workspace.data("evaluate").glob("*/metrics.json"))}
     if not rows:
-        raise InputError(f"{workspace.data('evaluate')}: should hold rows that `evaluate` wrote, got none")
+        raise InputError(f"{workspace.data('evaluate')}: should contain rows of `evaluate`, got none")
     eyes = {name: row for name, row in rows.items() if any(set(parts) - {"face"} for parts in row.values())}
     counts = {
         path.parent.name: np.array(_json(path)["counts"], float)
@@ -123,7 +123,7 @@ def _page(
 ) -> str:
     parts = [INTRODUCTION, markdown(rows), BENCHMARK, benchmark_markdown(benchmarks, TITLES)]
     parts += [
-        "\n### Required\n",
+        "\n### Requirements\n",
         requirements_table(required),
         "\n### The critics behind Corr.\n",
         critic_table(critic),
@@ -134,7 +134,7 @@ def _page(
 
 
 def _benchmarks(folder: Path, names: list[str]) -> dict[str, list[MetricResult]]:
-    """What `evaluate` wrote of the gaze benchmark, by row; rows without figures are left out."""
+    """The gaze benchmark of each row; rows without values are excluded."""
     tables = {name: from_json(_json(folder / name / "benchmark.json")) for name in names}
     return {name: table for name, table in tables.items() if any(row.value for row in table)}
 
@@ -152,12 +152,12 @@ def _upstream(table8: Path, counts: Mapping[str, Float[ndarray, " K"]]) -> list[
             ratio = fitted["velocity_ratio"]
             found.append(Requirement("fit: eye-only speed to truth's", ratio, MIN_SPEED_RATIO, MAX_SPEED_RATIO))
     for name, used in counts.items():
-        found.append(Requirement(f"{name}: share of codes in use", float((used > 0).mean()), minimum=MIN_CODE_USAGE))
+        found.append(Requirement(f"{name}: fraction of codes in use", float((used > 0).mean()), minimum=MIN_CODE_USAGE))
     return found
 
 
 def _draw_traces(workspace: Workspace, path: Path) -> None:
-    """Truth, where it is known, and the traced models under the test sound with the most takes."""
+    """Plot the truth, if it exists, and samples of a few models for the held-out sound with the most takes."""
     corpus = Corpus(workspace.corpus)
     models = [name for name in TRACE_METHODS if workspace.data("sample", name).is_dir()]
     clips = corpus.select("test", "unseen")
@@ -182,7 +182,7 @@ def _draw_traces(workspace: Workspace, path: Path) -> None:
 
 
 def _speeds(folder: Path, names: list[str]) -> dict[str, dict[str, Float[ndarray, "2 N"]]]:
-    """What `evaluate` wrote of the distribution of speed: row to part to speeds and shares."""
+    """Distributions of speed: row to part to speeds and fractions."""
     found: dict[str, dict[str, Float[ndarray, "2 N"]]] = {}
     for name in names:
         points: dict[str, list[list[float]]] = {}

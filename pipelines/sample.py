@@ -1,9 +1,11 @@
-"""Sample S motions of every test and unseen sound with one model.
+"""Stage `sample`: sample S motions of every test and unseen sound with one model.
 
 Run: python -m pipelines.sample talkingeyes
-Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model that hears the waveform. A model that
-knows speakers is told who speaks (whom it does not know is one of them, drawn for each sound), one that hears the
-partner what the partner says; no reference is given.
+
+Reads: the corpus index, data/embed, data/train/<model>; the sound, for a model with a waveform encoder. A model with a
+speaker embedding is conditioned on the speaker (unseen speakers are replaced by a random training speaker per sound), a
+model with partner conditioning on the partner's speech; no reference clip is given.
+
 Writes: data/sample/<model>/<shard>/<clip>.npz.
 """
 
@@ -24,7 +26,7 @@ from talkingeyes.training.motion_generators import TrainedGenerator, load_genera
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Clip-parallel; every clip's seeds are its own, so the order and number of jobs do not matter."""
+    """Sample in parallel over clips; each clip has its own seeds, so order and number of jobs do not matter."""
     settings = workspace.settings("sample", SampleSettings)
     clips = Corpus(workspace.corpus).select("test", "unseen", take=0)
     with workspace.output("sample", name) as folder:
@@ -36,13 +38,13 @@ def run(workspace: Workspace, name: str) -> Report:
 
 @lru_cache(maxsize=1)
 def _generator(folder: Path) -> TrainedGenerator | TrainedFaceGenerator:
-    """Loaded once a process."""
+    """The generator, loaded once per process."""
     return load_face_generator(folder) if is_face_model(folder) else load_generator(folder)
 
 
 @lru_cache(maxsize=1)
 def _conditioning_provider(model: Path, conditioning_paths: ConditioningPaths) -> ConditioningProvider | None:
-    """What says what else the model is told, if it is told anything."""
+    """The provider of conditioning inputs, if the model needs any."""
     generator = _generator(model)
     if isinstance(generator, TrainedFaceGenerator) or not required_inputs(generator):
         return None

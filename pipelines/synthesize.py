@@ -1,13 +1,13 @@
-"""Stage `synthesize`: a synthetic corpus of spoken text with true motion and what a camera sees of it.
+"""Stage `synthesize`: a synthetic corpus of spoken text with true motion and simulated camera observations.
 
 Reads   nothing (text, voices and motion are the project's own)
 Writes  data/synthesize/: clips.parquet, speech/, partner/, annotations/, observations/, truth/ (docs/conventions.md),
         table1.md
 Run     python -m pipelines.synthesize
 
-Splits are known before anything is said: 15 % of the speakers are unseen, the sounds of the rest are dealt 8:1:1. Some
-sounds of test and unseen have several takes: one sound, motion drawn again, for the one-to-many tests. A run that is
-cut off goes on with the sound that it was at.
+Splits are assigned before speech is synthesized: 15 % of the speakers are unseen, the sounds of the others are split
+8:1:1. Some sounds of test and unseen have several takes, with resampled motion for one sound, for the one-to-many
+tests. An interrupted run resumes with the sound at which it stopped.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from talkingeyes.synthesis.speech_synthesis import SynthesizedSpeech, synthesize
 from talkingeyes.synthesis.take import sample_take
 from talkingeyes.synthesis.text import TextPartition
 
-# The code that a corpus is made by: a run that was cut off goes on only under the same.
+# Code that a corpus depends on: an interrupted run resumes only with the same code.
 SOURCE_MODULES = ("audio", "core", "corpus", "head", "physiology", "synthesis")
 
 
-# Each split has a share of all text to itself, so no sentence occurs in two of them.
+# Each split has its own part of the text, so no sentence occurs in two splits.
 SPLIT_PARTITIONS = {
     "train": TextPartition(0.0, 0.64),
     "val": TextPartition(0.64, 0.76),
@@ -55,7 +55,7 @@ SPLIT_PARTITIONS = {
 
 @dataclass(frozen=True)
 class SoundJob:
-    """A sound to speak and perform, in its split, so many times."""
+    """A sound to synthesize, its split and its number of takes."""
 
     sound: PlannedSound
     split: str
@@ -63,7 +63,7 @@ class SoundJob:
 
 
 def run(workspace: Workspace) -> Report:
-    """Speak and perform all sounds."""
+    """Synthesize speech and motion of all sounds."""
     settings = workspace.settings("synthesize", SynthesizeSettings)
     wanted = sound_jobs(settings)
     with workspace.output(
@@ -80,7 +80,7 @@ def run(workspace: Workspace) -> Report:
 
 
 def sound_jobs(settings: SynthesizeSettings) -> list[SoundJob]:
-    """All sounds with their splits and takes. Raises InputError when a split stays empty."""
+    """All sounds with their splits and takes. Raises InputError if a split is empty."""
     sounds = plan.sounds(settings)
     speaker_of = {sound.id: plan.speaker_name(sound.speaker) for sound in sounds}
     split = split_sounds(speaker_of, dict.fromkeys(speaker_of, ()), settings.seed)
@@ -104,7 +104,8 @@ def _multi_take_sounds(split: Mapping[str, str], settings: SynthesizeSettings) -
 
 
 def synthesize_sound(root: Path, settings: SynthesizeSettings, job: SoundJob) -> list[Clip]:
-    """One sound with all its takes, written; its rows of the index. What an earlier run finished is taken as it is."""
+    """Write one sound with all its takes; returns its rows of the index. A sound finished by an earlier run is
+    reused."""
     rows = shard_path(root / "rows", job.sound.id, ".json")
     if rows.exists():
         return [Clip(**row) for row in json.loads(rows.read_text())]
@@ -117,7 +118,7 @@ def synthesize_sound(root: Path, settings: SynthesizeSettings, job: SoundJob) ->
 
 
 def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -> SynthesizedSpeech:
-    """Speak one sound and write it with its annotation; noise and room change what is written, not what is known."""
+    """Synthesize one sound and write it with its annotation. Noise and room change the sound, not the annotation."""
     sound = job.sound
     source = settings.sources[sound.source]
     rng = plan.generator(settings.seed, "sound", sound.index)
@@ -135,7 +136,7 @@ def synthesize_speech(root: Path, settings: SynthesizeSettings, job: SoundJob) -
 
 
 def synthesize_takes(root: Path, settings: SynthesizeSettings, job: SoundJob, spoken: SynthesizedSpeech) -> list[Clip]:
-    """Perform the takes of one sound; write what was true and what was seen, return the rows of the index."""
+    """Sample the takes of one sound; write truth and observations, return the rows of the index."""
     sound = job.sound
     speaker = plan.speaker_of(settings, sound)
     identity = identity_weights(speaker.identity, settings.camera)

@@ -1,8 +1,8 @@
-"""Rows of a table under several seeds of training and sampling, through the result store: nothing is made twice.
+"""Rows of a table with several seeds of training and sampling, through the result store, so nothing runs twice.
 
 Used by: pipelines.combinations, pipelines.face_table, pipelines.tables. What all rows and seeds share (corpus, fit,
-embedding, codebooks, critic) is made first; then the models run side by side, one a process. Killed, it goes on: every
-model, what follows its training and its row are kept under `store` (store.py).
+embedding, codebooks, critic) is computed first; then the models run in parallel, one per process. An interrupted run
+resumes: every model, the stages after its training and its row are kept in the result store.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ METRICS_FILE = "metrics.json"
 
 @dataclass(frozen=True)
 class RowResult:
-    """A row under one seed: where its figures are, and of a model its samples (if the row reads them) and the model
-    itself, with the CPU seconds of its training (None if `dvc repro` trained it)."""
+    """A row with one seed: the paths of its metrics, and for a model of its samples (if the row reads them) and of the
+    model, with the CPU seconds of its training (None if `dvc repro` trained it)."""
 
     name: str
     figures: Path
@@ -39,10 +39,10 @@ class RowResult:
 
 @dataclass(frozen=True)
 class RowSpec:
-    """What a row is: the name of its entries in the store, the code that it follows from, what it reads, its measure.
+    """Definition of the rows: the name of their entries in the store, their code, their inputs, and their measurement.
 
-    `measure` writes metrics.json. `models`: those who are rows; real motion (`references`) is measured alone.
-    `stages_after`: the stages that follow the training of a model and that the row reads.
+    `measure` writes metrics.json. `models` are the models that are rows; real motion (`references`) is only measured.
+    `stages_after`: the stages after the training of a model that the row reads.
     """
 
     stage: str
@@ -57,7 +57,7 @@ class RowSpec:
 
 @dataclass(frozen=True)
 class TableRows:
-    """All rows, by name, one a seed; and where what they share lies, by stage."""
+    """All rows by name, one per seed; and the paths of their shared data, by stage."""
 
     by_name: dict[str, list[RowResult]]
     data: dict[str, Path]
@@ -65,7 +65,7 @@ class TableRows:
 
 @dataclass(frozen=True)
 class TableOptions:
-    """What the command line asks for: where to write, which seeds, what is set in conf/, and words of its own."""
+    """Options of the command line: output folder, seeds, overrides of conf/, and options of the table."""
 
     out: Path
     seeds: list[int]
@@ -74,7 +74,7 @@ class TableOptions:
 
 
 def parse_arguments(arguments: Sequence[str], words: Sequence[str] = ()) -> TableOptions:
-    """The arguments, of which `words` (as in word=a,b) are a table's own. Raises InputError for seeds that are none."""
+    """Parse the arguments; `words` (as in word=a,b) are options of the table. Raises InputError for invalid seeds."""
     left, out = list(arguments), REPOSITORY_ROOT / "docs"
     if "--out" in left:
         at = left.index("--out")
@@ -97,7 +97,7 @@ def _values(arguments: Sequence[str], word: str) -> list[str]:
 
 
 def configs_by_seed(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
-    """The composition under each seed. A corpus from elsewhere is named as seen from anywhere."""
+    """The composition with each seed; the path of an external corpus is made absolute."""
     made = [compose([*overrides, f"train.seed={seed}", f"sample.seed={seed}"]) for seed in seeds]
     for params in made:
         if params["corpus"] != DEFAULT_CORPUS:
@@ -106,7 +106,7 @@ def configs_by_seed(overrides: Sequence[str], seeds: Sequence[int]) -> list[dict
 
 
 def compute_rows(made: Sequence[Mapping[str, Any]], kind: RowSpec, critic: bool, title: str) -> TableRows:
-    """Every row of every seed; references have one."""
+    """Compute every row with every seed; references have a single one."""
     params, entries = made[0], dict[Path, StoredResult]()
     for call in shared_calls(params, kind.models, critic):
         entries[call.folder] = _obtain(params, call, entries)
@@ -118,7 +118,7 @@ def compute_rows(made: Sequence[Mapping[str, Any]], kind: RowSpec, critic: bool,
 
 
 def shared_calls(params: Mapping[str, Any], models: Iterable[str], critic: bool) -> list[StageCall]:
-    """What all rows and seeds share."""
+    """The calls that all rows and seeds share."""
     tokenizers = {params["model"][name]["tokenizer"] for name in _with_parts(params, models)} - {None}
     own = [("synthesize",)] if params["corpus"] == DEFAULT_CORPUS else []
     order = [
@@ -132,7 +132,7 @@ def shared_calls(params: Mapping[str, Any], models: Iterable[str], critic: bool)
 
 
 def _with_parts(params: Mapping[str, Any], models: Iterable[str]) -> list[str]:
-    """Models, each after those that it is made of."""
+    """Models, each after the models that it combines."""
     found = []
     for name in models:
         found += [*_with_parts(params, params["model"][name].get("source_models", ())), name]
@@ -150,7 +150,8 @@ def _obtain(params: Mapping[str, Any], call: StageCall, upstream: Mapping[Path, 
 
 
 def _row(kind: RowSpec, shared_entries: Mapping[Path, StoredResult], work: tuple[Mapping[str, Any], str]) -> RowResult:
-    """Train one model of one seed, run what follows the training, and measure it; real motion is measured alone."""
+    """Train one model with one seed, run the stages after the training, and measure it; real motion is only
+    measured."""
     params, name = work
     entries, of_model = dict(shared_entries), name not in kind.references
     if of_model:

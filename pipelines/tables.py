@@ -1,12 +1,12 @@
-"""The paper's tables on three seeds: TalkingEyes Tables III, V (with II as ranges), VI and VII.
+"""The paper's tables with three seeds: TalkingEyes Tables III, V (with II as ranges), VI and VII.
 
 Run     python -m pipelines.tables [tables=table3,table7] [seeds=0,1,2] [--out DIR] [overrides]
-Reads   conf/experiment/table3, table5, table6, table7; corpus, fit and embedding of `make repro` are taken over if they
-        are the same
+Reads   conf/experiment/table3, table5, table6, table7; corpus, fit and embedding of `make repro` are reused if they
+        match
 Writes  DIR (by default docs/): tables.md, tables.json; works in the folder that `workspace` names (build/tables)
 
-A row is computed once, in however many tables it stands. "Seeds" are those of training and sampling; corpus, fit,
-codebooks and critic are the same for all. Killed, it goes on (pipelines/table_runs.py). Outside the default chain.
+A row is computed once, even if it is in several tables. Seeds are those of training and sampling; corpus, fit,
+codebooks and critic are shared. An interrupted run resumes (pipelines/table_runs.py). Outside the default pipeline.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ from talkingeyes.orchestration.run import run_command
 
 INTRODUCTION = """# The paper's tables
 
-Written by `python -m pipelines.tables{words}` (`make tables`) at revision {revision}; killed, it goes on. What each
-table asks, and the paper's numbers: conf/experiment/table3, table5, table6, table7. All rows are of one code
-revision: the store keeps what was made from other code under other names.
+Written by `python -m pipelines.tables{words}` (`make tables`) at revision {revision}; an interrupted run resumes. The
+question of each table and the paper's values are in conf/experiment/table3, table5, table6, table7. All rows are of one
+code revision, because the result store separates results of different code.
 
-Why the paper's order is not found in the columns of the eyes: its own eyes stand still here after 400 steps (Tables III
-and V to VII); predictions, and the experiment that tested them, are in the [log](log.md), "why the paper's order is not
-ours"; what ten times the steps, free running and mixed heads give: "the experiments that were left". The default model
-is told who speaks, of unseen speakers that it is somebody it knows, drawn for each sound; the paper's models and the
-baselines are told nobody.
+The paper's order is not reproduced in the columns of the eyes, because its eyes stand still here after 400 steps
+(Tables III and V to VII). Predictions and the experiment that tested them are in the [log](log.md), "why the paper's
+order is not ours". Results of ten times the steps, free running and mixed heads: "the experiments that were left". The
+default model is conditioned on the speaker; for unseen speakers, a random training speaker is used for each sound. The
+paper's models and the baselines are unconditional.
 
-Seeds of training and sampling: {seeds}. Each figure (bold) is their mean; small, its {level:.0%} interval over clips
-(seeds averaged) and, of several seeds, their range. Under it the paper's, of another corpus, encoder and critic, and of
-some 480,000 steps of training: compare the order of rows, not the values. Diversity, Corr. and L2 compare with fitted
-motion in radians, speeds and ranges with the true motion; `Mean` wins every L2, so read all of a row. Table II is in
-words in the paper (a VAE's eyes "nearly stationary", a VQ-VAE's head "exaggerated"); here it is the middle 95 % of each
-rotation against the truth's. What is above 5 Hz is measured on {count} motions of {long_s:.0f} s a split, for real
-motion clip by clip; its intervals are over motions.
+Seeds of training and sampling: {seeds}. Each value (bold) is the mean over seeds; in small print its {level:.0%}
+interval over clips (seeds averaged) and, with several seeds, their range. Below it is the paper's value, of another
+corpus, encoder and critic, and of about 480,000 training steps: compare the order of rows, not the values. Diversity,
+Corr. and L2 compare with fitted motion in radians, speeds and ranges with the true motion. `Mean` wins every L2, so
+read whole rows. The paper describes Table II in words (a VAE's eyes "nearly stationary", a VQ-VAE's head
+"exaggerated"); here it is the middle 95 % of each rotation, compared with the truth. Motion above 5 Hz is measured on
+{count} motions of {long_s:.0f} s per split, for real motion clip by clip; its intervals are over motions.
 
-Order: of every two rows that the paper has with different numbers, whether ours differ in the same direction; Kendall's
-tau is agreeing less reversed pairs over all. A pair is told apart if the interval of our difference, both rows on the
-same clips, does not hold 0. Pairs are named as the paper orders them.
+Order: for every pair of rows with different values in the paper, whether ours differ in the same direction. Kendall's
+tau is the number of agreeing minus reversed pairs, divided by all pairs. A pair differs significantly if the interval
+of our difference, with both rows on the same clips, excludes 0. Pairs are named in the paper's order.
 
 """
 
 
 def main() -> None:
-    """All seeds of all rows of the chosen tables, then the page."""
+    """Compute all rows of the chosen tables with all seeds, then write the page."""
     wanted = options(sys.argv[1:])
     names, made = wanted.words["tables"], configs_by_seed(wanted.overrides, wanted.seeds)
     settings = EvaluateSettings.model_validate(made[0]["evaluate"])
@@ -82,7 +82,8 @@ def main() -> None:
 
 
 def options(arguments: Sequence[str]) -> TableOptions:
-    """What is asked for: tables=..., and what rows.py knows. An experiment is composed on top of the tables'."""
+    """The options: tables=..., and those of table_runs.py. A given experiment is composed on top of those of the
+    tables."""
     wanted = parse_arguments(arguments, ["tables"])
     names = wanted.words["tables"] or list(TABLES)
     unknown = [name for name in names if name not in TABLES]
@@ -95,7 +96,7 @@ def options(arguments: Sequence[str]) -> TableOptions:
 
 
 def _figures(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, dict[str, dict[str, MultiSeedStatistic]]]:
-    """{split: {row: {figure}}}."""
+    """{split: {row: {metric: statistic}}}."""
     plain = {name: [json.loads(one.figures.read_text()) for one in seeds] for name, seeds in by_name.items()}
     return {split: {name: row_metrics(seeds, split) for name, seeds in plain.items()} for split in SPLITS}
 
@@ -103,7 +104,7 @@ def _figures(by_name: Mapping[str, Sequence[RowResult]]) -> dict[str, dict[str, 
 def _tables(
     name: str, figures: Mapping[str, Mapping[str, Mapping[str, MultiSeedStatistic]]], settings: EvaluateSettings
 ) -> dict[str, TableResult]:
-    """A table in every split that has sounds."""
+    """The results of a table in every split that has sounds."""
     return {
         split: table_result(TABLES[name], of_split, settings.bootstrap)
         for split, of_split in figures.items()

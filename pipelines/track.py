@@ -1,4 +1,4 @@
-"""Stage `track`: a corpus from videos, as `talkingeyes track` makes it. Outside the chain: it needs somebody's videos.
+"""Stage `track`: a corpus from videos, as `talkingeyes track` makes it. Outside the default pipeline: it needs videos.
 
 Reads   a folder of videos (or one video)
 Writes  data/track/: a corpus without truth (docs/conventions.md), tracked.csv, rejected.csv, failed.csv, summary.json,
@@ -17,7 +17,7 @@ from talkingeyes.workflows.track import track
 
 
 def run(workspace: Workspace, videos: str) -> Report:
-    """Track all videos; goes on where an earlier run was interrupted."""
+    """Track all videos; resumes an interrupted run."""
     settings = workspace.settings("track", TrackSettings)
     folder = workspace.data("track")
     tracked = track([Path(videos)], folder, settings, jobs=workspace.jobs)

@@ -1,10 +1,11 @@
-"""Train one model, of head and gaze or of the face, on the fitted motion of the train split.
+"""Stage `train`: train one model of head and gaze or of the face on the fitted motion of the train split.
 
 Run: python -m pipelines.train talkingeyes
-Reads: the corpus index, data/fit, data/embed, data/pretrain/<tokenizer>, data/train/<model> where it starts from
-another or combines others; the corpus's sound, for a model that hears the waveform.
-Writes: data/train/<model>: all that generation needs.
-Killed, it goes on from data/.train-<model>.resume; torchrun --nproc-per-node N shares the batches.
+
+Reads: the corpus index, data/fit, data/embed, data/pretrain/<tokenizer>, data/train/<model> if the model is initialised
+from another or combines others; the corpus's sound, for a model with a waveform encoder. Writes: data/train/<model>:
+everything that generation needs. An interrupted run resumes from data/.train-<model>.resume; torchrun --nproc-per-node
+N splits the batches.
 """
 
 import shutil
@@ -48,7 +49,7 @@ NetworkSettings = MotionTaskSettings | FaceTaskSettings | PoseTaskSettings | PGF
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """A network is trained, a baseline fitted; both leave the same kind of folder."""
+    """Train a network or fit a baseline; both write the same kind of folder."""
     seed = workspace.settings("train", TrainSettings).seed
     context = ExecutionContext.of(workspace.params["machine"])
     model = workspace.params.get("model", {}).get(name)
@@ -65,7 +66,7 @@ def run(workspace: Workspace, name: str) -> Report:
 
 
 def _fit_without_loop(workspace: Workspace, name: str, kind: str | None, seed: int) -> Report:
-    """What has no loop: models made of others, and baselines."""
+    """Models without a training loop: combinations of models, and baselines."""
     if kind == "head_then_gaze":
         return _combine_models(workspace, name, workspace.settings(f"model.{name}", HeadThenGazeSettings))
     if kind == "canonical_correlation":
@@ -133,7 +134,7 @@ def _face_data(workspace: Workspace) -> FaceData:
 
 
 def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: int) -> Report:
-    """A model of the head alone; its curves, the rival's among them, go to the record of runs."""
+    """A model of the head alone; its curves, including the discriminator's, are logged to MLflow."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     normaliser, context = Normaliser.of(embed), ExecutionContext.single_process(workspace.params["machine"])
     of_train, of_val = (
@@ -164,7 +165,7 @@ def _poses(workspace: Workspace, name: str, settings: PoseTaskSettings, seed: in
 
 
 def _pgface(workspace: Workspace, name: str, settings: PGFaceTaskSettings, seed: int) -> Report:
-    """The face's shape of speech and head pose."""
+    """PGFace: face shape from speech and head pose."""
     corpus, fit, embed = Corpus(workspace.corpus), workspace.data("fit"), workspace.data("embed")
     normaliser, context, surface = (
         Normaliser.of(embed),
@@ -192,7 +193,7 @@ def _pgface(workspace: Workspace, name: str, settings: PGFaceTaskSettings, seed:
 
 
 def _combine_models(workspace: Workspace, name: str, settings: HeadThenGazeSettings) -> Report:
-    """Nothing is trained: two models that are stand in one folder."""
+    """Combine two trained models in one folder, without training."""
     head, gaze = (load(workspace.data("train", each)) for each in settings.source_models)
     with workspace.output("train", name) as folder:
         save_head_then_gaze(folder, settings, head, gaze)
@@ -201,7 +202,7 @@ def _combine_models(workspace: Workspace, name: str, settings: HeadThenGazeSetti
 
 
 def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings, seed: int) -> Report:
-    """In closed form, behind the head of a model that is."""
+    """Fit canonical correlation in closed form, for the head of a trained model."""
     embed = workspace.data("embed")
     clips = recordings(Corpus(workspace.corpus), workspace.data("fit"), embed, "train")
     found = fit_canonical_gaze(settings, clips, Normaliser.of(embed), seed)
@@ -214,7 +215,7 @@ def _canonical(workspace: Workspace, name: str, settings: CanonicalModelSettings
 def _resume_file(
     workspace: Workspace, name: str, settings: NetworkSettings, seed: int, context: ExecutionContext
 ) -> ResumeFile:
-    """The file of this training, and all that its result follows from."""
+    """The resume file of this training, with a fingerprint of all its dependencies."""
     folders = [workspace.data("fit"), workspace.data("embed"), workspace.data("pretrain", str(settings.tokenizer))]
     if isinstance(settings, MotionTaskSettings) and settings.init_from:
         folders.append(workspace.data("train", settings.init_from))
@@ -262,7 +263,8 @@ def _face_baseline(workspace: Workspace, name: str, settings: BaselineSettings) 
 
 
 def _copy_inference_files(workspace: Workspace, folder: Path) -> None:
-    """The encoder's settings, the blinks of the corpus and its speakers' habits, so that a model's folder is whole."""
+    """Copy the encoder's settings, blink rates and speaker styles of the corpus, so that a model's folder is
+    self-contained."""
     for stage, name in (("embed", "embedding.json"), ("fit", "blinks.json"), ("fit", SPEAKERS_FILE)):
         shutil.copyfile(workspace.data(stage, name), folder / name)
 

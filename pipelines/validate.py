@@ -1,12 +1,14 @@
-"""Stage `validate`: the figures on val that models and settings are chosen by (test and unseen are for `evaluate`).
+"""Stage `validate`: the metrics on val by which models and settings are selected (test and unseen are for `evaluate`).
 
 Run: python -m pipelines.validate talkingeyes
+
 Reads: the corpus index and truth, data/fit, data/embed, data/critic, data/train/<model>.
-Writes: data/validate/<model>/metrics.json {figure: value}: Corr. of the samples of each part, and of the fitted motion
-beside it; distances of the distributions of eye speed and saccade amplitude from the truth's (from the fitted
-motion's, in a corpus without truth), and their mean, `distance`; the same of how far gaze is from straight ahead,
-`place_distance`; `apart`, by how many measures of the gaze benchmark the samples are worse than the truth by more than
-the interval, of `apart_of`. benchmark.json: the benchmark itself.
+
+Writes: data/validate/<model>/metrics.json {metric: value}: Corr. of the samples of each part, and of the fitted motion
+for comparison; distances of the distributions of eye speed and saccade amplitude from those of the truth (in a corpus
+without truth: of the fitted motion), and their mean, `dynamics_distance`; the same for eccentricity of gaze,
+`eccentricity_distance`; `metrics_worse`, the number of metrics of the gaze benchmark by which the samples are
+significantly worse than the truth, out of `metrics_comparable`. benchmark.json: the benchmark itself.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ class InputPaths:
 
 @dataclass(frozen=True)
 class SoundValidation:
-    """Of one sound: Corr. by part, drawn and fitted; how the eyes move, drawn and true; its part of the benchmark."""
+    """Results of one sound: Corr. by part, sampled and fitted; eye dynamics, sampled and true; benchmark statistics."""
 
     corr: dict[str, float]
     corr_fitted: dict[str, float]
@@ -70,7 +72,7 @@ class SoundValidation:
 
 
 def run(workspace: Workspace, name: str) -> Report:
-    """Clip-parallel; every clip's seeds are its own."""
+    """Validate in parallel over clips; each clip has its own seeds."""
     settings = workspace.settings("validate", ValidateSettings)
     data = workspace.data
     paths = InputPaths(workspace.corpus, data("fit"), data("embed"), data("critic"), data("train", name))
@@ -97,12 +99,12 @@ def _sounds(paths: InputPaths, settings: ValidateSettings) -> list[SoundGroup]:
     corpus = Corpus(paths.corpus)
     found = sounds(corpus, paths.fit, paths.embed, ("val",), SHUFFLED_SOUNDS, settings.seed)
     if not found:
-        raise InputError(f"{corpus.root}: no fitted clip in val; a corpus needs clips in every split")
+        raise InputError(f"{corpus.root}: should contain a fitted clip in val, got none")
     return found
 
 
 def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGroup) -> SoundValidation:
-    """Draw samples for one sound and measure them."""
+    """Sample motions for one sound and measure them."""
     corpus, clip = Corpus(paths.corpus), sound.clip
     fitted, *others = Recordings([clip, *sound.others], paths.fit, paths.embed)
     speech, evaluators = np.array(fitted.speech), _load_evaluators(paths.critic)
@@ -129,7 +131,7 @@ def validate_sound(paths: InputPaths, settings: ValidateSettings, sound: SoundGr
 
 
 def _takes(corpus: Corpus, paths: InputPaths, sound: SoundGroup) -> list[Motion]:
-    """True motions of all takes; in a corpus without truth the fitted ones."""
+    """True motions of all takes; in a corpus without truth, the fitted ones."""
     if corpus.has_truth:
         return [corpus.truth(take) for take in sound.takes]
     return [Motion.load(shard_path(paths.fit / "motion", take.id, ".npz")) for take in sound.takes]
@@ -137,13 +139,13 @@ def _takes(corpus: Corpus, paths: InputPaths, sound: SoundGroup) -> list[Motion]
 
 @lru_cache(maxsize=1)
 def _generator(folder: Path) -> TrainedGenerator:
-    """Loaded once a process."""
+    """The generator, loaded once per process."""
     return load_generator(folder)
 
 
 @lru_cache(maxsize=1)
 def _conditioning_provider(paths: InputPaths) -> ConditioningProvider | None:
-    """What says what else the model is told, if it is told anything; references are of the train split."""
+    """The provider of conditioning inputs, if the model needs any; references are from the train split."""
     generator, corpus = _generator(paths.model), Corpus(paths.corpus)
     wanted = required_inputs(generator)
     known = recordings(corpus, paths.fit, paths.embed, "train") if "reference" in wanted else ()
@@ -156,7 +158,7 @@ def _conditioning_provider(paths: InputPaths) -> ConditioningProvider | None:
 
 @lru_cache(maxsize=1)
 def _load_evaluators(folder: Path) -> Evaluators:
-    """Loaded once a process."""
+    """Evaluators, loaded once per process."""
     return Evaluators.load(folder)
 
 

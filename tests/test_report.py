@@ -60,7 +60,7 @@ def test_table_has_the_rows_in_order_with_the_papers_numbers(workspace, reported
     assert float(random["gaze_l2_low"]) <= float(random["gaze_l2"]) <= float(random["gaze_l2_high"])
     page = workspace.data("report", "table3.md").read_text()
     assert page.index("| Truth |") < page.index("| Mismatched motion |") < page.index("| Random |")
-    assert "codes: share of codes in use | at least 0.9 | 0.75 | **off by -0.15**" in page
+    assert "codes: fraction of codes in use | at least 0.9 | 0.75 | **off by -0.15**" in page
 
 
 def test_reports_are_repeatable(workspace, reported):

@@ -79,7 +79,8 @@ def test_a_changed_search_space_is_refused(tmp_path):
     overrides = ["sweep=free_running", f"workspace={tmp_path}"]
     assert prepare(overrides).remaining_trials == 16
     with pytest.raises(
-        InputError, match=rf"^study free_running: began as another search, {PLACES} changed; .*study=NAME$"
+        InputError,
+        match=rf"^study free_running: should have the same search as before, got changes of {PLACES}; .*study=NAME$",
     ):
         prepare([*overrides, f"{PLACES}=choice(16,32)"])
     assert (
@@ -173,6 +174,6 @@ def test_bad_trials_end_early(tmp_path, monkeypatch):
 
 def test_pruning_needs_one_objective(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["sweep", "sweep=codebook_size", f"workspace={tmp_path}"])
-    with pytest.raises(InputError, match="pruning needs one objective"):
+    with pytest.raises(InputError, match="should have one objective for pruning"):
         pipelines.pruned_sweep.main()
     assert not Path(tmp_path, "asked").exists()

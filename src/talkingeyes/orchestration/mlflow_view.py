@@ -3,8 +3,9 @@
 By default, the page lists runs without metrics. MLflow stores a view that a user saves under `Views` as a tag of the
 experiment. This module writes another such tag. It does not change views that a user has saved.
 
-Run: python -m talkingeyes.orchestration.mlflow_view build/tiny 127.0.0.1:5000 Reads mlflow.db in that folder; prints
-the URLs of the comparison on a server at that address. `make ui` does both.
+Run: python -m talkingeyes.orchestration.mlflow_view build/tiny 127.0.0.1:5000
+
+Reads mlflow.db in that folder; prints the URLs of the comparison on a server at that address. `make ui` does both.
 """
 
 from __future__ import annotations

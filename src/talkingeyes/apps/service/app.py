@@ -1,8 +1,8 @@
 """The service as a web application: files by POST, streams by WebSocket, one page.
 
-POST /performances?seed=1&...   the body is a sound file; returns id, seconds, fps and frames of the animation GET
-/performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: a download WS
-/stream                      apps/service/live_stream.py
+    POST /performances?seed=1&...   the body is a sound file; returns id, seconds, fps and frames of the animation
+    GET /performances/ID/poses      pose rows (apps/viewer/pose_encoding.py); /sound: its sound as wav; /FORMAT: export
+    WS /stream                      apps/service/live_stream.py
 
 Errors return a status of 400 to 499 and {"error": one line}; overload returns 503. Clients do not choose file names:
 ids are random, and all files are stored in the service's own folder.

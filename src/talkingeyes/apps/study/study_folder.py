@@ -1,6 +1,7 @@
 """A study on disk: its design (study.json), its films under opaque names, and the answers.
 
-study.json          schema, design, seed, clips of each stratum, films: {id: {condition, stratum, clip}} films/<id>.mp4
+study.json          schema, design, seed, clips of each stratum, films: {id: {condition, stratum, clip}}
+films/<id>.mp4
 answers.sqlite      created by the first participant
 """
 

@@ -1,8 +1,8 @@
 """Motion files of any supported format: choice of the reader, and validation of the result.
 
-.npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width .csv,
-.csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker .json  ARKit
-coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a map of names (key_map)
+.npz  our Motion; VHAP, DiffPoseTalk, FLAME by names      .npy, .pt  EMOTE, ProbTalk3D, ARTalk, UniLS by width
+.csv, .csv.gz  Live Link Face, OpenFace, py-feat          .frame, or a folder of them  metrical-tracker
+.json  ARKit coefficients    .glb .vrma    .usd .usda .usdc    .bvh    .npy .npz by a key map (key_map.py)
 """
 
 from __future__ import annotations
