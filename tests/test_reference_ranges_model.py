@@ -38,4 +38,4 @@ def test_a_figure_out_of_its_band_is_marked():
     assert reference_ranges_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **out**"
     assert reference_ranges_model.cell(fact, no_measurement("too few")) == "- (too few)"
     found = {"rate": measurement(3.5, 40, "saccades"), "below_5": measurement(0.5, 40, "saccades")}
-    assert reference_ranges_model.counts(found) == "1 are in, 1 out"
+    assert reference_ranges_model.counts(found) == "1 are within, 1 outside"
