@@ -20,7 +20,7 @@ export PYTHONUNBUFFERED := 1
 export PATH := $(abspath $(BIN)):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup repro params test check tiny sweep bench wheel packaged-models face tables reference-ranges real-videos ui docs clean
+.PHONY: help setup demo repro params test check tiny sweep bench wheel packaged-models face tables reference-ranges real-videos ui docs clean
 
 help:  ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -43,6 +43,14 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic
 OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes sample@talkingeyes \
 	train@talkingeyes_live sample@talkingeyes_live
+
+demo:  ## Animate the packaged recording with the packaged model; opens build/demo/index.html, three samples side by side
+	@start=$$(date +%s); $(MAKE) --no-print-directory setup && \
+	speech=$$($(BIN)/python -c 'from importlib.resources import files; print(files("moonshine_voice") / "assets/two_cities.wav")') && \
+	$(BIN)/talkingeyes animate "$$speech" -o build/demo --samples 3 --no-previews --force && \
+	$(BIN)/talkingeyes view build/demo/sample_0*.npz --sound "$$speech" --page build/demo/index.html --force && \
+	echo "build/demo/index.html: three samples, made in $$(( $$(date +%s) - start )) s"
+	@if [ "$$DISPLAY$$WAYLAND_DISPLAY" ]; then $(BIN)/python -m webbrowser build/demo/index.html; fi
 
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	$(BIN)/dvc repro fit embed

@@ -29,7 +29,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.formats.writers.glb import joint_offsets
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
-from talkingeyes.workflows.view import build_scene
+from talkingeyes.workflows.view import build_scene, write_page
 from tests.browser import CHROMIUM, open_browser
 from tests.toy_workspace import toy_workspace
 
@@ -247,6 +247,22 @@ def test_heads_play_in_step_in_a_browser(address: str, tmp_path: Path) -> None:
         browser.wait_for("document.body.dataset.frames == '12,12,12'")  # a quarter of two seconds
         browser.screenshot(tmp_path / "page.png")
     assert (tmp_path / "page.png").stat().st_size > 50_000
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
+def test_a_written_page_plays_without_a_server(place: Path, tmp_path: Path) -> None:
+    page = (place / "page.html").resolve()
+    write_page(["a.npz", "b.npz"], page, sound="a.wav")
+    with open_browser(tmp_path / "profile") as browser:
+        browser.open(f"{page.as_uri()}#at=0.8")
+        browser.wait_for("document.body.dataset.state == 'paused'")
+        assert json.loads(browser.value(STATE))["frames"] == "20,20"
+        assert len(set(browser.value("document.getElementById('heads').toDataURL()"))) > 40
+        assert browser.value("document.getElementById('sound').duration") == pytest.approx(2.0, abs=0.1)
+        browser.screenshot(tmp_path / "page.png")
+    with pytest.raises(InputError, match=r"page\.html"):  # an existing page is kept
+        write_page(["a.npz"], page)
 
 
 def test_the_player_is_valid_javascript() -> None:

@@ -25,12 +25,31 @@ def view(
     ] = None,
     head: Annotated[str, typer.Option(help="anny (the open head) or flame.")] = "anny",
     model: Annotated[Path | None, typer.Option(help="Your own FLAME file, for --head flame.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="Write a page (.html) that opens without a server, instead of serving one.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing page.")] = False,
     host: Host = "127.0.0.1",
     port: Port = 8010,
 ) -> None:
     """Play motions side by side in the browser, with sound, traces, gaze rays and words."""
     from talkingeyes.workflows.view import view as show
+    from talkingeyes.workflows.view import write_page
 
+    if page is not None:
+        write_page(
+            motions,
+            page,
+            truth=truth,
+            sound=sound,
+            words=annotation,
+            corpus=corpus,
+            head=head,
+            model=model,
+            force=force,
+        )
+        typer.echo(f"{page}: {page.stat().st_size / 1e6:.1f} MB, opens in any browser")
+        return
     show(
         motions,
         truth=truth,

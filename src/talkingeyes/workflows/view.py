@@ -1,8 +1,8 @@
 """`talkingeyes view`: motions in the browser, with their sound.
 
 Reads motions (.npz; events beside them) or samples of the stage `sample`, a sound, and from a corpus the sound, words
-and truth of the clip with the name of the first motion. Writes nothing; serves one page on this machine until
-interrupted.
+and truth of the clip with the name of the first motion. Serves one page on this machine until
+interrupted, or writes it as one file.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from talkingeyes.apps.viewer.local_server import LOCALHOST, serve
 from talkingeyes.apps.viewer.scene import NO_EVENTS, Scene, ViewerMotion
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.audio.waveform import read_speech
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Events, Motion
 from talkingeyes.corpus.motion_loading import load_motions
 from talkingeyes.corpus.store import Corpus, shard_path
-from talkingeyes.workflows.render import load_head, retarget_to_head
+from talkingeyes.head.model import HeadModel
+from talkingeyes.workflows.render import check_output_file, load_head, retarget_to_head
 
 MAX_MOTIONS = 12
 MAX_FRAMES = 120_000  # of all motions together: about 40 MB in the browser
@@ -57,13 +59,50 @@ def view(
     """
     from talkingeyes.apps.viewer.server import viewer_app
 
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model)
+    serve(viewer_app(scene, target_head, host), host, port, on_start)
+
+
+def write_page(
+    motions: Sequence[Path | str],
+    page: Path | str,
+    *,
+    truth: Path | str | None = None,
+    sound: Path | str | None = None,
+    words: Path | str | None = None,
+    corpus: Path | str | None = None,
+    head: str = "anny",
+    model: Path | str | None = None,
+    force: bool = False,
+) -> None:
+    """Write motions side by side as one HTML file that opens without a server. Raises InputError as `view` does."""
+    from talkingeyes.apps.viewer.server import page_files
+    from talkingeyes.apps.viewer.standalone import standalone_page
+
+    target = check_output_file(Path(page), ".html", force)
+    scene, target_head = _scene_on_head(motions, truth, sound, words, corpus, head, model)
+    content = standalone_page(page_files(scene, target_head))
+    with atomic_write(target) as partial:
+        partial.write_text(content)
+
+
+def _scene_on_head(
+    motions: Sequence[Path | str],
+    truth: Path | str | None,
+    sound: Path | str | None,
+    words: Path | str | None,
+    corpus: Path | str | None,
+    head: str,
+    model: Path | str | None,
+) -> tuple[Scene, HeadModel]:
+    """The scene with its motions on a head, and the head."""
     target_head = load_head(head, model)
     scene = build_scene(motions, truth=truth, sound=sound, words=words, corpus=corpus)
     viewer_motions = tuple(
         replace(viewer_motion, motion=retarget_to_head(viewer_motion.motion, target_head, model))
         for viewer_motion in scene.viewer_motions
     )
-    serve(viewer_app(replace(scene, viewer_motions=viewer_motions), target_head, host), host, port, on_start)
+    return replace(scene, viewer_motions=viewer_motions), target_head
 
 
 def build_scene(

@@ -24,7 +24,7 @@ def viewer_app(scene: Scene, head: HeadModel, host: str = LOCALHOST) -> FastAPI:
     """The application that shows a scene on a head."""
     from fastapi import HTTPException, Response
 
-    files = _files(scene, head)
+    files = page_files(scene, head)
     app = create_app(host)
 
     @app.get("/{name:path}")
@@ -37,7 +37,7 @@ def viewer_app(scene: Scene, head: HeadModel, host: str = LOCALHOST) -> FastAPI:
     return app
 
 
-def _files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
+def page_files(scene: Scene, head: HeadModel) -> dict[str, Asset]:
     """All files by the name that the page requests."""
     files = {name: asset(name) for name in NAMES}
     files[""] = files.pop("view.html")

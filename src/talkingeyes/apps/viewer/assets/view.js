@@ -169,8 +169,11 @@ function laidOut(takes) {
   });
 }
 
+// In a standalone page (apps/viewer/standalone.py) files are embedded as data URLs.
+const located = (address) => globalThis.embedded?.[address] ?? address;
+
 async function had(address, kind) {
-  const answer = await fetch(address);
+  const answer = await fetch(located(address));
   if (!answer.ok) throw new Error(`${address}: ${answer.status}`);
   return answer[kind]();
 }
@@ -179,7 +182,7 @@ async function open() {
   const scene = await had("scene.json", "json");
   byId("title").textContent = document.title = scene.title;
   const boxes = laidOut(scene.takes);
-  const stage = await Stage.open(byId("heads"), "head.glb", boxes.map(({ face }) => face));
+  const stage = await Stage.open(byId("heads"), located("head.glb"), boxes.map(({ face }) => face));
   const poses = await Promise.all(
     scene.takes.map(async (take, index) => {
       const rows = new Float32Array(await had(`poses/${index}`, "arrayBuffer"));
