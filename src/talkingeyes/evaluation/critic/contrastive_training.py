@@ -1,11 +1,12 @@
-"""Training of the critic: InfoNCE (van den Oord et al. 2018) among windows of one speaker.
+"""Contrastive training of the audio-motion critic with InfoNCE (van den Oord et al. 2018).
 
-Positives are sound and motion of one window of the train split. Negatives are motions of other sounds of the same
-speaker, and the right motion at a wrong time; other speakers are no negatives, so knowing who speaks does not help. The
-weights kept are the best on speakers kept out of the training.
+A positive is the speech and the motion of one window of the train split. The negatives are the motions of other sounds
+of the same speaker and the right motion shifted in time. Motions of other speakers are not used as negatives, so the
+critic cannot lower its loss by identifying the speaker. The best checkpoint is chosen on held-out train speakers.
 
-Where no speaker has two sounds, as in a corpus of single short videos, wrong times are the only negatives, of training
-and of validation: such a critic tells when, not under which sound (`TIME_SHIFTS_ONLY` says so beside its figures).
+Where no speaker has two sounds, as in a corpus of single short videos, time shifts are the only negatives in training
+and validation. Such a critic detects synchrony, not which sound a motion belongs to; `TIME_SHIFTS_ONLY` is the caveat
+reported with its scores.
 """
 
 from __future__ import annotations
@@ -46,43 +47,43 @@ class CriticSettings(Settings):
     """The section `critic`."""
 
     seed: int
-    channels: Annotated[list[str], Field(min_length=1)]  # of the speech embedding, that the critic hears
+    channels: Annotated[list[str], Field(min_length=1)]  # channels of the speech embedding, the critic's input
     window_s: Annotated[float, Field(gt=0)]
     hop_s: Annotated[float, Field(gt=0)]
-    held_out: Annotated[float, Field(gt=0, lt=1)]  # share of the train speakers that weights are chosen on
+    held_out: Annotated[float, Field(gt=0, lt=1)]  # fraction of train speakers held out to choose the checkpoint
     windows_per_speaker: Annotated[int, Field(ge=2)]  # windows of one speaker in a batch, of different sounds
-    time_shifted_negatives: Annotated[int, Field(ge=0)]  # negatives of the same window at wrong times
-    min_shift_s: Annotated[float, Field(gt=0)]  # how wrong, at least
-    scale_augmentation: Annotated[float, Field(ge=1)]  # motion is enlarged or shrunk by up to this factor
-    temperature: Annotated[float, Field(gt=0)]  # of InfoNCE at the start; it is learned
+    time_shifted_negatives: Annotated[int, Field(ge=0)]  # time-shifted negatives of each window
+    min_shift_s: Annotated[float, Field(gt=0)]  # smallest time shift of a negative
+    scale_augmentation: Annotated[float, Field(ge=1)]  # largest factor of the random scaling of motion, up or down
+    temperature: Annotated[float, Field(gt=0)]  # initial temperature of InfoNCE; it is learned
     network: CriticNetworkSettings
     loop: LoopSettings
-    encoder: EncoderSettings  # of the Frechet distance; it learns beside the critics, on the same speakers
+    encoder: EncoderSettings  # encoder for the Frechet distance; trained on the same speakers as the critics
     bootstrap: BootstrapSettings
 
 
-# Clips that a figure over pairs of clips is made of, at most.
+# Maximum number of clips in a score over pairs of clips.
 MAX_SCORED_CLIPS = 300
 TIME_SHIFTS_ONLY = (
-    "trained on wrong times alone, as no train speaker has two sounds: this Corr. tells whether motion fits the time, "
-    "not whether it fits this sound rather than another"
+    "trained with time shifts as the only negatives, as no train speaker has two sounds: this Corr. measures whether "
+    "motion is in time with the sound, not whether it fits this sound rather than another"
 )
 
 
 @dataclass(frozen=True)
 class SpeakerSplit:
-    """Indices of recordings whose speakers the critic trains on, and of those kept out."""
+    """Indices of the recordings of training speakers and of held-out speakers."""
 
     train: list[int]
     held_out: list[int]
 
 
 def split_speakers(recordings: Sequence[Recording], settings: CriticSettings) -> SpeakerSplit:
-    """Keep some speakers out, by the seed. Raises InputError if there are fewer than two."""
+    """Split the speakers at random into training and held-out. Raises InputError if there are fewer than two."""
     speaker_of = [recording.clip.speaker for recording in recordings]
     speakers = sorted(set(speaker_of))
     if len(speakers) < 2:
-        raise InputError(f"critic: needs train clips of at least two speakers, got {len(speakers)}")
+        raise InputError(f"critic: should have train clips of at least two speakers, got {len(speakers)}")
     count = min(len(speakers) - 1, max(1, round(settings.held_out * len(speakers))))
     out = set(np.random.default_rng(settings.seed).choice(speakers, size=count, replace=False).tolist())
     train = [index for index, speaker in enumerate(speaker_of) if speaker not in out]
@@ -91,19 +92,19 @@ def split_speakers(recordings: Sequence[Recording], settings: CriticSettings) ->
 
 @dataclass(frozen=True)
 class WindowBatch:
-    """Sound (the channels heard) and motion of B windows, and which of them share a speaker but not a sound."""
+    """Speech features and motion angles of B windows, and which pairs share a speaker but not a sound."""
 
     speech_features: Float[Tensor, "B T H"]
     angles: Float[Tensor, "B T A"]
     negatives: Bool[ndarray, "B B"]
 
     def to(self, device: torch.device) -> WindowBatch:
-        """The same on a device."""
+        """Copy of the batch on a device."""
         return WindowBatch(self.speech_features.to(device), self.angles.to(device), self.negatives)
 
 
 def first_windows(recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int) -> WindowBatch:
-    """The first window of up to JUDGED recordings, evenly spread; those shorter than a window only if all are."""
+    """First window of up to MAX_SCORED_CLIPS recordings, evenly spaced; shorter recordings only if all are shorter."""
     chosen = [
         recordings[int(index)] for index in np.linspace(0, len(recordings) - 1, min(MAX_SCORED_CLIPS, len(recordings)))
     ]
@@ -114,7 +115,7 @@ def first_windows(recordings: Sequence[Recording], part: str, channels: Int[ndar
 def cut_windows(
     recordings: Sequence[Recording], part: str, channels: Int[ndarray, " H"], frames: int, starts: Sequence[int]
 ) -> WindowBatch:
-    """One window of each recording, cut to the shortest of them."""
+    """Cut one window of each recording, all to the length of the shortest."""
     frames = min(frames, *(len(recording) - start for recording, start in zip(recordings, starts, strict=True)))
     cuts = [slice(start, start + frames) for start in starts]
     pairs = list(zip(recordings, cuts, strict=True))
@@ -131,7 +132,7 @@ def cut_windows(
 
 @dataclass(frozen=True)
 class ChannelSelection:
-    """The channels of the speech embedding that a critic hears: where they stand, mean and standard deviation."""
+    """Channels of the speech embedding that a critic uses: their indices, means and standard deviations."""
 
     index: Int[ndarray, " H"]
     mean: Float[ndarray, " H"]
@@ -139,7 +140,7 @@ class ChannelSelection:
 
     @classmethod
     def of(cls, embedding: Mapping[str, Any], channels: Sequence[str]) -> ChannelSelection:
-        """From embedding.json. Raises InputError if a channel is not there."""
+        """Select channels by name from embedding.json. Raises InputError for an unknown channel."""
         names = list(embedding["channels"])
         missing = [name for name in channels if name not in names]
         if missing:
@@ -152,7 +153,7 @@ class ChannelSelection:
 def new_critic(
     part: str, recordings: Sequence[Recording], channel_selection: ChannelSelection, settings: CriticSettings
 ) -> Critic:
-    """An untrained critic. One scale for all angles of a part: a channel that hardly moves must not be blown up."""
+    """An untrained critic. All angles of a part share one scale, so that a channel that hardly moves is not amplified."""
     deviations, speeds = [], []
     for recording in recordings:
         motion = part_angles(part, recording.head, recording.gaze)
@@ -170,9 +171,9 @@ def new_critic(
 
 @dataclass(frozen=True)
 class TrainedCritic:
-    """A trained critic as a metric, what is stored of it, and the recordings of the speakers kept out.
+    """A trained critic as a metric, its stored configuration, its history and the recordings of held-out speakers.
 
-    `caveat`: what a reader of its figures must know; empty if nothing.
+    `caveat`: a limit to state with its scores; empty if there is none.
     """
 
     corr: CriticCorrelation
@@ -190,7 +191,7 @@ def train_critic(
     context: ExecutionContext = CPU_CONTEXT,
     resume: ResumeFile | None = None,
 ) -> TrainedCritic:
-    """Train the critic of one part."""
+    """Train the critic of one part; `resume` continues an interrupted training."""
     division = split_speakers(recordings, settings)
     fps = recordings[0].clip.fps
     critic = new_critic(part, [recordings[index] for index in division.train], channel_selection, settings)
@@ -204,7 +205,7 @@ def train_critic(
 
 
 class ContrastiveTask:
-    """The task: batches of a few speakers with several sounds each."""
+    """InfoNCE training task; a batch holds windows of a few speakers with several sounds each."""
 
     def __init__(
         self,
@@ -238,7 +239,7 @@ class ContrastiveTask:
         )
 
     def losses(self, step: int) -> dict[str, Tensor]:
-        """InfoNCE in both directions, with wrong times of the right motion among the negatives."""
+        """InfoNCE in both directions; the negatives include time shifts of the right motion."""
         batch = self._draw().to(self.critic.log_scale.device)
         speech, motion = self.critic.speech(batch.speech_features), self.critic.motion(batch.angles)
         scale_augmentation = self.critic.log_scale.exp().clamp_max(100.0)
@@ -251,7 +252,10 @@ class ContrastiveTask:
         return {"total": (by_sound + by_motion) / 2}
 
     def validate(self) -> dict[str, float]:
-        """AUC on the speakers kept out: same-speaker negatives (what is chosen on; else wrong times), and all."""
+        """AUC on held-out speakers.
+
+        `validation_score` uses negatives of the same speaker, or time shifts if there are none; `auc_all` uses all pairs.
+        """
         held_out_windows = self.held_out_windows.to(self.critic.log_scale.device)
         speech, motion = (
             self.critic.speech(held_out_windows.speech_features),
@@ -285,13 +289,13 @@ class ContrastiveTask:
         )
 
     def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
-        """Cosines with the motion features turned round in time by a few random shifts."""
+        """Cosines with motion features rolled in time by random shifts, W to a window."""
         steps, least = motion.shape[1], self._least_shift(motion.shape[1])
         time_shifted_negatives = self.rng.integers(least, steps - least + 1, size=self.settings.time_shifted_negatives)
         return _at_times(speech, motion, time_shifted_negatives.tolist())
 
     def _least_shift(self, steps: int) -> int:
-        """The least wrong time, in steps; half of a window that is too short for it."""
+        """Smallest time shift in steps of the network; half a window if the window is too short for it."""
         return min(self.shift_min, steps // 2)
 
 

@@ -1,4 +1,4 @@
-"""The frozen networks that judge motion: the critics behind Corr. and the encoder of windows, by the stage `critic`."""
+"""The frozen networks behind learned metrics: the critics of Corr. and the motion encoder, from the stage `critic`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from talkingeyes.evaluation.paper_metrics.corr import CriticCorrelation
 
 @dataclass(frozen=True)
 class Evaluators:
-    """Critics by part, and the encoder."""
+    """Critics by part, and the motion encoder."""
 
     critics: dict[str, CriticCorrelation]
     encoder: MotionEncoder
 
     @classmethod
     def load(cls, folder: Path) -> Evaluators:
-        """From what the stage `critic` wrote."""
+        """Load critics and encoder from the output folder of the stage `critic`."""
         return cls(
             {part: CriticCorrelation.load(folder, part) for part in CRITICS.values()}, MotionEncoder.load(folder)
         )

@@ -1,7 +1,7 @@
-"""What a critic can tell: AUC against wrong pairs, and Corr. of the truth beside that of baselines.
+"""Scores of a critic: its AUC against wrong pairs, and Corr. of the truth and of baselines.
 
-A Corr. means little without this beside it: how often the right motion beats another of the same speaker, and what the
-truth, the truth under other sounds, and a motionless face score.
+A Corr. cannot be interpreted without them: how often the right motion scores above another motion of the same speaker,
+and the Corr. of the truth, of the truth under other sounds, and of a motionless face.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ from talkingeyes.models.contrastive_critic import similarity
 
 @dataclass(frozen=True)
 class CriticScores:
-    """Over a group of clips; None where no two sounds share a speaker. `corr_minus_shuffled`: truth less shuffled."""
+    """Scores over a group of clips; None where they need two sounds of a speaker and no speaker has two.
+
+    `corr_minus_shuffled` is `corr_truth` minus `corr_shuffled`, over the same clips.
+    """
 
     auc_same_speaker: Estimate | None
     auc_all: Estimate | None
@@ -35,7 +38,7 @@ class CriticScores:
 
 @torch.no_grad()
 def score_critic(corr: CriticCorrelation, recordings: Sequence[Recording], settings: BootstrapSettings) -> CriticScores:
-    """The verdict over the first windows of the recordings; `truth` is fitted motion, which the critic learns from."""
+    """Score a critic on the first windows of recordings; "truth" is fitted motion, as in the training of the critic."""
     group = first_windows(recordings, corr.part, corr.critic.speech_channels.numpy(), corr.frames)
     speech = corr.critic.speech(group.speech_features)
     similar = similarity(speech, corr.critic.motion(group.angles)).numpy().astype(np.float64)

@@ -1,9 +1,9 @@
-"""Blinks in the closure of the lids.
+"""Detection of blinks in lid closure.
 
-A blink rises by `MIN_PEAK_CLOSURE` above the clip's own resting closure (its median: people differ in how wide their
-eyes are) and lasts as long as it is above `EDGE_FRACTION` of its own depth. Between two peaks the lids must have come
-back half way, or they are one blink. What is shut for longer than a second is not a blink (Doughty 2001 has 334 +- 67
-ms). Times are interpolated between frames.
+A blink rises at least `MIN_PEAK_CLOSURE` above the clip's resting closure (its median, as people differ in how wide
+they open their eyes) and lasts while closure is above `EDGE_FRACTION` of its own depth. If the lids do not reopen at
+least half way between two peaks, the peaks count as one blink. A closure longer than one second is not a blink
+(Doughty 2001 reports 334 +- 67 ms). Times are interpolated between frames.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_DURATION_S = 1.0
 
 @dataclass(frozen=True)
 class Blinks:
-    """N blinks in order of time: when they start, are deepest and end, and how far the lids close (1: shut)."""
+    """N blinks in order of time: onset, peak and offset, and the closure of the lids at the peak (1: shut)."""
 
     onset_s: Float[ndarray, " N"]
     peak_s: Float[ndarray, " N"]
@@ -36,14 +36,17 @@ class Blinks:
 
     @property
     def duration_s(self) -> Float[ndarray, " N"]:
-        """From onset to offset."""
+        """Time from onset to offset."""
         return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_blinks(
     lid: Float[ndarray, " T"] | Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> Blinks:
-    """Blinks of one closure a frame, or of the mean of two eyes: 0 at the opening that gaze alone gives, 1 shut."""
+    """Detect blinks in lid closure per frame, or in the mean of both eyes. Raises InputError (see `valid_frames`).
+
+    Closure is 0 at the opening that gaze alone gives and 1 when the eye is shut.
+    """
     both = lid.reshape(len(lid), -1)
     known = valid_frames("lids", both, fps, valid)
     closure = both.mean(axis=1)
@@ -74,7 +77,7 @@ def detect_blinks(
 
 
 def _cores(above: Float[ndarray, " T"]) -> list[tuple[int, int]]:
-    """Stretches beyond `MIN_PEAK_CLOSURE`, joined where the lids do not come back half way between two peaks."""
+    """Runs above `MIN_PEAK_CLOSURE`, joined where the lids do not reopen half way between two peaks."""
     found = runs(above >= MIN_PEAK_CLOSURE)
     joined: list[tuple[int, int]] = []
     for first, last in zip(found.first.tolist(), found.last.tolist(), strict=True):
@@ -89,7 +92,7 @@ def _cores(above: Float[ndarray, " T"]) -> list[tuple[int, int]]:
 
 
 def _crossing(above: Float[ndarray, " T"], outer: int, towards: int, level: float) -> float:
-    """Where closure crosses the level, in frames, between the frame `outer` and the next one towards the peak."""
+    """Time in frames at which closure crosses `level`, between the frame `outer` and the next one towards the peak."""
     inner = min(max(outer + towards, 0), len(above) - 1)
     rise = above[inner] - above[outer]
     share = (level - above[outer]) / rise if rise > 0 else 0.0

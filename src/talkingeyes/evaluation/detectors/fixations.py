@@ -1,8 +1,8 @@
-"""Fixations: what lies between saccades, or what stays within a window (I-DT, Salvucci & Goldberg 2000).
+"""Detection of fixations: intervals between saccades, or intervals of low dispersion (I-DT, Salvucci & Goldberg 2000).
 
-`detect_fixations` takes the stretches between found saccades, so it is as good as those are. I-DT is the second way,
-with thresholds of its own: a fixation is 100 ms or longer and its extent, (max - min) of yaw plus (max - min) of
-pitch, is at most 1 degree. Both read gaze in space.
+`detect_fixations` takes the intervals between detected saccades, so it is only as good as the saccade detection. I-DT
+is independent of it and has its own thresholds: a fixation lasts at least 100 ms and its extent, (max - min) of yaw
+plus (max - min) of pitch, is at most 1 degree. Both use gaze in space.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_DISPERSION_DEG = 1.0
 
 @dataclass(frozen=True)
 class Fixations:
-    """N fixations in order of time: mean (yaw, pitch), and root mean square angle from it."""
+    """N fixations in order of time: mean direction (yaw, pitch), and root mean square angle to it."""
 
     onset_s: Float[ndarray, " N"]
     offset_s: Float[ndarray, " N"]
@@ -34,7 +34,7 @@ class Fixations:
 
     @property
     def duration_s(self) -> Float[ndarray, " N"]:
-        """From onset to offset."""
+        """Time from onset to offset."""
         return np.asarray(self.offset_s - self.onset_s)
 
 
@@ -44,18 +44,21 @@ def detect_fixations(
     valid: Bool[ndarray, " T"] | None = None,
     saccades: Saccades | None = None,
 ) -> Fixations:
-    """Stretches of 100 ms or longer that hold neither a saccade (found here unless given) nor an invalid frame."""
+    """Detect fixations: intervals of at least 100 ms without a saccade or an invalid frame. Raises InputError.
+
+    Saccades are detected unless they are given.
+    """
     known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     found = detect_saccades(gaze_in_space_rad, fps, known) if saccades is None else saccades
     frames = len(known)
-    # A saccade takes the frames from its onset to its offset; one that lies between two frames takes neither.
+    # A saccade occupies the frames from its onset to its offset; one that lies between two frames occupies neither.
     first = np.clip(np.ceil(found.onset_s * fps - 1e-6).astype(np.int64), 0, frames)
     after = np.clip(np.floor(found.offset_s * fps + 1e-6).astype(np.int64) + 1, 0, frames)
     moving = np.cumsum(np.bincount(first, minlength=frames + 1) - np.bincount(after, minlength=frames + 1))
     starts, ends = np.zeros(frames + 1, bool), np.zeros(frames + 1, bool)
     starts[after], ends[first] = True, True
     still = runs(known & (moving[:-1] <= 0), starts[:-1])
-    # Times are those of the saccades on either side, which are finer than frames; those of frames where there is none.
+    # Onset and offset are those of the adjacent saccades, which are finer than frames; without one, those of the frames.
     onset, offset = still.first / fps, still.last / fps
     before, behind = starts[still.first], ends[still.last + 1]
     onset[before] = found.offset_s[np.searchsorted(after, still.first[before], side="right") - 1]
@@ -66,7 +69,7 @@ def detect_fixations(
 def detect_fixations_idt(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> Fixations:
-    """I-DT: a window of 100 ms that is within the extent grows until it is not."""
+    """Detect fixations with I-DT: a window of 100 ms within the extent grows until it exceeds it. Raises InputError."""
     known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     extent = np.radians(MAX_DISPERSION_DEG)
     window = max(2, int(np.ceil(MIN_DURATION_S * fps - 1e-9)) + 1)
@@ -86,7 +89,7 @@ def detect_fixations_idt(
 
 
 def _grown(points: list[list[float]], start: int, extent: float) -> int:
-    """How far a window from `start` reaches before it is wider than the extent."""
+    """End (exclusive) of the longest window from `start` within the extent."""
     low_yaw = high_yaw = points[start][0]
     low_pitch = high_pitch = points[start][1]
     for stop in range(start, len(points)):
@@ -104,7 +107,7 @@ def _described(
     onset_s: Float[ndarray, " N"],
     offset_s: Float[ndarray, " N"],
 ) -> Fixations:
-    """Fixations of runs of frames, those that are long enough."""
+    """Build fixations from runs of frames, dropping those that are too short."""
     long = offset_s - onset_s >= MIN_DURATION_S - 1e-9
     kept = frames.where(long)
     counts = kept.last - kept.first + 1

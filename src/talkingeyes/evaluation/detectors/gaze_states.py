@@ -1,9 +1,10 @@
-"""Gaze states: at the partner, or averted.
+"""Gaze states: gaze at the partner, or averted.
 
-The partner is a direction in space and a radius round it, a face at conversational distance. Where it is not told, it
-is the densest place of gaze: the direction with most frames within the radius, moved to their mean (mean shift with a
-flat kernel). That is right for whoever looks at the partner more than at any other place, and wrong for whoever does
-not; the docs give how often. A glance shorter than `MIN_DWELL_S` does not change the state.
+The partner is a direction in space with a radius around it, the size of a face at conversational distance. If the
+direction is not given, it is the densest location of gaze: the direction with most frames within the radius, moved to
+their mean (mean shift with a flat kernel). This is correct if the subject looks at the partner more than at any other
+location, and wrong otherwise; docs/detectors.md reports how often. A glance shorter than `MIN_DWELL_S` does not change
+the state.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ MEAN_SHIFT_STEPS = 3
 
 @dataclass(frozen=True)
 class GazeStates:
-    """Whether gaze is off the partner in each frame, where the partner is, and N dwells in order of time."""
+    """Whether gaze is averted in each frame, the direction of the partner, and N dwells in order of time."""
 
     averted: Bool[ndarray, " T"]
     partner_rad: Float[ndarray, " 2"]
@@ -34,7 +35,7 @@ class GazeStates:
 
     @property
     def duration_s(self) -> Float[ndarray, " N"]:
-        """From onset to offset; the first and the last dwell are cut by the clip."""
+        """Time from onset to offset; the clip truncates the first and the last dwell."""
         return np.asarray(self.offset_s - self.onset_s)
 
 
@@ -45,7 +46,7 @@ def detect_gaze_states(
     radius_deg: float = RADIUS_DEG,
     valid: Bool[ndarray, " T"] | None = None,
 ) -> GazeStates:
-    """States of every frame; frames that are not valid keep the state before them."""
+    """Detect the gaze state of every frame; invalid frames keep the previous state. Raises InputError."""
     known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     radius = np.radians(radius_deg)
     partner = densest_direction(gaze_in_space_rad[known], radius) if partner_rad is None else np.asarray(partner_rad)
@@ -58,7 +59,7 @@ def detect_gaze_states(
 
 
 def densest_direction(directions_rad: Float[ndarray, "K 2"], radius_rad: float) -> Float[ndarray, " 2"]:
-    """The direction with most places within the radius, moved to their mean."""
+    """The direction with most directions within the radius, moved to their mean by mean shift."""
     if not len(directions_rad):
         return np.zeros(2)
     candidates, places = (
@@ -72,7 +73,7 @@ def densest_direction(directions_rad: Float[ndarray, "K 2"], radius_rad: float) 
 
 
 def _steady(flags: Bool[ndarray, " T"], least: int) -> Bool[ndarray, " T"]:
-    """Runs shorter than `least` take the state before them."""
+    """Give runs shorter than `least` frames the state before them."""
     change = np.concatenate([[0], np.flatnonzero(np.diff(flags)) + 1])
     lengths = np.diff(np.concatenate([change, [len(flags)]]))
     kept = lengths >= least

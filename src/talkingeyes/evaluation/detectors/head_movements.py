@@ -1,9 +1,9 @@
-"""Head movements: bursts of rotation between two moments of slower turning.
+"""Detection of head movements: bursts of rotation between two minima of angular speed.
 
-The head of somebody who speaks never rests (Hadar et al. 1983), so a movement is not what lies between rests: it is a
-peak of angular speed of `MIN_PEAK_DEG_S` or more, out to where speed has fallen to a tenth of it or rises again, that
-turns the head by `MIN_AMPLITUDE_DEG` or more. A nod is two movements, down and up. Speed is taken over 80 ms, whatever
-the frame rate, so that all rates find the same movements.
+The head of a speaker never rests (Hadar et al. 1983), so a movement cannot be defined as the interval between rests.
+It is a peak of angular speed of at least `MIN_PEAK_DEG_S` that turns the head by at least `MIN_AMPLITUDE_DEG`. It
+extends on both sides to where speed has fallen to a tenth of the peak or rises again. A nod is two movements, down and
+up. Speed is computed over 80 ms at any frame rate, so that all rates give the same movements.
 """
 
 from __future__ import annotations
@@ -36,35 +36,35 @@ class HeadMovements:
 
     @property
     def amplitude_deg(self) -> Float[ndarray, " N"]:
-        """Angle that the head turns by."""
+        """Angle between the head poses at onset and offset."""
         return np.asarray(np.degrees(np.linalg.norm(self.displacement_rad, axis=1)))
 
     @property
     def duration_s(self) -> Float[ndarray, " N"]:
-        """From onset to offset."""
+        """Time from onset to offset."""
         return np.asarray(self.offset_s - self.onset_s)
 
 
 def detect_head_movements(
     head: Float[ndarray, "T 3"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> HeadMovements:
-    """Movements of the head's rotation vectors. Raises InputError."""
+    """Detect movements in rotation vectors of the head. Raises InputError (see `valid_frames`)."""
     known = valid_frames("head", head, fps, valid)
     window = max(1, round(WINDOW_S * fps))
     turned = np.where(known[:, None], head, 0.0)
-    # A head turns little enough for the difference of rotation vectors to be the turn between them (2 % at 20 degrees).
+    # Head rotations are small, so the difference of rotation vectors approximates the rotation (2 % off at 20 degrees).
     velocity = (turned[window:] - turned[:-window]) * (fps / window)
     usable = known[window:] & known[:-window]
     speed = np.degrees(np.sqrt((velocity**2).sum(axis=1))) * usable
     speed_minima = np.flatnonzero((speed[1:-1] < speed[:-2]) & (speed[1:-1] <= speed[2:])) + 1
     starts = np.concatenate([[0], speed_minima])
     peaks = np.maximum.reduceat(speed, starts)
-    # Between two dips speed rises once and falls once, so what is above the edge is one stretch.
+    # Between two minima speed rises once and falls once, so the frames above the edge form one run.
     index = np.arange(len(speed))
     above = speed >= EDGE_FRACTION * np.repeat(peaks, np.diff(np.concatenate([starts, [len(speed)]])))
     low = np.minimum.reduceat(np.where(above, index, len(speed)), starts)
     high = np.maximum.reduceat(np.where(above, index, -1), starts)
-    # Speed n lies between frames n and n + window; the movement reaches from the middle of one to that of another.
+    # Speed n spans frames n to n + window; a movement extends from the middle of its first span to that of its last.
     first, last = low + window // 2, high + (window + 1) // 2
     displacement = turned[last] - turned[first]
     kept = (peaks >= MIN_PEAK_DEG_S) & (np.linalg.norm(displacement, axis=1) >= np.radians(MIN_AMPLITUDE_DEG))

@@ -1,16 +1,16 @@
-"""Saccades in gaze in space, by the rule that suits the frame rate.
+"""Detection of saccades in gaze in space, by a method that depends on the frame rate.
 
-Below 60 fps a saccade is one or two steps between frames: displacement, I-VT on steps of 25 degrees a second (1 degree
-a frame at 25 fps) or more, neighbouring steps joined, amplitude their sum (Salvucci & Goldberg 2000; FACTS, section 9).
-From 60 to 200 fps I-VT at 30 degrees a second on steps, or over 25 ms where noise hides that. From 200 fps Engbert &
-Kliegl (2003): velocities over five samples,
+Below 60 fps a saccade spans one or two steps between frames. The displacement rule is I-VT on steps of at least 25
+degrees per second (1 degree per frame at 25 fps); neighbouring steps are joined and the amplitude is their sum
+(Salvucci & Goldberg 2000; FACTS, section 9). From 60 to 200 fps it is I-VT at 30 degrees per second, on single steps or
+over 25 ms where noise hides the threshold. From 200 fps it is Engbert & Kliegl (2003): velocities over five samples,
 
     v_n = (x_{n+2} + x_{n+1} - x_{n-1} - x_{n-2}) / (6 dt),   sigma^2 = median(v^2) - median(v)^2,
 
-outside the ellipse of 6 sigma for 12 ms or longer. No rule has a threshold below its noise: I-VT takes five robust
-standard deviations of the steps if that is more, and Engbert & Kliegl's ellipse has a least size, because rendered
-motion has no noise at all. On eye-in-head the counter-rotation under the head makes false saccades: hand over gaze in
-space, R(head) R(eye), the mean direction of both eyes (`rotation.conjugate`).
+outside the ellipse of 6 sigma for 12 ms or longer. No threshold lies below the noise: I-VT uses five robust standard
+deviations of the steps if that is larger. The ellipse of Engbert & Kliegl has a minimum size, because rendered motion
+has no noise. The input must be gaze in space, R(head) R(eye), the mean direction of both eyes
+(`rotation.cyclopean_gaze`): in eye-in-head angles, the counter-rotation during head movement produces false saccades.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from numpy import ndarray
 from talkingeyes.evaluation.detectors.signal import RAYLEIGH_MEDIAN, Runs, runs, valid_frames
 from talkingeyes.physiology import saccades as main_sequence_model
 
-MIN_DURATION_FPS = 60.0  # below, durations are not measured: frames do not hold them
+MIN_DURATION_FPS = 60.0  # below, frames are too few to measure durations
 MIN_ENGBERT_KLIEGL_FPS = 200.0
 DISPLACEMENT_DEG_S, DISPLACEMENT_EDGE_DEG_S = 25.0, 5.0
 VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S = 30.0, 10.0
 NOISE_SIGMAS, EDGE_SIGMAS = 5.0, 3.0
-MIN_DURATION_S = 0.012  # Engbert & Kliegl's; I-VT too drops what is shorter, where frames are closer than that
-MIN_STEP_FRACTION = 0.5  # of the threshold a step, that a saccade must lead to at least
+MIN_DURATION_S = 0.012  # of Engbert & Kliegl; also for I-VT, where frames are closer than that
+MIN_STEP_FRACTION = 0.5  # least net displacement of a saccade, as a fraction of one step at the threshold
 OSCILLATION_S, OSCILLATION_FRACTION = 0.06, 0.5
 ENGBERT_KLIEGL_LAMBDA = 6.0
 ENGBERT_KLIEGL_MIN_DEG_S = 15.0
@@ -41,7 +41,7 @@ FIVE_SAMPLES_FPS = 500.0  # above this rate the five samples are spread, so that
 class Saccades:
     """N saccades in order of time. Angles are (yaw to the subject's left, pitch up) of gaze in space.
 
-    Below `MIN_DURATION_FPS` the duration is that of the main sequence for the amplitude: only its middle is seen.
+    Below `MIN_DURATION_FPS` only the time of the middle is measured; the duration is that of the main sequence.
     """
 
     onset_s: Float[ndarray, " N"]
@@ -55,12 +55,12 @@ class Saccades:
 
     @property
     def amplitude_deg(self) -> Float[ndarray, " N"]:
-        """Angle between where it starts and where it ends."""
+        """Angle between the start and end directions."""
         return np.asarray(np.degrees(np.linalg.norm(self._flat_rad, axis=1)))
 
     @property
     def duration_s(self) -> Float[ndarray, " N"]:
-        """From onset to offset."""
+        """Time from onset to offset."""
         return np.asarray(self.offset_s - self.onset_s)
 
     @property
@@ -76,9 +76,9 @@ class Saccades:
 
 @dataclass(frozen=True)
 class VelocityThresholds:
-    """I-VT with two thresholds: a saccade goes beyond `peak_deg_s` and lasts as long as it is beyond `edge_deg_s`.
+    """I-VT with two thresholds: a saccade exceeds `peak_deg_s` and lasts while it is above `edge_deg_s`.
 
-    Velocity is that of single steps, or over `span_s` where the noise of steps hides the threshold.
+    Velocity is computed on single steps, or over `span_s` where the noise of single steps hides the threshold.
     """
 
     peak_deg_s: float
@@ -93,7 +93,7 @@ VELOCITY = VelocityThresholds(VELOCITY_DEG_S, VELOCITY_EDGE_DEG_S, span_s=0.025)
 def detect_saccades(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, valid: Bool[ndarray, " T"] | None = None
 ) -> Saccades:
-    """Saccades of gaze in space (yaw, pitch). Frames that are not valid take no part. Raises InputError."""
+    """Detect saccades of gaze in space (yaw, pitch). Invalid frames are excluded. Raises InputError."""
     known = valid_frames("gaze in space", gaze_in_space_rad, fps, valid)
     if fps >= MIN_ENGBERT_KLIEGL_FPS:
         return detect_saccades_ek(gaze_in_space_rad, fps, known)
@@ -103,7 +103,7 @@ def detect_saccades(
 def detect_saccades_ivt(
     gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], thresholds: VelocityThresholds
 ) -> Saccades:
-    """I-VT on steps over the rule's span; a reversal starts another saccade."""
+    """Detect saccades with I-VT on single steps or over the thresholds' span; a reversal starts a new saccade."""
     steps = _steps(gaze_in_space_rad, fps, known, 1)
     if NOISE_SIGMAS * steps.noise_deg_s > thresholds.peak_deg_s and round(thresholds.span_s * fps) > 1:
         steps = _steps(gaze_in_space_rad, fps, known, round(thresholds.span_s * fps))
@@ -116,7 +116,7 @@ def detect_saccades_ivt(
         found = found.where(np.maximum.reduceat(speed, found.first) >= core)
     found = Runs(found.first, found.last + steps.span)
     amplitude = np.linalg.norm(gaze_in_space_rad[found.last] - gaze_in_space_rad[found.first], axis=1)
-    # What goes round and comes back goes nowhere, however fast it is.
+    # Fast movement that returns to its start is not a saccade.
     goes = np.degrees(amplitude) >= MIN_STEP_FRACTION * core * steps.span / fps
     found = found.where(goes & (found.last - found.first >= MIN_DURATION_S * fps))
     found = _without_oscillations(gaze_in_space_rad, fps, found)
@@ -125,12 +125,12 @@ def detect_saccades_ivt(
 
 @dataclass(frozen=True)
 class Steps:
-    """From each frame to the one `span` later (0 where one of them is not known), and how much of it is noise."""
+    """Displacements from each frame to the one `span` later (0 if any frame between is invalid), and their noise."""
 
     span: int
     step_rad: Float[ndarray, "S 2"]
     speed_deg_s: Float[ndarray, " S"]
-    noise_deg_s: float  # robust standard deviation in one axis
+    noise_deg_s: float  # robust standard deviation on one axis
 
 
 def _steps(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"], span: int) -> Steps:
@@ -143,7 +143,7 @@ def _steps(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[nda
 
 
 def detect_saccades_ek(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, known: Bool[ndarray, " T"]) -> Saccades:
-    """Velocities over five samples outside an ellipse of six robust standard deviations for 12 ms or longer."""
+    """Detect saccades with Engbert & Kliegl: velocity outside an ellipse of 6 sigma for 12 ms or longer."""
     stride = max(1, round(fps / FIVE_SAMPLES_FPS))
     reach = 2 * stride
     flat = gaze_in_space_rad * np.stack([np.cos(gaze_in_space_rad[:, 1]), np.ones(len(gaze_in_space_rad))], axis=1)
@@ -171,15 +171,16 @@ def detect_saccades_ek(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, kno
 
 
 def angular_steps(start_rad: Float[ndarray, "N 2"], step_rad: Float[ndarray, "N 2"]) -> Float[ndarray, "N 2"]:
-    """Steps of (yaw, pitch) as angles of gaze: a degree of yaw is less of an angle when gaze is up or down."""
+    """Convert steps of (yaw, pitch) to angles of gaze: yaw is scaled by the cosine of pitch."""
     shrink = np.cos(start_rad[:, 1] + step_rad[:, 1] / 2)
     return np.stack([step_rad[:, 0] * shrink, step_rad[:, 1]], axis=1)
 
 
 def _without_oscillations(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs) -> Runs:
-    """Saccades without what follows a larger one at once: eyes rest for 100 ms or more between two of them.
+    """Drop post-saccadic oscillations: eyes rest for at least 100 ms between two saccades.
 
-    What is half as large or less within 60 ms of the end is a post-saccadic oscillation (experts label it apart).
+    An oscillation follows within 60 ms of the end of a saccade and has at most half its amplitude; expert labels
+    keep it separate.
     """
     reach = OSCILLATION_S * fps
     if not (found.first[1:] - found.last[:-1] <= reach).any():
@@ -194,11 +195,12 @@ def _without_oscillations(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, 
 
 
 def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, measured: bool) -> Saccades:
-    """Saccades from one frame to another, placed by the moments of their movement.
+    """Build saccades from runs of frames, timed by the moments of their movement.
 
-    When the movement is half done, on average, is known to a fraction of a frame, whereas when it starts between two
-    frames is not. So onset and offset lie around the mean time, as far apart as the spread says (`measured`; less
-    Sheppard's dt^2 / 12 for sampling), or where frames are too few for that, as the main sequence says.
+    The mean time of the movement is known to a fraction of a frame, while its start between two frames is not. Onset
+    and offset are placed around the mean time. Their distance follows from the standard deviation of the movement
+    (`measured`; with Sheppard's correction of dt^2 / 12 for sampling) or, where frames are too few, from the main
+    sequence.
     """
     if not len(found):
         return _none()
@@ -210,7 +212,7 @@ def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, me
     owner = np.repeat(np.arange(len(found)), counts)
     step = np.arange(counts.sum()) + np.repeat(found.first - np.cumsum(counts) + counts, counts)
     each = angular_steps(gaze_in_space_rad[step], gaze_in_space_rad[step + 1] - gaze_in_space_rad[step])
-    # How far each step goes the way of the saccade; noise across it does not count, and along it cancels.
+    # Projection of each step on the saccade: noise across it is excluded, and noise along it cancels.
     share = (each * whole[owner]).sum(axis=1) / (amplitude**2)[owner]
     time_s = (step + 0.5) / fps
     middle_s = np.bincount(owner, share * time_s) / np.bincount(owner, share)
@@ -232,7 +234,7 @@ def _timed(gaze_in_space_rad: Float[ndarray, "T 2"], fps: float, found: Runs, me
 def _at_samples(
     gaze_in_space_rad: Float[ndarray, "T 2"], speed_deg_s: Float[ndarray, " T"], fps: float, found: Runs
 ) -> Saccades:
-    """Saccades of runs of samples."""
+    """Build saccades from runs of samples, with onset and offset at samples."""
     if not len(found):
         return _none()
     start = gaze_in_space_rad[found.first]
@@ -253,7 +255,7 @@ def _peaks(
 
 
 def _stretches(known: Bool[ndarray, " T"], reach: int) -> Bool[ndarray, " S"]:
-    """Whether frames n to n + reach are all known, for each n that has so many behind it."""
+    """Whether frames n to n + reach are all known, for each n with `reach` frames after it."""
     unknown = np.concatenate([[0], np.cumsum(~known)])
     return np.asarray(unknown[reach + 1 :] == unknown[: -reach - 1])
 

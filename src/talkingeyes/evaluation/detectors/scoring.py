@@ -1,7 +1,7 @@
-"""How well found events agree with known ones: precision, recall, F1, onset error, and Cohen's kappa a sample.
+"""Agreement of detected with reference events: precision, recall, F1, onset error, and Cohen's kappa per sample.
 
-Events pair one to one in order of time, each found one with the first known one that is still free within the
-tolerance; among points on a line that gives as many pairs as there can be.
+Events are matched one to one in order of time: each detected event is paired with the first unmatched reference event
+within the tolerance. For points on a line this gives the largest possible number of pairs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy import ndarray
 
 @dataclass(frozen=True)
 class EventMatches:
-    """Which found event is which known one."""
+    """Indices of matched pairs: detected (`found`) and reference (`known`) events."""
 
     found: Int[ndarray, " P"]
     known: Int[ndarray, " P"]
@@ -23,7 +23,7 @@ class EventMatches:
 
 @dataclass(frozen=True)
 class DetectionScore:
-    """Agreement of `found` with `known` events; onset errors are found minus known, NaN without pairs."""
+    """Agreement of detected with reference events; onset errors are detected minus reference, NaN without pairs."""
 
     precision: float
     recall: float
@@ -35,7 +35,7 @@ class DetectionScore:
 
 
 def match_events(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> EventMatches:
-    """Pairs of ascending times that are at most the tolerance apart."""
+    """Match ascending times that differ by at most the tolerance."""
     pairs = []
     free = 0
     for index, time_s in enumerate(found_s.tolist()):
@@ -50,7 +50,7 @@ def match_events(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], t
 
 @dataclass(frozen=True)
 class DetectionCounts:
-    """Counts and onset errors (found minus known), which add up over clips."""
+    """Counts and onset errors (detected minus reference), summed over clips with `+`."""
 
     found: int = 0
     known: int = 0
@@ -67,7 +67,7 @@ class DetectionCounts:
 
     @property
     def score(self) -> DetectionScore:
-        """The figures."""
+        """Precision, recall, F1 and onset error of the counts."""
         nan = float("nan")
         low, middle, high = np.percentile(self.errors_s, [25, 50, 75]) if self.errors_s else (nan, nan, nan)
         return DetectionScore(
@@ -82,21 +82,21 @@ class DetectionCounts:
 
 
 def count_matches(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> DetectionCounts:
-    """Counts and errors of ascending onsets of one clip."""
+    """Match ascending onsets of one clip and count."""
     pairs = match_events(found_s, known_s, tolerance_s)
     errors = found_s[pairs.found] - known_s[pairs.known]
     return DetectionCounts(len(found_s), len(known_s), len(errors), tuple(errors.tolist()))
 
 
 def score(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> DetectionScore:
-    """Precision, recall, F1 and onset errors of ascending onsets."""
+    """Precision, recall, F1 and onset error of ascending onsets."""
     return count_matches(found_s, known_s, tolerance_s).score
 
 
 def event_mask(
     onset_s: Float[ndarray, " N"], offset_s: Float[ndarray, " N"], fps: float, frames: int
 ) -> Bool[ndarray, " T"]:
-    """Frames within events, both ends included."""
+    """Mask of the frames within events, both ends included."""
     change = np.zeros(frames + 1, np.int64)
     np.add.at(change, np.clip(np.round(onset_s * fps).astype(np.int64), 0, frames), 1)
     np.add.at(change, np.clip(np.round(offset_s * fps).astype(np.int64) + 1, 0, frames), -1)

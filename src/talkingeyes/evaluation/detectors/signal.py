@@ -1,6 +1,6 @@
-"""What every detector asks of its input: frames at a usable rate, a second of them, numbers where they are seen.
+"""Input checks and runs of frames, common to all detectors.
 
-Also the first step of each: which stretches of frames belong together.
+Input must have a supported frame rate, last at least a second, and be finite in valid frames.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from talkingeyes.core.errors import InputError
 
 MIN_FPS, MAX_FPS = 10.0, 2000.0
 MIN_SECONDS = 1.0
-RAYLEIGH_MEDIAN = 1.1774  # median length of a step of white noise with standard deviation 1 in two axes
+RAYLEIGH_MEDIAN = 1.1774  # median norm of 2-D white noise with standard deviation 1 on each axis
 
 
 @dataclass(frozen=True)
 class Runs:
-    """N stretches of True: the first index of each, and the last."""
+    """N runs of True: the first and the last index of each."""
 
     first: Int[ndarray, " N"]
     last: Int[ndarray, " N"]
@@ -29,12 +29,12 @@ class Runs:
         return len(self.first)
 
     def where(self, kept: Bool[ndarray, " N"]) -> Runs:
-        """Some of them."""
+        """The selected runs."""
         return Runs(self.first[kept], self.last[kept])
 
 
 def runs(flags: Bool[ndarray, " T"], split_at: Bool[ndarray, " T"] | None = None) -> Runs:
-    """Stretches of True; where `split_at` is True a new one starts although the one before has not ended."""
+    """Runs of True; `split_at` starts a new run even if the previous one has not ended."""
     started = flags.copy()
     started[1:] &= ~flags[:-1] if split_at is None else ~flags[:-1] | split_at[1:]
     ended = flags.copy()
@@ -45,7 +45,10 @@ def runs(flags: Bool[ndarray, " T"], split_at: Bool[ndarray, " T"] | None = None
 def valid_frames(
     name: str, values: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None
 ) -> Bool[ndarray, " T"]:
-    """Which frames count. Raises InputError on a rate out of range, too few frames, or NaN in a frame that counts."""
+    """Mask of valid frames.
+
+    Raises InputError for a frame rate out of range, too few frames, or values that are not finite in a valid frame.
+    """
     if not MIN_FPS <= fps <= MAX_FPS:
         raise InputError(f"{name}: fps should be between {MIN_FPS:g} and {MAX_FPS:g}, got {fps:g}")
     if len(values) < MIN_SECONDS * fps:
@@ -59,8 +62,8 @@ def valid_frames(
     wrong = ~finite if valid is None else ~finite & valid
     if wrong.any():
         raise InputError(
-            f"{name}: holds NaN or infinite values in {wrong.sum()} frames, first in frame {int(wrong.argmax())}; "
-            "mark such frames as not valid"
+            f"{name}: should be finite in valid frames, got NaN or infinite values in {wrong.sum()} frames, "
+            f"first in frame {int(wrong.argmax())}; mark such frames as invalid"
         )
     assert valid is not None
     return valid

@@ -1,7 +1,8 @@
 """Corr. (section V-B.3): the cosine of the critic's features of sound and motion over windows of 8 s; the critic's AUC.
 
-Higher is not better: a conditional mean is more predictable than any true motion, and a constant can beat a random
-draw. So Corr. is read as a distance to that of the truth, beside shuffled truth and a constant (LEARNING.md, point 9).
+Higher is not better: a conditional mean is more predictable than true motion, and a constant can score above a random
+sample. Corr. is therefore read as a difference from the Corr. of the truth, next to shuffled truth and a constant
+(LEARNING.md, point 9).
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from talkingeyes.training.checkpoint import load
 
 
 def auc(positives: Float[ndarray, " P"], negatives: Float[ndarray, " N"]) -> float:
-    """Chance that a positive scores above a negative; ties count half."""
+    """Area under the ROC curve: probability that a positive scores above a negative; ties count half."""
     ordered = np.sort(negatives)
     below, not_above = (np.searchsorted(ordered, positives, side=side) for side in ("left", "right"))
     return float((below + not_above).mean() / 2 / len(ordered))
 
 
 class CriticCorrelation:
-    """A frozen critic of one part, as a metric."""
+    """Corr. of one part, computed with a frozen critic."""
 
     def __init__(self, part: str, critic: Critic, frames: int, hop: int) -> None:
-        """`frames` a window, one window every `hop` frames."""
+        """Use windows of `frames` frames, one every `hop` frames."""
         self.part, self.critic, self.frames, self.hop = part, critic.eval(), frames, hop
 
     @classmethod
     def load(cls, folder: Path, part: str) -> CriticCorrelation:
-        """From what the stage `critic` wrote."""
+        """Load the critic of a part from the output folder of the stage `critic`."""
         checkpoint = load(folder / part)
         tensors, config = checkpoint.tensors, checkpoint.config
         critic = Critic(
@@ -52,14 +53,17 @@ class CriticCorrelation:
     def __call__(
         self, speech: Float[ndarray, "T C"], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, " S"]:
-        """Corr. of each sample: mean over the windows; a clip shorter than a window is one window."""
+        """Corr. of each sample, as the mean over windows; a clip shorter than a window is one window."""
         return np.asarray(self.score_sounds([speech], head, gaze)[0])
 
     @torch.no_grad()
     def score_sounds(
         self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
     ) -> Float[ndarray, "N S"]:
-        """The same under each of several sounds, as far as both last; a window of motion is looked at once for all."""
+        """Corr. of each sample under each of several sounds, over the frames that sound and motion share.
+
+        The features of a motion window are computed once for all sounds.
+        """
         motion = torch.from_numpy(part_angles(self.part, head, gaze).astype(np.float32))
         seen: dict[tuple[int, int], Tensor] = {}
         found = []

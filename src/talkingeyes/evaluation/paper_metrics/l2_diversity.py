@@ -1,8 +1,8 @@
 """L2 and Diversity, the paper's two distances (section V-B.3, Tables III and V).
 
-Both are means over frames of the Euclidean norm of all six radians of gaze (three of the head), never the root of a
-mean of squares. The paper's ratio of Random to Mean, 1.40, near the root of 2, fits this reading. L2 is won by any
-constant near the mean, Diversity by noise: neither is to be read alone.
+Both are means over frames of the Euclidean norm over all six radians of gaze (three of the head), not the root of a
+mean of squares. The paper's ratio of Random to Mean, 1.40, is close to the square root of 2 and supports this reading.
+A constant near the mean has the best L2 and noise the best Diversity, so neither should be read alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy import ndarray
 def distance(
     one: Float[ndarray, "... T C"], other: Float[ndarray, "... T C"], valid: Bool[ndarray, " T"] | None = None
 ) -> Float[ndarray, ...]:
-    """Mean over the valid frames of the norm of the difference (radians). Leading axes are broadcast."""
+    """Mean over valid frames of the norm of the difference, in radians. Leading axes are broadcast."""
     norm = np.linalg.norm(one - other, axis=-1)
     return np.asarray(norm.mean(axis=-1) if valid is None else norm[..., valid].mean(axis=-1))
 
@@ -23,12 +23,12 @@ def distance(
 def l2_error(
     samples: Float[ndarray, "S T C"], reference: Float[ndarray, ...], valid: Bool[ndarray, " T"] | None = None
 ) -> float:
-    """L2 of one clip: mean over samples of the distance to the reference motion (radians)."""
+    """L2 of one clip: mean distance of the samples to the reference motion, in radians."""
     return float(distance(samples, reference[None], valid).mean())
 
 
 def diversity(samples: Float[ndarray, "S T C"], valid: Bool[ndarray, " T"] | None = None) -> float:
-    """Diversity of one clip: mean over the pairs of samples of their distance (radians); NaN for a single sample."""
+    """Diversity of one clip: mean distance between pairs of samples, in radians; NaN for a single sample."""
     if len(samples) < 2:
         return float("nan")
     return float(

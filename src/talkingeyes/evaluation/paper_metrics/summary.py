@@ -1,8 +1,8 @@
-"""The figures of one clip, and of a row of Table III: distances, correlation and dynamics with intervals over clips.
+"""Metrics of one clip and of one row of Table III: distances, Corr. and dynamics, with intervals over clips.
 
-L2, Diversity and Corr. compare with fitted motion, dynamics with the true motion (in a corpus without truth: the
-fitted). The parts are `gaze` (eye-in-head), `space` (gaze in space) and `head`. The mean pose wins every L2 and a
-conditional mean wins Corr., so every figure has its reference beside it, taken over the same clips.
+L2, Diversity and Corr. compare with fitted motion; dynamics compare with the true motion, or with fitted motion in a
+corpus without truth. The parts are `gaze` (eye-in-head), `gaze_in_space` and `head`. The mean pose has the best L2 and
+a conditional mean the best Corr., so each metric is reported with its reference over the same clips.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ from talkingeyes.evaluation.paper_metrics.l2_diversity import diversity, l2_erro
 class EvaluateSettings(Settings):
     """The section `evaluate`."""
 
-    seed: int  # of the choice of mismatched clips
-    mismatched_samples: Annotated[int, Field(gt=1)]  # samples of the row of mismatched motion
-    benchmark_samples: Annotated[int, Field(ge=2)]  # samples of a sound that the gaze benchmark looks at
+    seed: int  # seed for the choice of mismatched clips
+    mismatched_samples: Annotated[int, Field(gt=1)]  # samples per sound in the row of mismatched motion
+    benchmark_samples: Annotated[int, Field(ge=2)]  # samples per sound in the gaze benchmark
     bootstrap: BootstrapSettings
 
 
 @dataclass(frozen=True)
 class EvaluationCase:
-    """One sound and what is compared under it; all of T frames.
+    """Samples and reference motions of one sound, all T frames long.
 
-    `own` says that the samples are real motions of this very sound, the first of them the one to compare with (rows
-    truth and fitted): then only the others count in L2. `fitted` and `truth` hold the takes of the sound.
+    `includes_reference`: the samples are real takes of this sound and the first is the reference itself (rows truth and
+    fitted); L2 then excludes it. `fitted` and `truth` hold the takes of the sound.
     """
 
     samples: Samples
     includes_reference: bool
     fitted: Samples
     truth: Samples | None
-    valid: Bool[ndarray, " T"]  # frames of the first fitted take that were seen
+    valid: Bool[ndarray, " T"]  # frames of the first fitted take with observations
 
 
 @dataclass(frozen=True)
 class ClipMetrics:
-    """One part of one clip; NaN where a figure needs more takes than there are. Speeds in degrees a second."""
+    """Metrics of one part of one clip; NaN where a metric needs more takes. Speeds in degrees per second."""
 
     diversity: float
     diversity_fitted: float
@@ -74,7 +74,7 @@ class ClipMetrics:
 def clip_metrics(
     case: EvaluationCase, corr_scores: Mapping[str, CorrScores], fitted_corr_scores: Mapping[str, CorrScores]
 ) -> dict[str, ClipMetrics]:
-    """The figures of one clip, by part; `corr_scores` is what critics say of its samples and its fitted takes."""
+    """Metrics of one clip by part, from the Corr. of its samples and of its fitted takes (by critic)."""
     truth = case.truth or case.fitted
     found = {}
     for part, critic in CRITICS.items():
@@ -97,12 +97,12 @@ def clip_metrics(
 
 
 def rotation_vectors(part: str, samples: Samples) -> Float[ndarray, "S T C"]:
-    """What distances are taken of: 3 radians of the head, 6 of the eyes."""
+    """Rotation vectors to compute distances on: 3 radians of the head, or 6 of both eyes."""
     return samples.head if part == "head" else samples.gaze.reshape(*samples.gaze.shape[:2], 6)
 
 
 def speed_deg_s(part: str, samples: Samples) -> Float[ndarray, "S F"]:
-    """Speed of a part between frames."""
+    """Speed of a part between consecutive frames, in degrees per second."""
     if part == "head":
         return head_speed_deg_s(samples.head, samples.fps)
     if part == "gaze":
@@ -111,21 +111,22 @@ def speed_deg_s(part: str, samples: Samples) -> Float[ndarray, "S F"]:
 
 
 def first_sample(samples: Samples) -> Samples:
-    """The first sample alone."""
+    """The first sample only."""
     return Samples(samples.fps, samples.head[:1], samples.gaze[:1])
 
 
 def crop_samples(samples: Samples, frames: int) -> Samples:
-    """The first frames."""
+    """The first `frames` frames of all samples."""
     return Samples(samples.fps, samples.head[:, :frames], samples.gaze[:, :frames])
 
 
 def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettings) -> dict[str, Estimate]:
-    """The figures of a part over clips, with intervals; a figure that no clip allows is left out.
+    """Metrics of a part over clips, with intervals; a metric that no clip defines is left out.
 
-    `diversity_multi_take` is over the sounds with several takes alone, `diversity_ratio` to truth's own over the same
-    sounds (`diversity_ratio_fitted`: to the fitted motion's own); `corr_minus_fitted` is to the fitted motion's own,
-    `corr_minus_shuffled` to the same motion under other sounds of the speaker (`corr_shuffled`).
+    `diversity_multi_take` is over the sounds with several takes, and `diversity_ratio` divides it by the diversity of
+    the truth on these sounds (`diversity_ratio_fitted`: of the fitted motion). `corr_minus_fitted` subtracts the Corr.
+    of the fitted motion, `corr_minus_shuffled` that of the same motion under other sounds of the speaker
+    (`corr_shuffled`).
     """
     found = {**(_distances(clips) if part != "gaze_in_space" else {}), **_correlations(clips), **_dynamics(clips)}
     return {name: bootstrap(each.statistic, each.clips, settings) for name, each in found.items() if each.clips}
@@ -133,7 +134,7 @@ def summarise(part: str, clips: Sequence[ClipMetrics], settings: BootstrapSettin
 
 @dataclass(frozen=True)
 class _ClipStatistic:
-    """A statistic and the number of clips that it is defined on."""
+    """A statistic and the number of clips on which it is defined."""
 
     statistic: Statistic
     clips: int
@@ -186,7 +187,7 @@ def _column(clips: Sequence[ClipMetrics], name: str) -> Float[ndarray, " N"]:
 
 
 def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> _ClipStatistic:
-    """Undefined where a reference does not move at all."""
+    """Ratio of means over clips; undefined if any reference value is zero."""
     return _ClipStatistic(ratio_statistic(values, reference), len(values) if reference.all() else 0)
 
 
