@@ -1,4 +1,4 @@
-"""Every figure of a table with the interval that its clips allow: percentile bootstrap over clips, seeded."""
+"""Estimates with intervals: seeded percentile bootstrap over clips."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pydantic import Field
 
 from talkingeyes.core.settings import Settings
 
-Statistic = Callable[[ndarray], float]  # of clip indices, drawn with replacement
+Statistic = Callable[[ndarray], float]  # function of clip indices, which may repeat
 
 
 class BootstrapSettings(Settings):
-    """How intervals are drawn."""
+    """Settings of the bootstrap."""
 
-    n_resamples: Annotated[int, Field(ge=20)]  # resamples of the clips
-    confidence_level: Annotated[float, Field(gt=0, lt=1)]  # share of resamples inside the interval
+    n_resamples: Annotated[int, Field(ge=20)]  # number of resamples of the clips
+    confidence_level: Annotated[float, Field(gt=0, lt=1)]  # fraction of resamples inside the interval
     seed: int
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure with its interval."""
+    """A value with its interval."""
 
     value: float
     low: float
@@ -35,43 +35,42 @@ class Estimate:
 
 
 def bootstrap(statistic: Statistic, count: int, settings: BootstrapSettings) -> Estimate:
-    """The statistic of all `count` clips, and its interval over clips drawn with replacement.
+    """Evaluate a statistic on all `count` clips, with its interval over clips resampled with replacement.
 
-    `statistic` takes indices of clips, some of them several times. The same seed and count draw the same clips whatever
-    is measured, so that rows of a table are compared on the same draws.
+    `statistic` takes clip indices, which may repeat. The same seed and count give the same resamples for every
+    statistic, so that rows of a table are compared on the same resamples.
     """
     values = np.array([statistic(indices) for indices in resample_indices(count, settings)])
     return Estimate(float(statistic(np.arange(count))), *percentile_interval(values, settings))
 
 
 def resample_indices(count: int, settings: BootstrapSettings) -> Int[ndarray, "D N"]:
-    """Indices of clips drawn with replacement, a row a draw."""
+    """Clip indices sampled with replacement, one row per resample."""
     rng = np.random.default_rng([settings.seed, count])
     return rng.integers(count, size=(settings.n_resamples, count))
 
 
 def percentile_interval(values: Float[ndarray, " D"], settings: BootstrapSettings) -> tuple[float, float]:
-    """The limits that the values of the draws lie between; draws without a value do not count."""
+    """Lower and upper limit of the interval of the resampled values; NaN is ignored."""
     tail = (1 - settings.confidence_level) / 2
     low, high = np.nanquantile(values, [tail, 1 - tail])
     return float(low), float(high)
 
 
 def mean_statistic(values: Float[ndarray, " N"]) -> Statistic:
-    """The mean over clips."""
+    """Mean over clips."""
     return lambda clips: float(values[clips].mean())
 
 
 def ratio_statistic(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> Statistic:
-    """The ratio of two means over the same clips."""
+    """Ratio of two means over the same clips."""
     return lambda clips: float(values[clips].sum() / reference[clips].sum())
 
 
 def quantile_statistic(groups: Sequence[Float[ndarray, " _"]], quantile: float) -> Statistic:
-    """A high quantile of all frames of the clips, pooled: the smallest value that `quantile` of the frames do not
-    exceed.
+    """High quantile over the pooled frames of the clips: the smallest value that `quantile` of the frames do not exceed.
 
-    Counted from the top, and only as far down as a resample ever reaches: that is ten times as fast.
+    Frames are counted from the top, only as deep as resamples need, which is ten times as fast.
     """
     sizes = np.array([len(group) for group in groups])
     pooled = np.concatenate(groups)

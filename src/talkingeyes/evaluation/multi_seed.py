@@ -1,4 +1,4 @@
-"""A figure under several seeds of training and sampling: their mean, its interval over clips, the range over seeds."""
+"""Metrics over several seeds of training and sampling: mean, its interval over clips, and range over seeds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings, Estimate, Statis
 
 @dataclass(frozen=True)
 class ClipStatistic:
-    """A statistic of clips, and the number of clips that it is defined on."""
+    """A statistic of clips, and the number of clips on which it is defined."""
 
     statistic: Statistic
     count: int
@@ -23,7 +23,7 @@ class ClipStatistic:
         return self.statistic(clips)
 
     def point_estimate(self) -> float:
-        """Its value over all clips."""
+        """Value over all clips."""
         return self.statistic(np.arange(self.count))
 
 
@@ -36,33 +36,33 @@ class MultiSeedEstimate(Estimate):
 
 
 def nanmean_statistic(values: Float[ndarray, " N"]) -> ClipStatistic:
-    """The mean over the clips that have the figure (NaN: has none)."""
+    """Mean over the clips with a value; NaN is left out."""
     known = values[~np.isnan(values)]
     return ClipStatistic(mean_statistic(known), len(known))
 
 
 @dataclass(frozen=True)
 class MultiSeedStatistic:
-    """The same figure of the same clips under several seeds. Resampled, the seeds are averaged on the same draws."""
+    """The same statistic of the same clips under several seeds; each resample averages the seeds on the same clips."""
 
     by_seed: tuple[ClipStatistic, ...]
 
     @property
     def count(self) -> int:
-        """Of the clips."""
+        """Number of clips."""
         return self.by_seed[0].count
 
     def __call__(self, clips: ndarray) -> float:
         return float(np.mean([each(clips) for each in self.by_seed]))
 
     def estimate(self, settings: BootstrapSettings) -> MultiSeedEstimate:
-        """The mean of the seeds, its interval over clips, and the range."""
+        """Mean over seeds, its interval over clips, and the range over seeds."""
         found, values = bootstrap(self, self.count, settings), [each.point_estimate() for each in self.by_seed]
         return MultiSeedEstimate(found.value, found.low, found.high, min(values), max(values))
 
 
 def combine_seeds(by_seed: Sequence[Mapping[str, ClipStatistic]]) -> dict[str, MultiSeedStatistic]:
-    """Figures by name, of those seeds that know as many clips as the first does."""
+    """Statistics by name, over the seeds with as many clips as the first seed."""
     return {
         name: MultiSeedStatistic(
             tuple(each[name] for each in by_seed if name in each and each[name].count == first.count)

@@ -1,4 +1,4 @@
-"""Pictures of the comparison: figures with intervals, traces of one sound, distributions of speed, use of codes."""
+"""Plots of the report: metrics with intervals, traces of one sound, distributions of speed, code usage."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ COLOURS = {
     "talkingeyes_live": "#1b9e77",
 }
 PANELS = (
-    Column("Diversity / truth's\neye-in-head", "gaze", "diversity_ratio"),
+    Column("Diversity / truth\neye-in-head", "gaze", "diversity_ratio"),
     Column("L2 to fitted\neye-in-head, radians", "gaze", "l2"),
     Column("Corr.\neye-in-head", "gaze", "corr"),
     Column("Corr.\ngaze in space", "gaze_in_space", "corr"),
     Column("Corr.\nhead", "head", "corr"),
-    Column("Eye speed\n/ truth's", "gaze", "speed_ratio"),
-    Column("Gaze in space\nstill, share", "gaze_in_space", "still_fraction"),
+    Column("Eye speed\n/ truth", "gaze", "speed_ratio"),
+    Column("Gaze in space\nstill, fraction", "gaze_in_space", "still_fraction"),
 )
 PARTS = {"gaze": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
 
 
 @dataclass(frozen=True)
 class Trace:
-    """Several motions of one sound, under a title."""
+    """Several motions of one sound, with a title."""
 
     title: str
     samples: Samples
 
 
 def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
-    """Figures of all rows with their intervals; a line marks the true (of L2 and Corr.: the fitted) motion."""
+    """Plot metrics of all rows with intervals; a line marks the true motion (for L2 and Corr.: the fitted motion)."""
     names = order_rows(rows)
     canvas = _figure(12.5, 1.6 + 0.36 * len(names))
     axes = canvas.subplots(1, len(PANELS), sharey=True)
@@ -72,7 +72,7 @@ def plot_metrics(rows: Mapping[str, MethodMetrics], path: Path) -> None:
     axes[0].set_yticks(height, [TITLES.get(name, name) for name in names])
     axes[0].set_ylim(-0.6, len(names) - 0.4)
     canvas.supxlabel(
-        "filled: test, new sentences; open: unseen speakers; bars: intervals over clips; dotted: the reference on test",
+        "filled: test, new sentences; open: unseen speakers; bars: intervals over clips; dotted: reference on test",
         fontsize=8,
         color="0.35",
     )
@@ -87,7 +87,7 @@ def _mark_reference(axis: Any, rows: Mapping[str, MethodMetrics], column: Column
 
 
 def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rate: int, path: Path) -> None:
-    """Yaw of eyes, of gaze in space and of the head over time: a column a method, a colour a sample."""
+    """Plot yaw of eyes, gaze in space and head over time: one column per method, one colour per sample."""
     canvas = _figure(3.4 * len(traces) + 0.6, 7.2)
     axes = canvas.subplots(
         4, len(traces), sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": [0.5, 1, 1, 1]}
@@ -110,7 +110,7 @@ def plot_traces(traces: Sequence[Trace], sound: Float[ndarray, " N"], sample_rat
 
 
 def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
-    """Yaw in degrees, positive to the subject's left, by label."""
+    """Yaw of eyes, gaze in space and head in degrees, positive to the subject's left, by axis label."""
     eye = direction_to_angles(rotvec_to_direction(samples.gaze))[..., 0].mean(axis=-1)
     space = gaze_in_space(samples.head, samples.gaze)[..., 0].mean(axis=-1)
     head = direction_to_angles(rotvec_to_direction(samples.head))[..., 0]
@@ -119,7 +119,7 @@ def yaw_deg(samples: Samples) -> dict[str, Float[ndarray, "S T"]]:
 
 
 def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2 N"]]], path: Path) -> None:
-    """Share of frames that are faster than a speed, for each row and part (row to part to speeds and shares)."""
+    """Plot the fraction of frames faster than a speed; `speeds` {row: {part: speeds and fractions}}."""
     canvas = _figure(12.5, 4.4)
     axes = canvas.subplots(1, len(PARTS), sharey=True)
     names = [name for name in order_rows({name: {} for name in speeds}) if speeds[name]]
@@ -134,18 +134,18 @@ def plot_speed_distributions(speeds: Mapping[str, Mapping[str, Float[ndarray, "2
         axis.axvline(STILL_THRESHOLD_DEG_S, color="0.4", linewidth=0.9, linestyle=":")
         axis.text(STILL_THRESHOLD_DEG_S * 0.9, 1.5e-4, "still", color="0.4", fontsize=8, ha="right")
         axis.set_title(title, fontsize=11)
-        axis.set_xlabel("speed, degrees a second")
+        axis.set_xlabel("speed, degrees per second")
         axis.grid(True, which="major", color="0.9")
         axis.set_xlim(0.3, 1000)
         axis.set_ylim(1e-4, 1.3)
-    axes[0].set_ylabel("share of frames that are faster")
+    axes[0].set_ylabel("fraction of faster frames")
     handles, labels = axes[0].get_legend_handles_labels()
     canvas.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
     _save(canvas, path)
 
 
 def plot_code_usage(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> None:
-    """How often each code is used on the train split, most used first; a codebook in even use would be flat."""
+    """Plot the usage of codes on the train split, most used first; uniform usage would be flat."""
     canvas = _figure(7.5, 4.0)
     axis = canvas.subplots()
     for name, used in counts.items():
@@ -156,7 +156,7 @@ def plot_code_usage(counts: Mapping[str, Float[ndarray, " K"]], path: Path) -> N
         label = f"{name}: {seen} of {len(used)} codes in use, perplexity {np.exp(entropy):.0f}"
         axis.semilogy(np.arange(1, len(share) + 1), np.where(share > 0, share, np.nan), linewidth=1.8, label=label)
     axis.set_xlabel("code, most used first")
-    axis.set_ylabel("share of uses")
+    axis.set_ylabel("fraction of uses")
     axis.grid(True, color="0.92")
     axis.legend(frameon=False)
     _save(canvas, path)

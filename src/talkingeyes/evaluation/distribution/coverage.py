@@ -1,12 +1,12 @@
-"""Coverage and precision: do S samples reach what people do, and do they do nothing else?
+"""Coverage and precision: do the samples include what people do, and nothing else?
 
-Of one sound with several true takes: the coverage error is the mean over takes of the distance to the nearest of S
-samples (minADE with S = 10), the precision error the mean over samples of the distance to the nearest take. A constant
-near the mean has a good precision error, noise a bad one; coverage falls with S, so S is said.
+For one sound with several true takes, the coverage error is the mean over takes of the distance to the nearest of S
+samples (minADE with S = 10). The precision error is the mean over samples of the distance to the nearest take. A
+constant near the mean has a good precision error and noise a bad one. The coverage error falls with S, so report S.
 
-Of a whole set, in the features of windows: precision is the share of samples inside the k-nearest-neighbour ball of
-any true window (Kynkaanniemi et al. 2019), coverage the share of true windows whose ball holds a sample (Naeem et al.
-2020).
+For a whole set, in the features of windows, precision is the fraction of samples inside the k-nearest-neighbour ball of
+any true window (Kynkaanniemi et al. 2019). Coverage is the fraction of true windows whose ball holds a sample (Naeem et
+al. 2020).
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class CoverageErrors:
 
 
 def coverage_errors(samples: Float[ndarray, "S T C"], takes: Float[ndarray, "K T C"]) -> CoverageErrors:
-    """Of one sound."""
+    """Coverage and precision error of the samples of one sound."""
     apart = np.stack([distance(samples, take) for take in takes])
     return CoverageErrors(float(apart.min(axis=1).mean()), float(apart.min(axis=0).mean()))
 
 
 def reference_coverage_errors(takes: Float[ndarray, "K T C"]) -> CoverageErrors:
-    """The truth's own: each take against the others. NaN for a single take."""
+    """Errors of the truth itself: each take against the others. NaN for a single take."""
     apart = np.stack([distance(takes, take) for take in takes])
     np.fill_diagonal(apart, np.inf)
     nearest = float(apart.min(axis=1).mean()) if len(takes) > 1 else float("nan")
@@ -46,7 +46,7 @@ def reference_coverage_errors(takes: Float[ndarray, "K T C"]) -> CoverageErrors:
 
 @dataclass(frozen=True)
 class PrecisionCoverage:
-    """For each drawn sample whether it lies where truth does, for each drawn true window whether a sample is near."""
+    """For each sampled window whether it lies in a ball of the truth; for each true window whether its ball has one."""
 
     precise: Float[ndarray, " N"]
     covered: Float[ndarray, " M"]
@@ -55,10 +55,12 @@ class PrecisionCoverage:
 def precision_coverage(
     samples: WindowFeatures, reference: WindowFeatures, neighbours: int, paired: bool = False
 ) -> PrecisionCoverage:
-    """Balls reach to the k-th neighbour among true windows of other clips: those of one clip are too much alike.
+    """Compute precision and coverage of windows.
 
-    `paired`: clip i of both sets is the same sound; then a window meets only those of other sounds, so that being a
-    copy of the truth is no help. Truth compared with itself still covers itself: compare it with other takes.
+    The radius of a ball is the distance to the k-th neighbour among true windows of other clips, as windows of one clip
+    are too similar. `paired`: clip i of both sets is the same sound. Windows are then compared only with those of other
+    sounds, so that copying the truth gives no advantage. Truth compared with itself still covers itself: compare it
+    with other takes.
     """
     among = cdist(reference.features, reference.features)
     among[reference.clip[:, None] == reference.clip] = np.inf

@@ -1,8 +1,8 @@
-"""Features of windows of motion, by a fixed network: what Frechet distance, MMD, precision and coverage are taken in.
+"""Features of windows of motion from a frozen network, for Frechet distance, MMD, precision and coverage.
 
-It learns on fitted motion of the train split alone, never from a model, and is frozen for all rows of a table: a
-network that has seen a generator rewards its faults (FACTS.md, section 9). Trained by the stage `critic`, chosen on
-speakers kept out of it. Reads and writes data/critic/encoder.
+The encoder is trained on fitted motion of the train split only, never on the output of a model, and is the same for all
+rows of a table: a network trained on a generator rewards that generator's faults (FACTS.md, section 9). The stage
+`critic` trains it and chooses the checkpoint on held-out speakers. Reads and writes data/critic/encoder.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ CHECKPOINT_NAME = "encoder"
 
 
 class EncoderSettings(Settings):
-    """The part `encoder` of the section `critic`."""
+    """The subsection `encoder` of the section `critic`."""
 
     window_s: Annotated[float, Field(ge=2, le=4)]
-    hop_s: Annotated[float, Field(gt=0)]  # from window to window of a clip
+    hop_s: Annotated[float, Field(gt=0)]  # between the starts of consecutive windows of a clip
     network: MotionAutoencoderSettings
     loop: LoopSettings
 
 
 class MotionEncoder:
-    """The frozen network as a metric's eye: windows of a clip to features."""
+    """The frozen network, which maps the windows of a clip to features."""
 
     def __init__(self, network: MotionAutoencoder, settings: EncoderSettings, fps: float) -> None:
         self.network, self.settings, self.fps = network.eval(), settings, fps
 
     @property
     def config(self) -> dict[str, Any]:
-        """What is stored of it beside its weights."""
+        """Configuration stored with the weights."""
         return {"fps": self.fps, **self.settings.model_dump(mode="json")}
 
     @classmethod
     def load(cls, folder: Path) -> MotionEncoder:
-        """From what the stage `critic` wrote."""
+        """Load the encoder from the output folder of the stage `critic`."""
         checkpoint = load(folder / CHECKPOINT_NAME)
         fps = float(checkpoint.config["fps"])
         settings = EncoderSettings.model_validate({k: v for k, v in checkpoint.config.items() if k != "fps"})
@@ -65,13 +65,13 @@ class MotionEncoder:
     def __call__(
         self, head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"], fps: float
     ) -> Float[ndarray, "W D"]:
-        """Features of all windows of S samples, sample by sample; none of a motion shorter than a window.
+        """Features of all windows of S samples, sample by sample; empty if the motion is shorter than a window.
 
-        Motion of a higher rate is point sampled. Raises InputError if its rate is no multiple of the encoder's.
+        Motion at a higher frame rate is subsampled. Raises InputError if the rate is not a multiple of the encoder's.
         """
         every = round(fps / self.fps)
         if every < 1 or abs(fps - every * self.fps) > 1e-6 * fps:
-            raise InputError(f"encoder: takes motion at a multiple of {self.fps:g} frames a second, got {fps:g}")
+            raise InputError(f"encoder: frame rate of motion should be a multiple of {self.fps:g} fps, got {fps:g}")
         frames, hop = round(self.settings.window_s * self.fps), round(self.settings.hop_s * self.fps)
         cut = [sliding_windows(each[:, ::every], frames, hop) for each in (head, gaze)]
         if not len(cut[0]):
@@ -89,21 +89,21 @@ class TrainedEncoder:
 
 
 def sliding_windows(samples: Float[ndarray, "S T *C"], frames: int, hop: int) -> Float[ndarray, "W F *C"]:
-    """Windows of all samples, those of the first sample first."""
+    """Sliding windows of all samples, ordered by sample."""
     starts = np.arange(0, samples.shape[1] - frames + 1, max(1, hop))
     cut = samples[:, starts[:, None] + np.arange(frames)]
     return np.asarray(cut.reshape(-1, frames, *samples.shape[2:]))
 
 
 def step_count(settings: EncoderSettings, fps: float) -> int:
-    """Steps of a window."""
+    """Network steps per window."""
     return round(settings.window_s * fps) // settings.network.step_frames
 
 
 def fit_motion_encoder(
     train: Sequence[Recording], held_out: Sequence[Recording], settings: EncoderSettings, seed: int
 ) -> TrainedEncoder:
-    """Train the encoder."""
+    """Train the encoder; the checkpoint is chosen on the held-out recordings."""
     task = AutoencoderTask(train, held_out, settings, seed)
     history = fit(task, settings.loop, CHECKPOINT_NAME)
     with torch.no_grad():
@@ -112,7 +112,7 @@ def fit_motion_encoder(
 
 
 class AutoencoderTask:
-    """The task: random windows of the train speakers back from their code."""
+    """Autoencoding task: reconstruct random windows of the training speakers from their latent code."""
 
     def __init__(
         self, train: Sequence[Recording], held_out: Sequence[Recording], settings: EncoderSettings, seed: int
@@ -136,7 +136,7 @@ class AutoencoderTask:
         self.module: nn.Module = self.network
 
     def losses(self, step: int) -> dict[str, Tensor]:
-        """Squared error and divergence, a described number."""
+        """Mean squared error and KL divergence per input value."""
         chosen = self.rng.integers(len(self.recordings), size=self.settings.loop.batch)
         cut = [self._random_window(self.recordings[int(index)]) for index in chosen]
         steps = self._described(np.stack([head for head, _ in cut]), np.stack([gaze for _, gaze in cut]))
@@ -148,7 +148,7 @@ class AutoencoderTask:
         return {"total": error + self.settings.network.kl_weight * divergence, "error": error, "divergence": divergence}
 
     def validate(self) -> dict[str, float]:
-        """Share of the variance of the kept-out speakers' windows that comes back."""
+        """Fraction of the variance of held-out windows that the reconstruction explains."""
         held = self.held.to(self.network.mean.device)
         noise = held.new_zeros(len(held), self.settings.network.latent)
         target = self.network.standardised(held)

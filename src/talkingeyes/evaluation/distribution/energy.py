@@ -1,8 +1,9 @@
-"""Energy score of S samples against what happened: a proper score of a forecast (Gneiting & Raftery 2007, eq. 21).
+"""Energy score of S samples against the observed motion: a proper scoring rule (Gneiting & Raftery 2007, eq. 21).
 
-ES = E |X - y| - 1/2 E |X - X'|: the first term is the error, the second forgives spread. Its mean is lowest for
-samples from the true distribution given the sound; the mean pose, which wins L2, pays for its missing spread. Pairs of
-a sample with itself are left out (the fair score, Ferro 2014), so that few samples are not punished.
+ES = E |X - y| - 1/2 E |X - X'|: the first term is the error, the second the spread of the samples. Its mean is lowest
+for samples from the true distribution given the sound; the mean pose, which has the best L2, is penalised for its
+missing spread. Pairs of a sample with itself are left out (the fair score, Ferro 2014), so that small S is not
+penalised.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy import ndarray
 
 
 def energy_score(samples: Float[ndarray, "S *N C"], observed: Float[ndarray, "*N C"]) -> Float[ndarray, "*N"]:
-    """The score of each of N vectors; in the unit of the vectors. NaN for a single sample."""
+    """Energy score of each of N vectors, in the unit of the vectors. NaN for a single sample."""
     count = len(samples)
     error = np.linalg.norm(samples - observed, axis=-1).mean(axis=0)
     if count < 2:
@@ -25,9 +26,9 @@ def energy_score(samples: Float[ndarray, "S *N C"], observed: Float[ndarray, "*N
 def windowed_energy_score(
     samples: Float[ndarray, "S T C"], observed: Float[ndarray, "T C"], frames: int
 ) -> Float[ndarray, " W"]:
-    """Scores of consecutive windows as whole trajectories (root mean square over their frames, radians).
+    """Energy scores of consecutive windows as whole trajectories (root mean square over frames, radians).
 
-    A window is one vector, so samples of the right spread that freeze or tremble pay too.
+    Each window is one vector, so frozen or jittering samples with the right spread are penalised as well.
     """
     count = observed.shape[0] // frames
     shape = (count, frames * observed.shape[1])

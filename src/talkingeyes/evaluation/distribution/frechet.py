@@ -1,9 +1,9 @@
-"""Frechet distance between two Gaussians of features, and its floor (Dowson & Landau 1982; Heusel et al. 2017).
+"""Frechet distance between two Gaussians of features, and its noise floor (Dowson & Landau 1982; Heusel et al. 2017).
 
 d^2 = |m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)), over the features of windows (encoder.py). It is biased upwards by
-about the number of features over the number of windows, so it is never read without the distance between two halves
-of the truth, and not at all below ten windows a feature. Moments add up, so clips are drawn again without their
-windows.
+about the number of features over the number of windows. Read it only next to the distance between two halves of the
+truth, and not at all with fewer than ten windows per feature. Moments are additive, so clips are resampled without
+keeping their windows.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Moments:
 
     @classmethod
     def of(cls, groups: Sequence[Float[ndarray, "_ D"]]) -> Moments:
-        """Of the windows of each clip."""
+        """Moments of the windows of each clip."""
         return cls(
             np.array([float(len(group)) for group in groups]),
             np.stack([group.sum(axis=0) for group in groups]),
@@ -39,11 +39,11 @@ class Moments:
 
     @property
     def is_sufficient(self) -> bool:
-        """Whether there are windows enough for a covariance."""
+        """Whether there are enough windows to estimate a covariance."""
         return bool(self.count.sum() >= MIN_WINDOWS_PER_FEATURE * self.total.shape[1])
 
     def gaussian(self, clips: Int[ndarray, " N"] | None = None) -> Gaussian:
-        """Mean and covariance over clips, drawn with replacement; over all by default."""
+        """Mean and covariance over clips; `clips` may repeat (bootstrap), by default all are used once."""
         times = np.ones(len(self.count)) if clips is None else np.bincount(clips, minlength=len(self.count))
         count = times @ self.count
         mean = times @ self.total / count
@@ -53,14 +53,14 @@ class Moments:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """Mean and covariance."""
+    """Mean and covariance of features."""
 
     mean: Float[ndarray, " D"]
     covariance: Float[ndarray, "D D"]
 
 
 def frechet(one: Gaussian, other: Gaussian) -> float:
-    """The squared distance; tr (S1 S2)^(1/2) from the eigenvalues of the symmetric S1^(1/2) S2 S1^(1/2)."""
+    """Squared Frechet distance; tr (S1 S2)^(1/2) from the eigenvalues of the symmetric S1^(1/2) S2 S1^(1/2)."""
     values, vectors = np.linalg.eigh(one.covariance)
     root = (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T
     cross = np.sqrt(np.maximum(np.linalg.eigvalsh(root @ other.covariance @ root), 0)).sum()
@@ -69,14 +69,14 @@ def frechet(one: Gaussian, other: Gaussian) -> float:
 
 
 def frechet_statistic(moments: Moments, reference: Gaussian) -> Statistic:
-    """The distance of drawn clips from the reference."""
+    """Frechet distance of resampled clips from the reference, as a bootstrap statistic."""
     return lambda clips: frechet(moments.gaussian(clips), reference)
 
 
 def split_half(moments: Moments, splits: int, seed: int) -> Float[ndarray, " R"]:
-    """The floor: distances between two random halves of the clips of one set, `splits` times.
+    """Noise floor: distances between two random halves of the clips of one set, `splits` times.
 
-    A half has half the windows, so this floor lies above the bias of the whole set.
+    Each half has half the windows, so this floor is above the bias of the whole set.
     """
     rng = np.random.default_rng(seed)
     found = []

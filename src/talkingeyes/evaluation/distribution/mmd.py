@@ -1,9 +1,9 @@
 """Maximum mean discrepancy between two sets of windows, with a permutation test (Gretton et al. 2012).
 
-MMD^2 = E k(x, x') + E k(y, y') - 2 E k(x, y) with a Gaussian kernel whose width is the median distance within the
-reference, unbiased. Windows of one clip are alike, so pairs within a clip are left out, of both sets where both have
-motion for the same sound, and the permutation test shuffles clips: it would find differences everywhere otherwise.
-Quadratic in the number of windows, so a fixed number of them is drawn, evenly over the clips.
+MMD^2 = E k(x, x') + E k(y, y') - 2 E k(x, y), unbiased, with a Gaussian kernel whose width is the median distance
+within the reference. Windows of one clip are similar, so pairs within a clip are left out, and pairs with the same
+sound across paired sets as well. The permutation test shuffles whole clips; otherwise it would find differences
+everywhere. The cost is quadratic in the number of windows, so a fixed number of windows is sampled, evenly over clips.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from talkingeyes.evaluation.bootstrap import Statistic
 
 @dataclass(frozen=True)
 class WindowFeatures:
-    """N windows as features, and which clip each is from."""
+    """Features of N windows, and the clip index of each."""
 
     features: Float[ndarray, "N D"]
     clip: Int[ndarray, " N"]
 
 
 def sample_windows(groups: Sequence[Float[ndarray, "_ D"]], max_windows: int, seed: int) -> WindowFeatures:
-    """About `max_windows` windows of all clips (a group a clip), as many of each; of some clips if there are more."""
+    """Sample about `max_windows` windows, equally many per clip (one group each), from fewer clips if necessary."""
     rng = np.random.default_rng([seed, len(groups)])
     full = [index for index, group in enumerate(groups) if len(group)]
     kept = full if len(full) <= max_windows else sorted(rng.choice(full, max_windows, replace=False).tolist())
@@ -42,7 +42,7 @@ def sample_windows(groups: Sequence[Float[ndarray, "_ D"]], max_windows: int, se
 
 @dataclass(frozen=True)
 class Kernels:
-    """Kernel values within and between two sets, 0 for pairs that are left out, and which pairs count."""
+    """Kernel values within and between two sets, with masks of the pairs that count; 0 for pairs left out."""
 
     ours: Float[ndarray, "N N"]
     theirs: Float[ndarray, "M M"]
@@ -53,7 +53,7 @@ class Kernels:
 
 
 def kernels(one: WindowFeatures, reference: WindowFeatures, paired: bool) -> Kernels:
-    """All kernel values; `paired`: clip i of both sets belongs to the same sound."""
+    """Compute all kernel values; `paired`: clip i of both sets belongs to the same sound."""
     within = cdist(reference.features, reference.features)
     width = float(np.median(within[~np.eye(len(within), dtype=bool)]))
     scale = -0.5 / max(width, 1e-12) ** 2
@@ -75,7 +75,10 @@ def kernels(one: WindowFeatures, reference: WindowFeatures, paired: bool) -> Ker
 
 
 def mmd_statistic(one: WindowFeatures, reference: WindowFeatures, paired: bool = False) -> Statistic:
-    """MMD^2 of drawn clips; `paired`: the same clips are drawn of the reference, else all of it counts."""
+    """MMD^2 of resampled clips, as a bootstrap statistic.
+
+    `paired`: the reference is resampled with the same clips; otherwise all of it is used.
+    """
     found = kernels(one, reference, paired)
 
     def statistic(clips: ndarray) -> float:
@@ -93,12 +96,12 @@ def mmd_statistic(one: WindowFeatures, reference: WindowFeatures, paired: bool =
 
 
 def mmd(one: WindowFeatures, reference: WindowFeatures, paired: bool = False) -> float:
-    """MMD^2 of all clips; about 0, and below 0 as often as above, where both sets are of one distribution."""
+    """MMD^2 of all clips; near 0, with either sign, if both sets have the same distribution."""
     return mmd_statistic(one, reference, paired)(np.unique(np.concatenate([one.clip, reference.clip])))
 
 
 def permutation_p_value(one: WindowFeatures, reference: WindowFeatures, permutations: int, seed: int) -> float:
-    """How often whole clips dealt to two sets at random are as far apart: (1 + count) / (1 + permutations)."""
+    """Permutation p-value over whole clips: (1 + permutations at least as far apart) / (1 + permutations)."""
     features = np.concatenate([one.features, reference.features])
     clip = np.concatenate([one.clip, one.clip.max() + 1 + reference.clip])
     names, owner = np.unique(clip, return_inverse=True)

@@ -1,9 +1,9 @@
-"""Power spectra by Welch's method (1967), and three figures of them: slope, power above 5 Hz, distance in decibels.
+"""Power spectra by Welch's method (1967), and their summaries: slope, power above 5 Hz, distance in decibels.
 
-Eyes and head of people have little power above 5 Hz beside that of saccades; trembling shows there, and smoothing too.
-The steps of gaze give its spectrum a slope of about -2 (a saccade is a step: FACTS.md, section 9). Spectra of clips are
-sums over segments, so clips are drawn again without their frames. Frames are point samples: a saccade faster than a
-frame folds into the band, in truth and in samples alike, so only spectra of one frame rate are compared.
+Human eyes and heads have little power above 5 Hz apart from saccades, so jitter and oversmoothing both show there. The
+steps of gaze give its spectrum a slope of about -2 (a saccade is a step: FACTS.md, section 9). The spectrum of a clip
+is a sum over segments, so clips are resampled without keeping their frames. Frames are point samples: a saccade faster
+than a frame aliases into the band, in truth and samples alike, so compare only spectra at the same frame rate.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from numpy import ndarray
 SEGMENT_S = 2.56
 HIGH_HZ = 5.0
 SLOPE_BAND_HZ = (0.5, 5.0)
-# Degrees squared a hertz, of a clip: below it lies what rounding leaves of a motion that stands still (1e-26).
+# Degrees squared per hertz: below this is rounding error of motionless clips (1e-26).
 ZERO_TOLERANCE = 1e-18
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Sum over segments of the power density a channel (degrees squared a hertz), and how many segments there were."""
+    """Sum over segments of power density per channel (degrees squared per hertz), and the number of segments."""
 
     frequency_hz: Float[ndarray, " F"]
     power: Float[ndarray, "F C"]
@@ -33,15 +33,14 @@ class Spectrum:
 
     @property
     def density(self) -> Float[ndarray, "F C"]:
-        """Mean over segments."""
+        """Mean power density over segments."""
         return self.power / max(self.segments, 1)
 
 
 def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray, " T"] | None = None) -> Spectrum:
-    """Of one clip: Hann windows, half overlapping, each without its line of best fit; segments with a gap are left out.
+    """Spectrum of one clip: half-overlapping Hann windows, linearly detrended; segments with gaps are left out.
 
-    The line goes because a head that turns across a segment would otherwise leak into every frequency. A motion that
-    stands still has no power at all.
+    Without detrending, a head turn across a segment would leak into every frequency. Motionless clips have zero power.
     """
     size = round(SEGMENT_S * fps)
     frequency_hz, time, window = _segment(size, fps)
@@ -59,12 +58,12 @@ def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray,
 
 @cache
 def _segment(size: int, fps: float) -> tuple[Float[ndarray, " F"], Float[ndarray, " T"], Float[ndarray, " T"]]:
-    """Frequencies, frames about the middle and the window of a segment."""
+    """Frequencies, frame numbers relative to the middle, and window of a segment."""
     return np.fft.rfftfreq(size, 1 / fps), np.arange(size) - (size - 1) / 2, np.hanning(size + 1)[:-1]
 
 
 def pool_spectra(spectra: list[Spectrum]) -> Spectrum:
-    """Over clips of one frame rate."""
+    """Sum the spectra of clips of one frame rate."""
     return Spectrum(
         spectra[0].frequency_hz,
         np.sum([each.power for each in spectra], axis=0),
@@ -73,20 +72,20 @@ def pool_spectra(spectra: list[Spectrum]) -> Spectrum:
 
 
 def high_power_deg2(one: Spectrum) -> float:
-    """Power above 5 Hz, summed over channels (degrees squared)."""
+    """Power above 5 Hz, summed over channels, in degrees squared."""
     high = one.frequency_hz >= HIGH_HZ
     return float(one.density[high].sum() * one.frequency_hz[1])
 
 
 def high_frequency_fraction(one: Spectrum) -> float:
-    """Share of the power of velocity that lies above 5 Hz: how much of the movement is trembling."""
+    """Fraction of the power of velocity above 5 Hz: a measure of jitter. NaN if nothing moves."""
     velocity = np.square(2 * pi * one.frequency_hz)[:, None] * one.density
     total = velocity.sum()
     return float(velocity[one.frequency_hz >= HIGH_HZ].sum() / total) if total else float("nan")
 
 
 def spectral_slope(one: Spectrum) -> float:
-    """Slope of log power against log frequency from .5 to 5 Hz, channels summed; NaN where nothing moves."""
+    """Slope of log power over log frequency from 0.5 to 5 Hz, channels summed; NaN if nothing moves."""
     low, high = SLOPE_BAND_HZ
     band = (one.frequency_hz >= low) & (one.frequency_hz <= high)
     power = one.density[band].sum(axis=1)
@@ -96,9 +95,9 @@ def spectral_slope(one: Spectrum) -> float:
 
 
 def log_spectral_distance_db(one: Spectrum, reference: Spectrum) -> float:
-    """Root mean square over frequencies from .39 Hz up of the ratio of both spectra in decibels, mean over channels.
+    """Root mean square over frequencies from 0.39 Hz up of the ratio of two spectra in decibels, mean over channels.
 
-    Power is held above a floor of 1e-6 of the reference's largest, or a frozen face would be infinitely far.
+    Power has a floor of 1e-6 of the reference's maximum; otherwise a frozen face would be infinitely far.
     """
     known = reference.density[1:]
     floor = 1e-6 * known.max(axis=0)

@@ -1,9 +1,9 @@
 """First Wasserstein distance of one quantity (amplitude, interval, dwell, speed), in SDs of the reference.
 
 W1 = integral |F(x) - G(x)| dx, where F and G are the distribution functions (Vallender 1974), divided by the standard
-deviation of the reference, so that quantities of any unit stand beside each other: 0 is the same distribution, .1 is
+deviation of the reference, so that quantities of different units are comparable: 0 is the same distribution, 0.1 is
 close, 1 is off by a whole SD. On the circle (directions) W1 = min over a of integral |F - G - a| (Rabin, Delon &
-Gousseau 2011), in radians: there is no SD to divide by that would hold for a distribution spread all round.
+Gousseau 2011), in radians: a distribution spread around the circle has no meaningful SD to divide by.
 """
 
 from __future__ import annotations
@@ -18,12 +18,15 @@ from talkingeyes.evaluation.bootstrap import Statistic
 
 
 def wasserstein(values: Float[ndarray, " N"], reference: Float[ndarray, " M"]) -> float:
-    """W1 in SDs of the reference; NaN where there is nothing to compare or the reference does not vary."""
+    """W1 in SDs of the reference; NaN if either set is empty or the reference does not vary."""
     return wasserstein_statistic([values], reference)(np.zeros(1, dtype=int))
 
 
 def wasserstein_statistic(groups: Sequence[Float[ndarray, " _"]], reference: Float[ndarray, " M"]) -> Statistic:
-    """W1 of the pooled values of drawn clips (a group a clip); sorted once, so that a draw costs one pass."""
+    """W1 of the pooled values of resampled clips (one group per clip), as a bootstrap statistic.
+
+    Values are sorted once, so that each resample costs one pass.
+    """
     pooled = np.concatenate([*groups, np.zeros(0)])
     owner = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     spread = float(reference.std()) if len(reference) else 0.0
@@ -47,14 +50,17 @@ def wasserstein_statistic(groups: Sequence[Float[ndarray, " _"]], reference: Flo
 
 
 def histogram(values: Float[ndarray, " N"], edges: Float[ndarray, " K1"]) -> Float[ndarray, " K"]:
-    """Counts between ascending edges; what lies beyond them counts in the first and the last bin."""
+    """Counts between ascending edges; values beyond them count in the first and last bin."""
     return np.histogram(np.clip(values, edges[0], edges[-1]), bins=edges)[0].astype(float)
 
 
 def wasserstein_binned(
     counts: Float[ndarray, " K"], reference: Float[ndarray, " K"], edges: Float[ndarray, " K1"]
 ) -> float:
-    """W1 of two histograms in SDs of the reference, for quantities with a value a frame: memory does not grow."""
+    """W1 of two histograms in SDs of the reference.
+
+    For quantities with one value per frame: memory does not grow with the number of frames.
+    """
     if not counts.sum() or not reference.sum():
         return float("nan")
     middles, share = (edges[:-1] + edges[1:]) / 2, reference / reference.sum()
@@ -64,7 +70,7 @@ def wasserstein_binned(
 
 
 def circular_wasserstein(values_rad: Float[ndarray, " N"], reference_rad: Float[ndarray, " M"]) -> float:
-    """W1 of two sets of directions along the circle, in radians: at most pi."""
+    """W1 of two sets of directions on the circle, in radians: at most pi. NaN if either is empty."""
     if not len(values_rad) or not len(reference_rad):
         return float("nan")
     places = np.concatenate([values_rad, reference_rad]) % (2 * np.pi)

@@ -1,8 +1,8 @@
-"""Truth made wrong in one known way, to see which measure notices: frozen, trembling, late, mirrored, smoothed.
+"""Corruptions of true motion that test which metrics detect them: freezing, jitter, delay, mirroring, smoothing.
 
-A measure that does not rank the truth above a corruption cannot tell it, and the page says so (docs/sensitivity.md).
-Each corruption has a strength: 0 leaves the motion as it is, 1 is the fault as it happens in practice (a sign flipped,
-a filter of three frames, noise of a cheap tracker). Signs: docs/conventions.md.
+A metric that does not rank the truth above a corruption cannot detect it (docs/sensitivity.md). Each corruption has a
+strength: 0 leaves the motion unchanged, 1 is the fault as it occurs in practice (a flipped sign, a filter of three
+frames, the noise of a cheap tracker). Signs: docs/conventions.md.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ EYE_DELAY_S = 0.12
 HEAD_DELAY_S = 0.4
 SHRINK_FACTOR = 0.5
 DIVERGENCE_RAD = np.radians(2.0)
-TORSION_PER_YAW = 0.3  # of yaw: the false torsion of an eye turned about fixed axes
+TORSION_PER_YAW = 0.3  # fraction of yaw: false torsion of an eye rotated about fixed axes
 
-# Of the frames of one field to others.
+# Maps the frames of one field.
 FrameTransform = Callable[[ndarray], ndarray]
 MotionTransform = Callable[[Behaviour, float, np.random.Generator], Behaviour]
 
 
 @dataclass(frozen=True)
 class Corruption:
-    """A fault: what it is called, what it is, how it is made of one motion."""
+    """A corruption: name, description, and the function that applies it to a motion."""
 
     name: str
     title: str
@@ -44,25 +44,25 @@ class Corruption:
 def apply_corruption(
     motions: Sequence[Behaviour], speakers: Sequence[str], corruption: Corruption, strength: float, seed: int
 ) -> list[Behaviour]:
-    """All motions with a fault; sounds and references stay. `speakers` tell whose motion a swap may take."""
+    """Corrupt all motions; sounds and references are unchanged. `speakers` restricts swaps to other speakers."""
     if corruption.name == SWAPPED.name:
         return _swapped(motions, speakers, strength, np.random.default_rng(seed))
     return [corruption.change(each, strength, np.random.default_rng([seed, n])) for n, each in enumerate(motions)]
 
 
 def _frozen(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The last part of the clip holds still."""
+    """Freeze the last part of the clip."""
     last = round((1 - strength) * (len(motion) - 1))
     return _map_all(motion, lambda path: path[np.minimum(np.arange(len(path)), last)])
 
 
 def _jittered(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """White noise on every angle of head and eyes, as a tracker without temporal terms leaves it."""
+    """Add white noise to every angle of head and eyes, as from a tracker without temporal smoothing."""
     return _map_head_and_gaze(motion, lambda path: path + strength * JITTER_RAD * rng.standard_normal(path.shape))
 
 
 def _delayed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Later than the sound, turned round at the end of the clip; the seam is not valid."""
+    """Delay motion relative to the sound, wrapping around at the end of the clip; the seam is marked invalid."""
     shift = round(strength * DELAY_S * motion.fps)
     valid = np.roll(motion.valid, shift)
     if shift:
@@ -71,7 +71,7 @@ def _delayed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Be
 
 
 def _mirrored_sides(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Left and right exchanged, of head and eyes together (in a share of the clips)."""
+    """Mirror head and eyes left to right (in a fraction `strength` of the clips)."""
     if rng.random() >= strength:
         return motion
     return replace(
@@ -83,34 +83,34 @@ def _mirrored_sides(motion: Behaviour, strength: float, rng: np.random.Generator
 
 
 def _mirrored_heights(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Up and down exchanged, of head and eyes together (in a share of the clips)."""
+    """Mirror head and eyes upside down (in a fraction `strength` of the clips)."""
     if rng.random() >= strength:
         return motion
     return _map_head_and_gaze(motion, lambda path: path * [-1.0, 1.0, -1.0])
 
 
 def _smoothed(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """A Gaussian filter over time."""
+    """Smooth head and eyes with a Gaussian filter over time."""
     frames = strength * SMOOTH_S * motion.fps
     return _map_head_and_gaze(motion, lambda path: gaussian_filter1d(path, frames, axis=0) if frames else path)
 
 
 def _flipped_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The sign of the eyes' rotation against the head's: they turn with it (in a share of the clips)."""
+    """Flip the sign of eye rotation relative to the head (in a fraction `strength` of the clips)."""
     if motion.gaze is None or rng.random() >= strength:
         return motion
     return replace(motion, gaze=-motion.gaze)
 
 
 def _flipped_eye_yaw(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The sign of the eyes' yaw alone (in a share of the clips)."""
+    """Flip the sign of eye yaw only (in a fraction `strength` of the clips)."""
     if motion.gaze is None or rng.random() >= strength:
         return motion
     return replace(motion, gaze=motion.gaze * [1.0, -1.0, 1.0])
 
 
 def _diverging_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Each eye turned outwards."""
+    """Rotate each eye outwards."""
     if motion.gaze is None:
         return motion
     outwards = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
@@ -118,21 +118,21 @@ def _diverging_eyes(motion: Behaviour, strength: float, rng: np.random.Generator
 
 
 def _false_torsion(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Torsion that grows with yaw, against Listing's law."""
+    """Add torsion proportional to yaw, against Listing's law."""
     if motion.gaze is None:
         return motion
     return replace(motion, gaze=motion.gaze + strength * TORSION_PER_YAW * motion.gaze[..., 1:2] * [0.0, 0.0, 1.0])
 
 
 def _delayed_eyes(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The eyes a few frames behind the head."""
+    """Delay the eyes by a few frames relative to the head."""
     behind = round(strength * EYE_DELAY_S * motion.fps)
     index = np.maximum(np.arange(len(motion)) - behind, 0)
     return replace(motion, gaze=None if motion.gaze is None else motion.gaze[index])
 
 
 def _fixed_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The head keeps its mean pose and the eyes do all that gaze does in space."""
+    """Hold the head at its mean pose; the eyes keep gaze in space unchanged."""
     if motion.head is None or motion.gaze is None:
         return motion
     head = motion.head + strength * (motion.head.mean(axis=0) - motion.head)
@@ -140,7 +140,7 @@ def _fixed_head(motion: Behaviour, strength: float, rng: np.random.Generator) ->
 
 
 def _delayed_head(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The head behind gaze, which stays as it is in space."""
+    """Delay the head; gaze in space is unchanged."""
     if motion.head is None or motion.gaze is None:
         return motion
     index = np.maximum(np.arange(len(motion)) - round(strength * HEAD_DELAY_S * motion.fps), 0)
@@ -149,23 +149,23 @@ def _delayed_head(motion: Behaviour, strength: float, rng: np.random.Generator) 
 
 
 def _reduced_amplitude(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Everything about its mean, half as wide."""
+    """Scale head and eyes about their mean by `SHRINK_FACTOR`."""
     gain = 1 - strength * (1 - SHRINK_FACTOR)
     return _map_head_and_gaze(motion, lambda path: path.mean(axis=0) + gain * (path - path.mean(axis=0)))
 
 
 def _mean_pose(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The clip's mean pose, for the whole clip: what wins L2."""
+    """Hold the clip's mean pose, which has the best L2."""
     return _map_all(motion, lambda path: path + strength * (path.mean(axis=0) - path))
 
 
 def _without_blinks(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """Lids that only follow gaze."""
+    """Remove blinks, so that lids only follow gaze."""
     return replace(motion, lid=None if motion.lid is None else (1 - strength) * motion.lid)
 
 
 def _delayed_blinks(motion: Behaviour, strength: float, rng: np.random.Generator) -> Behaviour:
-    """The lids alone later than the rest."""
+    """Delay the lids only."""
     shift = round(strength * DELAY_S * motion.fps)
     return replace(motion, lid=None if motion.lid is None else np.roll(motion.lid, shift, axis=0))
 
@@ -177,7 +177,7 @@ def _unchanged(motion: Behaviour, strength: float, rng: np.random.Generator) -> 
 def _swapped(
     motions: Sequence[Behaviour], speakers: Sequence[str], strength: float, rng: np.random.Generator
 ) -> list[Behaviour]:
-    """Under each sound the motion of another speaker, as far as both last."""
+    """Replace each motion by one of another speaker, cut to the shorter length."""
     found = []
     for motion, speaker in zip(motions, speakers, strict=True):
         others = [index for index, other in enumerate(speakers) if other != speaker]
@@ -193,13 +193,13 @@ def _swapped(
 
 
 def _map_head_and_gaze(motion: Behaviour, change: FrameTransform) -> Behaviour:
-    """Head and eyes changed, lids not."""
+    """Transform head and eyes, not lids."""
     head, gaze = (None if path is None else change(path) for path in (motion.head, motion.gaze))
     return replace(motion, head=head, gaze=gaze)
 
 
 def _map_all(motion: Behaviour, change: FrameTransform) -> Behaviour:
-    """Head, eyes and lids changed."""
+    """Transform head, eyes and lids."""
     head, gaze, lid = (None if path is None else change(path) for path in (motion.head, motion.gaze, motion.lid))
     return replace(motion, head=head, gaze=gaze, lid=lid)
 
@@ -211,18 +211,18 @@ CORRUPTIONS = (
     Corruption("mean pose", "frozen at the clip's mean", _mean_pose),
     Corruption("jittered", "0.3 deg of white noise", _jittered),
     Corruption("smoothed", "Gaussian filter of 0.12 s", _smoothed),
-    Corruption("small", "half as wide", _reduced_amplitude),
+    Corruption("small", "amplitude halved", _reduced_amplitude),
     Corruption("late", "3 s late", _delayed),
     SWAPPED,
-    Corruption("mirrored sides", "left and right exchanged", _mirrored_sides),
-    Corruption("mirrored heights", "up and down exchanged", _mirrored_heights),
-    Corruption("flipped eyes", "sign of the eyes against the head", _flipped_eyes),
-    Corruption("flipped eye yaw", "sign of the eyes' yaw", _flipped_eye_yaw),
-    Corruption("parted eyes", "each eye 2 deg outwards", _diverging_eyes),
-    Corruption("twisted eyes", "torsion of 0.3 of yaw", _false_torsion),
+    Corruption("mirrored sides", "mirrored left to right", _mirrored_sides),
+    Corruption("mirrored heights", "mirrored upside down", _mirrored_heights),
+    Corruption("flipped eyes", "sign of eye rotation flipped", _flipped_eyes),
+    Corruption("flipped eye yaw", "sign of eye yaw flipped", _flipped_eye_yaw),
+    Corruption("parted eyes", "each eye rotated 2 deg outwards", _diverging_eyes),
+    Corruption("twisted eyes", "torsion of 0.3 times yaw added", _false_torsion),
     Corruption("late eyes", "eyes 0.12 s behind the head", _delayed_eyes),
     Corruption("late head", "head 0.4 s behind gaze", _delayed_head),
-    Corruption("head at rest", "gaze moved by the eyes alone", _fixed_head),
+    Corruption("head at rest", "head still, gaze moved by the eyes only", _fixed_head),
     Corruption("unblinking", "no blinks", _without_blinks),
     Corruption("late blinks", "blinks 3 s late", _delayed_blinks),
 )

@@ -1,9 +1,10 @@
-"""Which measure notices which fault: the matrix of measures against corrupted truth.
+"""Sensitivity matrix: which metric detects which corruption of true motion.
 
-The reference are true takes of every sound, what is judged are other takes of the same sounds, as they are and with
-each fault. A measure catches a fault when it tells it from the reference by more than its bootstrap interval, in its
-own direction, and farther than it tells true from true. The effect is the distance in intervals: 1 is the edge of the
-interval, below 1 nothing is caught. One in twenty true takes is told apart by chance: that is what intervals mean.
+The reference is a set of true takes of every sound; other takes of the same sounds are evaluated, unchanged and with
+each corruption. A metric detects a corruption if the difference from the reference, in the metric's direction, exceeds
+its bootstrap interval and the difference of unchanged takes. The effect size is the difference in intervals: 1 is the
+edge of the interval, and below 1 nothing is detected. By chance, one unchanged take in twenty is detected too, as
+follows from the intervals.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ from talkingeyes.evaluation.paper_metrics.l2_diversity import l2_error
 from talkingeyes.evaluation.sensitivity.corruptions import CORRUPTIONS, UNCORRUPTED, Corruption, apply_corruption
 from talkingeyes.synthesis.sketched_clips import SketchedClip
 
-# Intervals by which a fault must be farther from the truth than other true takes are.
+# Intervals by which the effect of a corruption must exceed that of unchanged takes.
 MARGIN = 0.5
 SIGNIFICANCE_LEVEL = 0.05
 
 
 @dataclass(frozen=True)
 class TakeSets:
-    """True takes of the same sounds, as many to judge as to compare with; each judged one has one as its reference."""
+    """True takes of the same sounds: as many evaluated as reference takes; each evaluated take has one as reference."""
 
     reference: Sequence[Sequence[Behaviour]]
     evaluated: Sequence[Sequence[Behaviour]]
@@ -44,7 +45,7 @@ class TakeSets:
 
 
 def split_takes(talks: Sequence[SketchedClip]) -> TakeSets:
-    """The first half of the takes of every sound is the reference, the second half is judged."""
+    """Split the takes of every sound: the first half is the reference, the second half is evaluated."""
     reference, evaluated = [], []
     for talk in talks:
         half = len(talk.takes) // 2
@@ -60,7 +61,7 @@ def _behaviour(motion: Motion, talk: SketchedClip) -> Behaviour:
 
 
 def train_pool_encoder(talks: Sequence[SketchedClip], settings: EncoderSettings, seed: int) -> MotionEncoder:
-    """An encoder that learns on the first takes of a pool; a fifth of its speakers is kept out."""
+    """Train a motion encoder on the first takes of a pool, with a fifth of its speakers held out."""
     recordings = [_recording(number, talk) for number, talk in enumerate(talks)]
     speakers = sorted({talk.speaker for talk in talks})
     held_out = set(speakers[::5])
@@ -77,7 +78,10 @@ def _recording(number: int, talk: SketchedClip) -> Recording:
 
 @dataclass(frozen=True)
 class FaultEffect:
-    """A measure of one fault. `effect_size` in intervals; NaN where there is no figure any more, which is told too."""
+    """A metric under one corruption.
+
+    `effect_size` is in intervals, NaN if the metric is no longer defined, which counts as detected.
+    """
 
     value: float
     effect_size: float
@@ -85,16 +89,16 @@ class FaultEffect:
 
     @property
     def detected(self) -> bool:
-        """Whether the fault is told from the truth."""
+        """Whether the metric detects the corruption."""
         return bool(np.isnan(self.effect_size) or self.effect_size > max(1.0, self.baseline_effect + MARGIN))
 
     @property
     def rated_better(self) -> bool:
-        """Whether the fault looks better than the truth."""
+        """Whether the metric rates the corruption better than the truth."""
         return bool(self.effect_size < min(-1.0, self.baseline_effect - MARGIN))
 
 
-# Measure to corruption to cell, in the order of the registry.
+# {metric: {corruption: effect}}, in the order of the registry.
 SensitivityMatrix = Mapping[str, Mapping[str, FaultEffect]]
 
 
@@ -106,7 +110,7 @@ def sensitivity_matrix(
     corruptions: Sequence[Corruption] = CORRUPTIONS,
     seed: int = 0,
 ) -> SensitivityMatrix:
-    """All measures of the registry against all corruptions; those that the takes do not allow are left out."""
+    """Evaluate all metrics of the registry on all corruptions; metrics undefined on these takes are left out."""
     fps = takes.reference[0][0].fps
     reference = accumulate(takes.reference, fps, encoder)
     rows = {}
@@ -121,7 +125,7 @@ def sensitivity_matrix(
 
 
 def _corrupted(takes: TakeSets, corruption: Corruption, strength: float, seed: int) -> list[list[Behaviour]]:
-    """The n-th takes of all sounds are corrupted together, so that a swap takes the n-th of another."""
+    """Corrupt the n-th takes of all sounds together, so that a swap uses the n-th take of another sound."""
     columns = zip(*takes.evaluated, strict=True)
     wrong = [
         apply_corruption(column, takes.speakers, corruption, strength, seed + number)
@@ -131,7 +135,7 @@ def _corrupted(takes: TakeSets, corruption: Corruption, strength: float, seed: i
 
 
 def accumulate(sounds: Sequence[Sequence[Behaviour]], fps: float, encoder: Encoder | None) -> Accumulator:
-    """The sums of all motions, sound by sound."""
+    """Accumulate the statistics of all motions, sound by sound."""
     found = Accumulator(fps)
     for motions in sounds:
         known = add_features(motions, encoder)
@@ -140,7 +144,7 @@ def accumulate(sounds: Sequence[Sequence[Behaviour]], fps: float, encoder: Encod
 
 
 def l2(takes: TakeSets, corruption: Corruption, seed: int = 0) -> float:
-    """L2 of eye-in-head to the reference's first take (radians): the distance that a constant wins."""
+    """L2 of eye-in-head to the first reference take, in radians; a constant near the mean scores best."""
     wrong = _corrupted(takes, corruption, 1.0, seed)
     found = []
     for motions, reference in zip(wrong, takes.reference, strict=True):
@@ -155,7 +159,7 @@ def _gaze(motion: Behaviour) -> Float[ndarray, "T 6"]:
 
 
 def detected_corruptions(of_measure: Mapping[str, FaultEffect]) -> list[str]:
-    """The corruptions that a measure catches."""
+    """Names of the corruptions that a metric detects."""
     return [name for name, cell in of_measure.items() if name != UNCORRUPTED.name and cell.detected]
 
 
@@ -165,10 +169,10 @@ def _cell(row: MetricResult, true: MetricResult) -> FaultEffect:
 
 
 def effect_size(row: MetricResult) -> float:
-    """Distance from the reference in the measure's own direction, over the half of its interval on that side."""
+    """Difference from the reference in the metric's direction, over the half width of its interval on that side."""
     assert row.value is not None
     assert row.reference is not None
-    if row.metric.unit == "p":  # a probability has no interval: 1 is where it is called improbable
+    if row.metric.unit == "p":  # a probability has no interval: 1 is at the significance level
         return float(np.log(row.value.value) / np.log(SIGNIFICANCE_LEVEL))
     if row.difference is not None:
         return _signed(row.difference, row.metric)
