@@ -456,7 +456,7 @@ class TestTables:
         assert "0.50 <sub>0.50–0.50</sub>" in text
         assert "gaze/x" in text
         assert "gaze/y" not in text
-        every = text[text.index("Every head before one gaze decoder") :].split("\n\n")[1].splitlines()
+        every = text[text.index("Every head model with one gaze decoder") :].split("\n\n")[1].splitlines()
         assert len(every) == 3  # only the CNN's gaze was measured
         assert "worse, of 3" in every[0]
         assert every[2].startswith("| CNN | 1.50 <sub>1.00–2.00</sub> | 0.50")

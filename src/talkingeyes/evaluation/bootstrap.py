@@ -68,7 +68,7 @@ def ratio_statistic(values: Float[ndarray, " N"], reference: Float[ndarray, " N"
 
 
 def quantile_statistic(groups: Sequence[Float[ndarray, " _"]], quantile: float) -> Statistic:
-    """High quantile over the pooled frames of the clips: the smallest value that `quantile` of the frames do not exceed.
+    """High quantile of the pooled frames of the clips: the least value that `quantile` of the frames do not exceed.
 
     Frames are counted from the top, only as deep as resamples need, which is ten times as fast.
     """

@@ -153,7 +153,7 @@ class ChannelSelection:
 def new_critic(
     part: str, recordings: Sequence[Recording], channel_selection: ChannelSelection, settings: CriticSettings
 ) -> Critic:
-    """An untrained critic. All angles of a part share one scale, so that a channel that hardly moves is not amplified."""
+    """An untrained critic. All angles of a part share one scale, so that a nearly still channel is not amplified."""
     deviations, speeds = [], []
     for recording in recordings:
         motion = part_angles(part, recording.head, recording.gaze)
@@ -254,7 +254,7 @@ class ContrastiveTask:
     def validate(self) -> dict[str, float]:
         """AUC on held-out speakers.
 
-        `validation_score` uses negatives of the same speaker, or time shifts if there are none; `auc_all` uses all pairs.
+        `validation_score` uses negatives of the same speaker, or time shifts if there are none; `auc_all` all pairs.
         """
         held_out_windows = self.held_out_windows.to(self.critic.log_scale.device)
         speech, motion = (

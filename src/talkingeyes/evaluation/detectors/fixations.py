@@ -58,7 +58,7 @@ def detect_fixations(
     starts, ends = np.zeros(frames + 1, bool), np.zeros(frames + 1, bool)
     starts[after], ends[first] = True, True
     still = runs(known & (moving[:-1] <= 0), starts[:-1])
-    # Onset and offset are those of the adjacent saccades, which are finer than frames; without one, those of the frames.
+    # Onset and offset are those of adjacent saccades, which are finer than frames; without one, those of frames.
     onset, offset = still.first / fps, still.last / fps
     before, behind = starts[still.first], ends[still.last + 1]
     onset[before] = found.offset_s[np.searchsorted(after, still.first[before], side="right") - 1]

@@ -1,10 +1,10 @@
-"""Whether a mouth says what is heard: lips close on bilabials and open on open vowels, the jaw follows loudness.
+"""Articulation metrics: lips close on bilabials and open on open vowels, and the jaw follows loudness.
 
-bilabials_closed   share of p, b, m in which the lips meet: no further apart than at rest, within half a millimetre,
-                   in at least one frame of the sound
-bilabial_gap       the least gap in each of them, mm beyond that at rest (below 0: pressed)
-vowel_gap          the greatest gap in each open vowel; a mouth that is always shut gets 0
-jaw_envelope       correlation of the jaw's opening and the sound's amplitude, at the best of lags up to 0.1 s
+bilabials_closed   fraction of p, b, m in which the lips meet: no further apart than at rest, within half a millimetre,
+                   in at least one frame of the phoneme
+bilabial_gap       the smallest gap in each of them, mm beyond the gap at rest (below 0: pressed)
+vowel_gap          the largest gap in each open vowel; a mouth that is always shut gets 0
+jaw_envelope       correlation of jaw opening and the sound's amplitude, at the best lag up to 0.1 s
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ BILABIALS = ("p", "b", "m")
 OPEN_VOWELS = ("a", "A", "0", "V", "&")
 MAX_CLOSED_GAP_MM = 0.5
 LAG_S = 0.1
-WINDOW_S, FLOOR_DBFS = 0.04, -80.0  # of the envelope
+WINDOW_S, FLOOR_DBFS = 0.04, -80.0  # of the amplitude envelope
 
 
 @dataclass(frozen=True)
 class ArticulationMetrics:
-    """One clip, all its samples together; NaN where it has no such phonemes."""
+    """Metrics of one clip over all its samples; NaN if the clip has no such phonemes."""
 
     bilabials_closed: float
     bilabial_gap: float
@@ -41,7 +41,7 @@ class ArticulationMetrics:
 def articulation(
     surface: FaceSurface, samples: FaceSamples, annotation: Annotation, sound: Float[ndarray, " N"]
 ) -> ArticulationMetrics:
-    """Of 16 kHz sound and its phonemes."""
+    """Articulation metrics from the face samples, the phonemes and the 16 kHz sound of a clip."""
     count, frames, _ = samples.jaw.shape
     envelope = 10 ** (energy_dbfs(sound, np.arange(frames) / samples.fps, WINDOW_S, FLOOR_DBFS) / 20)
     gaps = [surface.lip_gap_mm(samples, sample) for sample in range(count)]
@@ -62,7 +62,7 @@ def extremes(
     fps: float,
     extreme: Callable[[ndarray], float],
 ) -> Float[ndarray, " P"]:
-    """The least or greatest gap in the frames of each phoneme of some kinds; those outside the clip are left out."""
+    """Smallest or largest gap within each phoneme of the given kinds; phonemes outside the clip are left out."""
     found = []
     for phoneme in annotation.phonemes:
         within = gap_mm[int(np.floor(phoneme.start_s * fps)) : int(np.ceil(phoneme.end_s * fps)) + 1]
@@ -72,7 +72,7 @@ def extremes(
 
 
 def best_correlation(jaw_rad: Float[ndarray, " T"], envelope: Float[ndarray, " T"], fps: float) -> float:
-    """The highest correlation over lags of either sign; 0 of a jaw that does not move."""
+    """Highest correlation over lags of either sign; 0 if the jaw does not move."""
     reach = round(LAG_S * fps)
     return max(_correlation(jaw_rad, np.roll(envelope, lag)) for lag in range(-reach, reach + 1))
 

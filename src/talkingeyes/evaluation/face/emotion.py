@@ -1,9 +1,9 @@
-"""Which emotion a face shows, by a classifier that has seen true faces of the train split alone.
+"""Emotion recognition from a face, by a classifier trained on true faces of the train split only.
 
-Linear discriminants with a shrunken covariance (Friedman 1989), every emotion as likely as the others, on the mean and
-the SD over a clip of where the named points of the face are, in millimetres. Weights of shapes would not do: several
-look alike, and a fit shares out among them what they do. `SHRINKAGE` is the middle of the range (0.1 to 0.6) that tells
-speakers apart from whom it did not learn equally well, on the train split.
+Linear discriminant analysis with a shrunken covariance (Friedman 1989) and equal priors, on the mean and the SD over a
+clip of the positions of the landmarks, in millimetres. Blend shape weights would not do: several shapes look alike, and
+a fit distributes the motion among them. `SHRINKAGE` is the middle of the range (0.1 to 0.6) that works equally well on
+held-out speakers of the train split.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MIN_VARIANCE_MM2 = 1e-6
 
 
 def emotion_features(surface: FaceSurface, samples: FaceSamples) -> Float[ndarray, "S F"]:
-    """What is looked at, of each sample: mean and SD over time of the named points."""
+    """Features of each sample: mean and SD over time of the landmark displacements."""
     found = []
     for sample in range(len(samples.jaw)):
         points = surface.landmarks_mm(samples, sample).reshape(samples.jaw.shape[1], -1)
@@ -33,7 +33,7 @@ def emotion_features(surface: FaceSurface, samples: FaceSamples) -> Float[ndarra
 
 @dataclass(frozen=True)
 class EmotionClassifier:
-    """Scores are linear in features."""
+    """Linear discriminant classifier of emotions."""
 
     emotions: tuple[str, ...]
     weights: Float[ndarray, "K F"]
@@ -41,7 +41,7 @@ class EmotionClassifier:
 
     @classmethod
     def learn(cls, feature_rows: Float[ndarray, "N F"], emotions: Sequence[str]) -> EmotionClassifier:
-        """From clips and their emotions, of at least two of which there must be a clip."""
+        """Fit the classifier to clips and their emotions; at least two emotions must occur."""
         names = tuple(sorted(set(emotions)))
         index = np.array([names.index(each) for each in emotions])
         means = np.array([feature_rows[index == kind].mean(axis=0) for kind in range(len(names))])
@@ -53,12 +53,12 @@ class EmotionClassifier:
         return cls(names, weights, -0.5 * np.einsum("kf,kf->k", weights, means))
 
     def predict(self, feature_rows: Float[ndarray, "N F"]) -> list[str]:
-        """The likeliest emotion of each."""
+        """Most likely emotion of each row."""
         best = (feature_rows @ self.weights.T + self.offsets).argmax(axis=1)
         return [self.emotions[kind] for kind in best]
 
 
 def balanced_accuracy(hits: Float[ndarray, " N"], emotions: Sequence[str] | ndarray) -> float:
-    """The share of hits of each emotion, averaged over emotions: chance is one in as many as there are."""
+    """Hit rate of each emotion, averaged over emotions; chance is 1 / number of emotions."""
     kinds = np.asarray(emotions)
     return float(np.mean([hits[kinds == kind].mean() for kind in np.unique(kinds)]))

@@ -1,7 +1,7 @@
 """Pictures of faces on the open head: how much each vertex moves (ProbTalk3D, Fig. 6), and emotions (its Fig. 7).
 
-A heat map shows, of each vertex, the mean or the SD over time of how far it goes from one frame to the next, in
-millimetres; all maps of a sheet share one scale, from 0 to the 99th percentile of the first row's.
+A heat map shows for each vertex the mean or the SD over time of its displacement between consecutive frames, in
+millimetres. All maps of a sheet share one scale, from 0 to the 99th percentile of the first row.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.view import FRAMINGS
 
 LABEL_PX = 22
-# From cool to warm, linear albedo: still, a little, much.
+# Linear albedo from cool to warm: no, little, much motion.
 COOL_COLOUR, MIDDLE_COLOUR, WARM_COLOUR = (
     np.array([0.02, 0.05, 0.30]),
     np.array([0.55, 0.50, 0.30]),
@@ -31,14 +31,14 @@ COOL_COLOUR, MIDDLE_COLOUR, WARM_COLOUR = (
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Mean and SD over time of each vertex's way from frame to frame, millimetres, of the region `face`."""
+    """Mean and SD over time of each vertex's displacement between frames, in millimetres, in the region `face`."""
 
     mean_mm: Float[ndarray, " N"]
     sd_mm: Float[ndarray, " N"]
 
 
 def heat_map(surface: FaceSurface, faces: FaceSamples, sample: int = 0) -> HeatMap:
-    """Of one sample; nothing moves in a single frame."""
+    """Heat map of one sample; zero for a single frame."""
     count, total, squares = 0, np.zeros(len(surface.regions["face"])), np.zeros(len(surface.regions["face"]))
     last: ndarray | None = None
     for frames in frame_blocks(faces.jaw.shape[1]):
@@ -52,7 +52,7 @@ def heat_map(surface: FaceSurface, faces: FaceSamples, sample: int = 0) -> HeatM
 
 
 def heat_map_sheet(surface: FaceSurface, rows: Mapping[str, FaceSamples], size_px: int) -> UInt8[ndarray, "H W 3"]:
-    """A column a row of the table, under its name: mean above SD."""
+    """Sheet of heat maps: one column per row of the table, mean above SD."""
     maps = {name: heat_map(surface, faces) for name, faces in rows.items()}
     first = next(iter(maps.values()))
     lines = []
@@ -69,7 +69,7 @@ def heat_map_sheet(surface: FaceSurface, rows: Mapping[str, FaceSamples], size_p
 
 
 def heat_colours(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarray, "V 3"]:
-    """Skin, lips and brows from cool to warm; eyes, teeth and tongue keep their colours."""
+    """Colours of vertices: skin, lips and brows from cool to warm; eyes, teeth and tongue unchanged."""
     amount = np.clip(shares, 0.0, 1.0)[:, None]
     cool, warm = np.minimum(2 * amount, 1.0), np.maximum(2 * amount - 1, 0.0)
     heated = (1 - warm) * ((1 - cool) * COOL_COLOUR + cool * MIDDLE_COLOUR) + warm * WARM_COLOUR
@@ -82,7 +82,7 @@ def heat_colours(model: HeadModel, shares: Float[ndarray, " V"]) -> Float[ndarra
 def emotion_sheet(
     model: HeadModel, rows: Mapping[str, FaceSamples], times_s: Sequence[float], size_px: int
 ) -> UInt8[ndarray, "H W 3"]:
-    """A row an emotion, a column a moment of the same speech, of each row's first sample."""
+    """Sheet of faces: one line per entry of `rows` (an emotion), one column per time; the first sample of each."""
     lines = []
     for name, faces in rows.items():
         at = [min(round(time_s * faces.fps), faces.jaw.shape[1] - 1) for time_s in times_s]
@@ -103,7 +103,7 @@ def emotion_sheet(
 
 
 def with_caption(picture: UInt8[ndarray, "H W 3"], text: str) -> UInt8[ndarray, "K W 3"]:
-    """A picture under a line of text."""
+    """The picture with a line of text above it."""
     from PIL import Image, ImageDraw
 
     height, width, _ = picture.shape

@@ -1,8 +1,8 @@
-"""The face's part of a row: the figures of one sound, and of all sounds with intervals over them.
+"""Face metrics of one sound, and of all sounds of a row with intervals over sounds.
 
-Compared with the true motion (in a corpus without truth: the fitted). MVE and LVE average over frames, the others over
-sounds, as in ProbTalk3D's text. The mean face wins MVE and every multi-sample error, a shut mouth closes on every
-bilabial: read a row beside truth, fitted and baselines.
+The reference is the true motion, or fitted motion in a corpus without truth. MVE and LVE average over frames, the
+others over sounds, as in the text of ProbTalk3D. The mean face has the best MVE and multi-sample errors, and a shut
+mouth closes on every bilabial: read a row next to truth, fitted motion and baselines.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ FRAME_AVERAGED = ("mve", "lve", "lve_squared")
 
 @dataclass(frozen=True)
 class FaceCase:
-    """One sound. `own`: the samples are real motions of this very sound, the first of them what is compared with."""
+    """One sound.
+
+    `includes_reference`: the samples are real takes of this sound and the first is the reference itself.
+    """
 
     samples: FaceSamples
     includes_reference: bool
@@ -36,23 +39,23 @@ class FaceCase:
     valid: Bool[ndarray, " T"]
     annotation: Annotation
     sound: Float[ndarray, " N"]
-    seed: tuple[int, ...]  # of the halves
+    seed: tuple[int, ...]  # for the split into halves
 
 
 @dataclass(frozen=True)
 class FaceMetrics:
-    """One sound; `errors` is None where there is no second motion to compare with. NaN where a figure is undefined."""
+    """Metrics of one sound; `errors` is None if no sample can be compared. NaN where a metric is undefined."""
 
     errors: VertexErrors | None
     articulation: ArticulationMetrics
     diversity: float
     diversity_truth: float
     emotion: str
-    accuracy: float  # share of the samples whose emotion was told; NaN where nobody can
+    accuracy: float  # fraction of samples with the right emotion recognised; NaN without a classifier
 
 
 def face_metrics(surface: FaceSurface, classifier: EmotionClassifier | None, case: FaceCase) -> FaceMetrics:
-    """The figures of one sound."""
+    """Compute the metrics of one sound."""
     compared = range(int(case.includes_reference), len(case.samples.jaw))
     told = classifier.predict(emotion_features(surface, case.samples)) if classifier else []
     own = split_half_diversity(surface, case.samples, np.random.default_rng(case.seed))
@@ -67,13 +70,13 @@ def face_metrics(surface: FaceSurface, classifier: EmotionClassifier | None, cas
 
 
 def crop_faces(faces: FaceSamples, frames: int) -> FaceSamples:
-    """The first frames."""
+    """The first `frames` frames of all samples."""
     jaw, expression = faces.jaw[:, :frames], faces.expression[:, :frames]
     return FaceSamples(faces.fps, jaw, expression, faces.expression_names, faces.head_model)
 
 
 def summarise_face(sounds: Sequence[FaceMetrics], settings: BootstrapSettings) -> dict[str, Estimate]:
-    """All figures over sounds; one that no sound allows is left out. `diversity_ratio`: to that of the true takes."""
+    """Metrics over sounds; one that no sound defines is left out. `diversity_ratio` is relative to the true takes."""
     found = _statistics(sounds)
     return {name: bootstrap(each, each.count, settings) for name, each in found.items()}
 
@@ -81,13 +84,13 @@ def summarise_face(sounds: Sequence[FaceMetrics], settings: BootstrapSettings) -
 def summarise_seeds(
     seeds: Sequence[Sequence[FaceMetrics]], settings: BootstrapSettings
 ) -> dict[str, MultiSeedEstimate]:
-    """The same sounds under several seeds: the mean of all, its interval over sounds, and the range over seeds."""
+    """Metrics of the same sounds under several seeds: mean, its interval over sounds, and range over seeds."""
     found = combine_seeds([_statistics(each) for each in seeds])
     return {name: each.estimate(settings) for name, each in found.items()}
 
 
 def _statistics(sounds: Sequence[FaceMetrics]) -> dict[str, ClipStatistic]:
-    """Every figure that some sound allows."""
+    """Every metric that at least one sound defines."""
     errors = [each.errors for each in sounds if each.errors is not None]
     frames = np.array([each.frames for each in errors], float)
     found: dict[str, ClipStatistic] = {}

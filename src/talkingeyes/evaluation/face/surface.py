@@ -1,12 +1,12 @@
-"""The face as a surface: how far the vertices of a head move, in millimetres, for jaw and expression alone.
+"""The face as a surface: vertex displacements of a head in millimetres, from jaw and expression only.
 
-Head, eyes and lids stay at rest and the identity is the mean one, so that nothing but the face is compared. On the open
-head jaw and expression are blend shapes, and a displacement is one product of weights and shapes; on a head whose jaw
-is a joint (FLAME) the vertices are posed. Regions stand in for FLAME's masks of the published measures:
+Head, eyes and lids stay at rest and the identity is the mean, so that only the face is compared. On the open head, jaw
+and expression are blend shapes, and a displacement is a product of weights and shapes; on a head with a jaw joint
+(FLAME) the vertices are posed. Regions replace the FLAME masks of the published metrics:
     face   skin, lips and brows; no eyeballs, no inside of the mouth
-    lips   the lips; where a head has no such part, the skin around the mouth
-    upper  of `face`: in front of the temples and above the middle of the nose
-    points the corners of the named points
+    lips   the lips; on a head without such a part, the skin around the mouth
+    upper  part of `face` in front of the temples and above the middle of the nose
+    points the triangle corners of the landmarks
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from talkingeyes.head.model import HeadModel
 from talkingeyes.head.posing import jaw_weights, motion_to_pose
 
 MILLIMETRES = 1000.0
-BLOCK_FRAMES = 128  # frames that are held at a time
+BLOCK_FRAMES = 128  # frames in memory at a time
 INNER_LIPS = ("upper_lip_inner", "lower_lip_inner")
 LIP_POINTS = ("left_mouth_corner", "right_mouth_corner", "upper_lip", "lower_lip")
 AROUND_LIPS_M = 0.004
@@ -34,18 +34,18 @@ AROUND_LIPS_M = 0.004
 
 @dataclass(frozen=True)
 class FaceSurface:
-    """A head whose face is measured. Its named points are needed (`regions` says so in one line)."""
+    """A head as a face surface. The head needs landmarks (`regions` raises InputError without them)."""
 
     model: HeadModel
 
     @cached_property
     def linear(self) -> bool:
-        """Whether jaw and expression move vertices in proportion to weights."""
+        """Whether vertices are linear in the weights of jaw and expression."""
         return bool(self.model.jaw_open_rad) and not len(self.model.correctives)
 
     @cached_property
     def regions(self) -> dict[str, Int[ndarray, " N"]]:
-        """Vertices by the name of their region. Raises InputError for a head without named points."""
+        """Vertex indices by region. Raises InputError for a head without landmarks."""
         face = self.model.vertices_of("skin", "lips", "brow")
         place = self.model.template[face]
         nose, eye = self._rest(("nose_middle", "left_eye_outer"))
@@ -59,13 +59,13 @@ class FaceSurface:
 
     @cached_property
     def upper_face_index(self) -> Int[ndarray, " N"]:
-        """Where the region `upper` is among the vertices of the region `face`."""
+        """Positions of the vertices of region `upper` within region `face`."""
         return np.searchsorted(self.regions["face"], self.regions["upper"])
 
     def displacement_mm(self, faces: FaceSamples, sample: int, frames: slice, region: str) -> Float[ndarray, "T N 3"]:
-        """How far the vertices of a region are from their rest in some frames of one sample (single precision).
+        """Displacements from rest of the vertices of a region in some frames of one sample (single precision).
 
-        Raises InputError if the expression is that of another head.
+        Raises InputError if the expression belongs to another head.
         """
         if self.linear:
             weights = self._weights(faces, sample, frames)
@@ -74,7 +74,7 @@ class FaceSurface:
         return np.asarray(MILLIMETRES * moved[:, self.regions[region]], np.float32)
 
     def landmarks_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, "T L 3"]:
-        """How far the named points are from their rest, in all frames of one sample."""
+        """Displacements of the landmarks from rest, in all frames of one sample."""
         points = self.model.landmarks
         found = [np.zeros((0, len(points.names), 3))]
         for frames in frame_blocks(faces.jaw.shape[1]):
@@ -84,14 +84,14 @@ class FaceSurface:
         return np.concatenate(found)
 
     def lip_gap_mm(self, faces: FaceSamples, sample: int) -> Float[ndarray, " T"]:
-        """How much further apart the inner rims of the lips are than at rest, upwards, in the middle."""
+        """Vertical gap between the inner rims of the lips in the middle, relative to rest."""
         upper, lower = self._indices(INNER_LIPS)
         heights = self.landmarks_mm(faces, sample)[..., 1]
         return np.asarray(heights[:, upper] - heights[:, lower])
 
     @cached_property
     def _shapes_mm(self) -> dict[str, Float[ndarray, "E N3"]]:
-        """What the shapes of the head do to each region."""
+        """Displacements of each region by each expression shape."""
         shapes, count = MILLIMETRES * self.model.expression, len(self.model.expression)
         return {
             name: shapes[:, chosen].reshape(count, 3 * len(chosen)).astype(np.float32)
@@ -99,7 +99,7 @@ class FaceSurface:
         }
 
     def _weights(self, faces: FaceSamples, sample: int, frames: slice) -> Float[ndarray, "T E"]:
-        """Weights of the shapes of a head that opens its mouth by them."""
+        """Weights of all shapes, including those that open the jaw."""
         if faces.head_model != self.model.name:
             raise InputError(f"face: should be of the head {self.model.name}, got {faces.head_model}")
         expression, jaw = faces.expression[sample, frames], faces.jaw[sample, frames]
@@ -141,11 +141,11 @@ class FaceSurface:
         known = self.model.landmarks.names
         missing = [name for name in names if name not in known]
         if missing:
-            raise InputError(f"head {self.model.name}: its face is measured by named points, got no {missing[0]}")
+            raise InputError(f"head {self.model.name}: should have the landmark {missing[0]}, got none")
         return [known.index(name) for name in names]
 
 
 def frame_blocks(frames: int) -> Iterator[slice]:
-    """All frames, a few at a time, so that memory does not grow with a clip."""
+    """Slices that cover all frames in blocks, so that memory does not grow with the clip."""
     for start in range(0, frames, BLOCK_FRAMES):
         yield slice(start, min(start + BLOCK_FRAMES, frames))

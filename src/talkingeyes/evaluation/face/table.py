@@ -1,8 +1,8 @@
-"""Table 1 of ProbTalk3D as text: the face of each row, with intervals over sounds, beside the paper's numbers.
+"""Table 1 of ProbTalk3D as Markdown: face metrics of each row with intervals over sounds, next to the paper's numbers.
 
-The paper heads its columns "x10^-3 mm" and the like; its code gives metres of FLAME and squares of them. Read so, which
-makes its LVE 5 to 18 mm, its numbers stand here in mm and mm2. They are of another corpus (3DMEAD), head and split:
-compare the order of rows, not the values.
+The paper labels its columns "x10^-3 mm" and similar; its code computes metres of FLAME and their squares. Read that
+way, which gives an LVE of 5 to 18 mm, its numbers appear here in mm and mm2. They come from another corpus (3DMEAD),
+head and split: compare the order of rows, not the values.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 from talkingeyes.evaluation.paper_metrics.table3 import SPLIT_TITLES, markdown_row
 
-# {figure: {value, low, high}} of one row and split, or, over seeds, also {least, most}.
+# {metric: {value, low, high}} of one row and split; over seeds also {seed_min, seed_max}.
 MetricEstimates = Mapping[str, Mapping[str, float]]
 
 TITLES = {
-    "truth": "Truth: its other takes",
-    "fitted": "Fitted: what models learn from",
+    "truth": "Truth (other takes)",
+    "fitted": "Fitted motion (training target)",
     "face_mean": "Mean face",
     "face_random": "Random",
     "face_similar": "Similar Sample",
@@ -50,7 +50,7 @@ PAPER_COLUMNS = ("MVE", "LVE²", "FDD", "MEE²", "CE²", "Div.")
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, the figure under it and how it is written."""
+    """A column: heading, metric and number of decimals."""
 
     heading: str
     metric: str
@@ -80,7 +80,7 @@ ARTICULATION_COLUMNS = (
 
 
 def face_markdown(rows: Mapping[str, Mapping[str, Any]]) -> str:
-    """Both tables of each split; `rows` {row: {split: {"face": figures}}}. Rows without a face are left out."""
+    """Both tables of each split; `rows` {row: {split: {"face": metrics}}}. Rows without a face are left out."""
     lines: list[str] = []
     for split, title in SPLIT_TITLES.items():
         here = {name: row[split]["face"] for name, row in rows.items() if "face" in row.get(split, {})}
@@ -103,7 +103,7 @@ def _table(rows: Mapping[str, MetricEstimates], columns: Sequence[Column], with_
 
 
 def _written(found: Mapping[str, float] | None, digits: int) -> str:
-    """The value with its interval over sounds and, of several seeds, the range over them."""
+    """Value with its interval over sounds and, with several seeds, their range."""
     if not found:
         return ""
     text = f"{found['value']:.{digits}f} <sub>{found['low']:.{digits}f}–{found['high']:.{digits}f}"

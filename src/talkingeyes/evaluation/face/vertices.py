@@ -1,16 +1,16 @@
-"""Errors and variety of a talking face on its vertices: MVE, LVE, FDD, MEE, CE, Diversity (ProbTalk3D, eq. 6 to 10).
+"""Vertex errors and diversity of a talking face: MVE, LVE, FDD, MEE, CE, Diversity (ProbTalk3D, eq. 6 to 10).
 
-With d a displacement in millimetres, x the truth, y_s a sample, of S:
+With d a displacement in millimetres, x the truth and y_s one of S samples:
     mve              mean over frames and vertices of |x - y_1|                                   (eq. 6)
-    lve              mean over frames of the greatest |x - y_1| of the lips, mm                   (eq. 7)
-    lve_squared      the same of |x - y_1|^2, mm2: what CodeTalker, FaceDiffuser and ProbTalk3D's code print
+    lve              mean over frames of the maximum of |x - y_1| over the lips, mm               (eq. 7)
+    lve_squared      the same of |x - y_1|^2, mm2, as reported by CodeTalker, FaceDiffuser and ProbTalk3D's code
     fdd_signed       f(x) - f(y_1), mm2, f the mean over the upper face of the SD over time of |d|^2, as in their code:
-                     above 0 where the truth is livelier; clips of either sign cancel out
+                     above 0 if the truth moves more; clips of opposite sign cancel out
     fdd_absolute     |f(x) - f(y_1)| of each clip
     mee              lve of the mean of all samples (eq. 8); also squared
-    ce               the least lve of any sample of a clip (eq. 9); also squared
-    diversity        samples are dealt into two halves, mean of |y_s - y_s'| over pairs, frames, vertices (eq. 10)
-Eq. 6 and 10 leave open whether a norm is over a vertex or a whole frame; the published code takes the vertex's.
+    ce               the smallest lve of the samples of a clip (eq. 9); also squared
+    diversity        mean of |y_s - y_s'| over pairs from two random halves of the samples, frames, vertices (eq. 10)
+Eq. 6 and 10 leave open whether the norm is over a vertex or a whole frame; the published code uses the vertex.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from talkingeyes.evaluation.face.surface import FaceSurface, frame_blocks
 
 @dataclass(frozen=True)
 class VertexErrors:
-    """One clip: means over its valid frames, and how many they are. Millimetres, those called squared mm2."""
+    """Errors of one clip, as means over its valid frames, and their number. In mm; squared errors and FDD in mm2."""
 
     frames: int
     mve: float
@@ -45,7 +45,7 @@ class VertexErrors:
 def vertex_errors(
     surface: FaceSurface, truth: FaceSamples, samples: FaceSamples, compared: Sequence[int], valid: Bool[ndarray, " T"]
 ) -> VertexErrors:
-    """Of the `compared` samples against the first of `truth`; the first of them is the one that MVE, LVE, FDD see."""
+    """Errors of the `compared` samples against the first true take; MVE, LVE and FDD use the first of them."""
     first = compared[0]
     whole = _Mean()
     lips, squared = _Mean(), _Mean()
@@ -83,7 +83,7 @@ def vertex_errors(
 
 
 def split_half_diversity(surface: FaceSurface, samples: FaceSamples, rng: np.random.Generator) -> float:
-    """Eq. 10: the mean distance of paired samples of two random halves; NaN where there are less than two samples."""
+    """Eq. 10: mean distance of paired samples of two random halves; NaN with fewer than two samples."""
     count, frames, _ = samples.jaw.shape
     order, half = rng.permutation(count).tolist(), count // 2
     apart = _Mean()
@@ -95,12 +95,12 @@ def split_half_diversity(surface: FaceSurface, samples: FaceSamples, rng: np.ran
 
 
 def vertex_error(one: Float[ndarray, "*#B T N 3"], other: Float[ndarray, "*#B T N 3"]) -> Float[ndarray, "*#B T"]:
-    """The mean distance of a frame's vertices."""
+    """Mean vertex distance in each frame."""
     return np.asarray(_distance(one, other).mean(axis=-1))
 
 
 def lip_error(one: Float[ndarray, "*#B T N 3"], other: Float[ndarray, "*#B T N 3"]) -> Float[ndarray, "*#B T"]:
-    """The distance of the lip vertex that is furthest off in a frame."""
+    """Largest distance of a lip vertex in each frame."""
     return np.asarray(_distance(one, other).max(axis=-1))
 
 
@@ -110,7 +110,7 @@ def _distance(one: Float[ndarray, "*#B N 3"], other: Float[ndarray, "*#B N 3"]) 
 
 
 class DynamicsAccumulator:
-    """The SD over time of squared displacements, as sums that grow block by block."""
+    """SD over time of squared displacements, accumulated block by block."""
 
     def __init__(self) -> None:
         self._frames = 0
@@ -118,21 +118,21 @@ class DynamicsAccumulator:
         self._of_squares: ndarray = np.zeros(1)
 
     def add(self, moved_mm: Float[ndarray, "T N 3"]) -> None:
-        """Count frames."""
+        """Add a block of frames."""
         squared = np.square(moved_mm).sum(axis=-1)
         self._frames += len(squared)
         self._sum = self._sum + squared.sum(axis=0)
         self._of_squares = self._of_squares + np.square(squared).sum(axis=0)
 
     def deviation(self) -> float:
-        """The mean over vertices, mm2."""
+        """Mean SD over vertices, in mm2."""
         count = max(self._frames, 1)
         variance = self._of_squares / count - np.square(self._sum / count)
         return float(np.sqrt(np.maximum(variance, 0.0)).mean())
 
 
 class _Mean:
-    """The mean over the last axis of arrays that come one after another; NaN of none."""
+    """Running mean over the last axis of successive arrays; NaN if there are none."""
 
     def __init__(self) -> None:
         self._sum: ndarray = np.zeros(())

@@ -1,8 +1,8 @@
-"""Who moves like that? A classifier of speakers from head motion on 256 frames (Zhang et al., section 5.2.2, Table 3).
+"""Classifier of speakers from head motion over 256 frames (Zhang et al., section 5.2.2, Table 3).
 
-Trained on true motion of the train split, its weights chosen on val. Of a generated motion it tells with which
-confidence it is taken for one of the speaker that it was made for. It sees motion (differences of frames), in units
-of the train split's deviations, never where the head is; a still head gets the same answer whoever it is for.
+It is trained on true motion of the train split and its checkpoint is chosen on val. For generated motion it gives the
+confidence that the motion belongs to the intended speaker. Its input is motion only (differences of frames, in standard
+deviations of the train split), never the pose; a still head gets the same answer for every speaker.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from talkingeyes.training.loop import LoopSettings, train
 
 
 class ClassifierSettings(Settings):
-    """Its size and training."""
+    """Size and training of the classifier."""
 
     seed: int
     width: Annotated[int, Field(gt=0)]
@@ -33,7 +33,7 @@ class ClassifierSettings(Settings):
 
 @dataclass(frozen=True)
 class LabelledWindows:
-    """Windows of poses and the index of the speaker of each."""
+    """Windows of poses with speaker indices."""
 
     pose: Float[ndarray, "N L 6"]
     speaker: Int[ndarray, " N"]
@@ -41,14 +41,14 @@ class LabelledWindows:
 
 @dataclass(frozen=True)
 class ClassifierScores:
-    """By speaker, over the windows made for that speaker: mean confidence in that speaker, and share told right."""
+    """Mean confidence and accuracy by speaker, over the windows generated for that speaker."""
 
     confidence: Float[ndarray, " K"]
     accuracy: Float[ndarray, " K"]
 
 
 class PoseClassifier(nn.Module):
-    """Strided convolutions, the mean over time, two dense layers."""
+    """Strided convolutions, mean over time, and two dense layers."""
 
     scale: Tensor
 
@@ -69,20 +69,20 @@ class PoseClassifier(nn.Module):
         )
 
     def forward(self, pose: Float[Tensor, "B L 6"]) -> Float[Tensor, "B K"]:
-        """Logits of speakers."""
+        """Logits over speakers."""
         motion = pose.diff(dim=1) / self.scale
         scores: Tensor = self.dense(self.convolutions(motion.transpose(1, 2)).mean(-1))
         return scores
 
     @torch.no_grad()
     def probabilities(self, pose: Float[ndarray, "N L 6"]) -> Float[ndarray, "N K"]:
-        """Confidence in each speaker."""
+        """Probability of each speaker."""
         parts = torch.from_numpy(np.asarray(pose, np.float32)).split(256)
         return torch.cat([self(part).softmax(-1) for part in parts]).numpy()
 
 
 class ClassifierTask:
-    """Cross-entropy on windows, speakers drawn alike."""
+    """Training task: cross-entropy on windows, with speakers sampled uniformly."""
 
     def __init__(self, settings: ClassifierSettings, train: LabelledWindows, val: LabelledWindows) -> None:
         torch.manual_seed(settings.seed)
@@ -100,7 +100,7 @@ class ClassifierTask:
         return {"total": nn.functional.cross_entropy(logits, torch.from_numpy(self.train.speaker[index]))}
 
     def validate(self) -> dict[str, float]:
-        """Share of val windows told right, which is what weights are chosen by, and the mean confidence."""
+        """Mean confidence on val (`validation_score`, which the checkpoint is chosen by) and accuracy."""
         judged = classifier_scores(self.module, self.val)
         return {
             "validation_score": float(np.nanmean(judged.confidence)),
@@ -111,14 +111,14 @@ class ClassifierTask:
 def train_classifier(
     settings: ClassifierSettings, of_train: LabelledWindows, of_val: LabelledWindows
 ) -> PoseClassifier:
-    """A classifier with the weights that are best on val."""
+    """Train a classifier and keep the checkpoint that is best on val."""
     task = ClassifierTask(settings, of_train, of_val)
     train(task, settings.loop, "pose classifier")
     return task.module.eval()
 
 
 def classifier_scores(classifier: PoseClassifier, windows: LabelledWindows) -> ClassifierScores:
-    """Confidence in, and choice of, the speaker that each window is of or was made for; NaN for one without windows."""
+    """Confidence and accuracy of the true or intended speaker, by speaker; NaN for speakers without windows."""
     found = classifier.probabilities(windows.pose)
     count = found.shape[1]
     own = found[np.arange(len(found)), windows.speaker]

@@ -1,7 +1,7 @@
-"""All that is measured of heads moved by models of one seed: the paper's three measurements, ablations, new people.
+"""Evaluation of head motion models of one seed: the paper's three measurements, ablations, new people.
 
-Reads folders as the stages leave them: a corpus, its fitted motion, its embedding, trained models; and a second corpus
-of new people who speak other languages, whose true motion is taken.
+Reads folders as the stages leave them: a corpus, its fitted motion, its embedding and trained models; and a second
+corpus of new people who speak other languages, of which the true motion is used.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ COST_MINUTES = 10.0
 
 @dataclass(frozen=True)
 class PoseInputPaths:
-    """Folders with data/ of the corpus and of the new people, and the models that are measured."""
+    """Folders data/ of the corpus and of the new people, and names of the models to evaluate."""
 
     data: Path
     new_speakers: Path
@@ -86,7 +86,7 @@ class PoseInputPaths:
 
 
 def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
-    """Every figure, plain numbers under names."""
+    """Compute all metrics as plain numbers by name."""
     data = sources.data
     networks = {
         name: pose_network(load(data / "train" / name)) for name in (*sources.generate_heads, *sources.ablations)
@@ -143,7 +143,7 @@ def _row(
     classifier: PoseClassifier,
     seed: int,
 ) -> dict[str, Any]:
-    """What one model does for the speech of the test split, in the style of who speaks."""
+    """Metrics of one model on the speech of the test split, in the style of each speaker."""
     scale = network.scale.numpy()
     made = [_made(network, each, each.speech, seed) for each in test]
     whose = [network.speakers.index(each.clip.speaker) for each in test]
@@ -160,7 +160,7 @@ def _row(
 def _made(
     network: SpeechToPose, recording: PoseRecording, speech: Float[ndarray, "T C"], seed: int
 ) -> Float[ndarray, "T 6"]:
-    """Poses in the speaker's own style, in deviations; every clip has a seed of its own."""
+    """Sample poses in the speaker's own style, in standard deviations; each clip has its own seed."""
     own = int(np.random.default_rng([seed, *recording.clip.id.encode()]).integers(2**31))
     made = network.sample(speech, [own], network.style_of(recording.clip.speaker))[0]
     return np.asarray(made / network.scale.numpy())
@@ -173,7 +173,7 @@ def _moving(
 
 
 def _free(network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
-    """Figures that need no truth; `pace` is in deviations of poses a frame."""
+    """Metrics without reference; `pace` is in standard deviations of poses per frame."""
     pace = float(np.mean([np.diff(each, axis=0).std() for each in made]))
     hop = network.head.window - 1 if network.head.window else WINDOW_FRAMES
     return {"jitter": jitter(made, network.settings.poses.fps), "seams": seam_speed_ratio(made, hop), "pace": pace}
@@ -197,7 +197,7 @@ def _parameters(network: SpeechToPose) -> int:
 
 
 def _cost(network: SpeechToPose, speech: Float[ndarray, "T C"]) -> float:
-    """CPU seconds of ten minutes."""
+    """CPU seconds to generate ten minutes of motion."""
     frames = int(COST_MINUTES * 60 * network.settings.poses.fps)
     long = np.tile(speech, (frames // len(speech) + 1, 1))[:frames]
     start = time.process_time()
@@ -214,7 +214,7 @@ def _in_noise(
     classifier: PoseClassifier,
     seed: int,
 ) -> dict[str, Any]:
-    """The same under sound with white noise, at ratios of the mean power of the sound to that of the noise."""
+    """Metrics with white noise added to the sound, by signal-to-noise ratio of mean power in dB."""
     settings = EmbedSettings.model_validate(json.loads((data / "embed" / "embedding.json").read_text())["settings"])
     encoder, corpus, scale = make_encoder(settings), Corpus(data / "synthesize"), network.scale.numpy()
     found = {}
@@ -234,7 +234,7 @@ def _in_noise(
 
 
 def _strangers(network: SpeechToPose, data: Path, classifier: PoseClassifier, seed: int) -> dict[str, Any]:
-    """Style transfer to new people, and each learnt style under their languages."""
+    """Metrics of style transfer to new people, and of the learnt styles under their languages."""
     corpus, embed, settings = Corpus(data / "synthesize"), data / "embed", network.settings.poses
     people: dict[str, list[PoseRecording]] = {}
     for clip in corpus.clips:
@@ -255,7 +255,7 @@ def _strangers(network: SpeechToPose, data: Path, classifier: PoseClassifier, se
 def _transfer(
     network: SpeechToPose, people: Sequence[Sequence[PoseRecording]], classifier: PoseClassifier, seed: int
 ) -> dict[str, Any]:
-    """How unlike the manner of a new person is what is generated for another clip of that person, by style given."""
+    """Style distance between a new person and motion generated for another of their clips, by style used."""
     scale, count = network.scale.numpy(), len(network.speakers)
     found: dict[str, list[float]] = {}
 
@@ -288,7 +288,7 @@ def _transfer(
 def _languages(
     network: SpeechToPose, clips: Sequence[PoseRecording], classifier: PoseClassifier, seed: int
 ) -> dict[str, Any]:
-    """By language: are styles told as surely, and do heads move as much, as under the language of the training?"""
+    """By language: classifier confidence and amount of motion, to compare with the language of training."""
     scale = network.scale.numpy()
     found = {}
     for language in sorted({each.clip.language for each in clips}):

@@ -1,6 +1,6 @@
-"""How generated poses move, beside true ones: distances (Zhang et al., Table 2), jitter, seams, variety, manner.
+"""Motion metrics of generated poses: distances (Zhang et al., Table 2), jitter, seams, differences of clips, style.
 
-Poses come in units of the train split's deviations, so the six numbers weigh the same.
+Poses are in standard deviations of the train split, so that the six numbers have equal weight.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ from jaxtyping import Float
 from numpy import ndarray
 
 JITTER_HZ = 5.0
-MIN_DEVIATION = 1e-4  # in units of deviations: what does not vary is taken for this
+MIN_DEVIATION = 1e-4  # in standard deviations; floor for numbers that do not vary
 
 
 @dataclass(frozen=True)
 class Distances:
-    """Root mean squares over frames and numbers of the difference of poses, and of motions (a frame each)."""
+    """Root mean square difference of poses, and of motion per frame, over frames and numbers."""
 
     pose: float
     motion: float
 
 
 def distances(made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]) -> Distances:
-    """Eq. 3 as figures, over all clips together."""
+    """Distances of eq. 3 over all clips together."""
     apart = [ours[: len(theirs)] - theirs[: len(ours)] for ours, theirs in zip(made, true, strict=True)]
     moved = [np.diff(each, axis=0) for each in apart]
     return Distances(_root_mean_square(apart), _root_mean_square(moved))
 
 
 def jitter(poses: Sequence[Float[ndarray, "T P"]], fps: float) -> float:
-    """Share of the power of motion (of velocity) above 5 Hz, over numbers and clips; 0 of a still head."""
+    """Fraction of the power of velocity above 5 Hz, over numbers and clips; 0 for a still head."""
     above = total = 0.0
     for each in poses:
         velocity = np.diff(each, axis=0)
@@ -43,7 +43,7 @@ def jitter(poses: Sequence[Float[ndarray, "T P"]], fps: float) -> float:
 
 
 def seam_speed_ratio(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
-    """Speed of the steps into a new window (each `hop` frames) as a multiple of the speed of all others."""
+    """Speed of steps into a new window (every `hop` frames) relative to all other steps."""
     speed = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in poses]
     at = np.concatenate([each[hop - 1 :: hop] for each in speed])
     elsewhere = np.concatenate([np.delete(each, np.s_[hop - 1 :: hop]) for each in speed])
@@ -51,21 +51,21 @@ def seam_speed_ratio(poses: Sequence[Float[ndarray, "T 6"]], hop: int) -> float:
 
 
 def clip_difference(poses: Sequence[Float[ndarray, "T 6"]]) -> float:
-    """Mean over pairs of clips of the root mean square difference: 0 if a model does the same whatever it hears."""
+    """Mean root mean square difference of pairs of clips; 0 if a model ignores the speech."""
     frames = min(map(len, poses))
     pairs = [(i, j) for i in range(len(poses)) for j in range(i)]
     return float(np.mean([_root_mean_square([poses[i][:frames] - poses[j][:frames]]) for i, j in pairs]))
 
 
 def measure_style(pose: Float[ndarray, "T 6"]) -> Float[ndarray, " 18"]:
-    """How somebody moves: logarithms of the deviations of the six numbers, of their motion, and of its change."""
+    """Style vector: log standard deviations of the six numbers and of their first and second differences."""
     return np.asarray(
         np.log(np.concatenate([np.diff(pose, order, axis=0).std(0) for order in range(3)]).clip(min=MIN_DEVIATION))
     )
 
 
 def style_distance(ours: Float[ndarray, " 18"], theirs: Float[ndarray, " 18"]) -> float:
-    """Root mean square of the difference of two manners: 0.1 is a tenth more or less."""
+    """Root mean square difference of two style vectors; 0.1 means about 10 % more or less."""
     return float(np.sqrt(np.mean((ours - theirs) ** 2)))
 
 

@@ -1,10 +1,10 @@
-"""Does a head move as the speech has it? One-class SVMs on correlations (Zhang et al., section 5.1, eq. 9, Table 1).
+"""Head-speech consistency by one-class SVMs on correlations (Zhang et al., section 5.1, eq. 9, Table 1).
 
-Of every 256 frames, the Pearson correlations of 29 speech features with the six numbers of the pose make 174 features.
-An SVM of one class (Schoelkopf et al. 2001) learns those of a speaker's own speech and poses in the train split; told
-is the share of test windows that it takes for such, for own poses, and for poses of other windows of each speaker.
+For every 256 frames, the Pearson correlations of 29 speech features with the six numbers of the pose give 174 features.
+A one-class SVM (Schoelkopf et al. 2001) is trained on each speaker's own speech and poses of the train split. The
+metric is the fraction of test windows that it accepts, for own poses and for poses of other windows of each speaker.
 
-Ours: the paper's 29 speech features are DeepSpeech's characters; here the embedding is reduced to 29 by PCA.
+Unlike the paper, whose 29 speech features are the characters of DeepSpeech, PCA reduces the embedding to 29.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_PCA_FRAMES = 20_000
 
 
 class SVMSettings(Settings):
-    """The one-class SVM. `nu` is the share of training windows that may lie outside."""
+    """Settings of the one-class SVM; `nu` is the fraction of training windows that may be rejected."""
 
     features: Annotated[int, Field(gt=0)]
     nu: Annotated[float, Field(gt=0, lt=1)]
@@ -34,14 +34,14 @@ class SVMSettings(Settings):
 
 @dataclass(frozen=True)
 class AcceptanceRates:
-    """By speaker of the speech: share taken for own with own poses, and with poses of each speaker (columns)."""
+    """Acceptance rates by speaker of the speech, with own poses and with poses of each speaker (columns)."""
 
     matched: Float[ndarray, " K"]
     random_poses: Float[ndarray, "K K"]
 
 
 def correlations(speech: Float[ndarray, "N L S"], pose: Float[ndarray, "N L P"]) -> Float[ndarray, "N F"]:
-    """Eq. 9 of all pairs of a speech feature and a number of the pose; 0 where one of them does not vary."""
+    """Eq. 9 for all pairs of a speech feature and a number of the pose; 0 if either does not vary."""
     ours, theirs = (each - each.mean(1, keepdims=True) for each in (speech.astype(float), pose.astype(float)))
     norms = (
         np.sqrt(np.einsum("nls,nls->ns", ours, ours))[:, :, None]
@@ -53,7 +53,7 @@ def correlations(speech: Float[ndarray, "N L S"], pose: Float[ndarray, "N L P"])
 
 
 def fit_pca(speech: Float[ndarray, "N L C"], settings: SVMSettings) -> Any:
-    """The PCA of speech features, from frames of the train split."""
+    """Fit the PCA of speech features to frames of the train split."""
     from sklearn.decomposition import PCA
 
     frames = speech.reshape(-1, speech.shape[-1])
@@ -62,14 +62,14 @@ def fit_pca(speech: Float[ndarray, "N L C"], settings: SVMSettings) -> Any:
 
 
 def apply_pca(pca: Any, speech: Float[ndarray, "N L C"]) -> Float[ndarray, "N L S"]:
-    """Speech features of windows."""
+    """Project the speech features of windows on the principal components."""
     return np.asarray(pca.transform(speech.reshape(-1, speech.shape[-1])).reshape(*speech.shape[:2], -1))
 
 
 def acceptance_rates(
     train: PoseWindows, test: PoseWindows, speakers: Sequence[str], settings: SVMSettings, repeats: int = 5
 ) -> AcceptanceRates:
-    """Table 1. A random pose is that of another test window of the speaker, drawn `repeats` times."""
+    """Compute Table 1. A random pose is that of a random test window of the speaker, averaged over `repeats`."""
     from sklearn.svm import OneClassSVM
 
     pca, rng = fit_pca(train.speech, settings), np.random.default_rng(settings.seed)

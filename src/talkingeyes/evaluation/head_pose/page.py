@@ -1,4 +1,4 @@
-"""The tables of personal head motion as Markdown, beside the paper's figures; cells: mean (least to most) of seeds."""
+"""The tables of personal head motion as Markdown, next to the paper's numbers; cells: mean (min to max) over seeds."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ PAPER_TABLE2 = {
     "head_cnn": (0.82, 0.11),
     "posegan": (0.89, 0.12),
 }
-PAPER_ACCURACY = "(told right: 0.92)"
+PAPER_ACCURACY = "(accuracy: 0.92)"
 PAPER_TABLE3 = {"head_mean": 0.20, "head_cnn": 0.22, "posegan": 0.72}
 
-# Of the gaze benchmark, what heads matter to.
+# Metrics of the gaze benchmark that depend on the head.
 GAZE_METRICS = ("corr/head", "corr/gaze", "eye/speed", "eye/spectrum_distance", "features/frechet")
 
 Seed = Mapping[str, Any]
 
 
 def page(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """All tables."""
+    """All tables as one Markdown text."""
     parts = [_table1(seeds), _table2(seeds), _table3(seeds), _moving(seeds), _noise(seeds), _strangers(seeds)]
     if benchmark:
         parts += [_heads(seeds, benchmark), _gaze(benchmark)]
@@ -46,7 +46,7 @@ def page(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, An
 
 
 def format_seeds(values: Sequence[float], digits: int = 2) -> str:
-    """Mean of seeds, and their range where there are several."""
+    """Mean over seeds, with their range if there are several."""
     found = np.array(values, float)
     if not np.isfinite(found).all():
         return "–"
@@ -55,7 +55,7 @@ def format_seeds(values: Sequence[float], digits: int = 2) -> str:
 
 
 def _at(seeds: Sequence[Seed], *path: str | int, digits: int = 2) -> str:
-    """A figure of every seed; of a list (by speaker) the mean."""
+    """A metric over seeds; a list (by speaker) is averaged."""
     values = []
     for seed in seeds:
         node: Any = seed
@@ -72,7 +72,7 @@ def _lines(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> st
 
 
 def _table1(seeds: Sequence[Seed]) -> str:
-    """The same for every seed: no generator is in it."""
+    """Table 1, equal for all seeds as it involves no generator."""
     speakers, table = seeds[0]["speakers"], seeds[0]["table1"]
     rows = [
         [speaker, f"{table['own'][i]:.2f}", *(f"{value:.2f}" for value in table["random"][i])]
@@ -81,8 +81,8 @@ def _table1(seeds: Sequence[Seed]) -> str:
     own, other = np.nanmean(table["own"]), np.nanmean(table["random"])
     blank = [""] * (len(speakers) - 1)
     rows.append(["mean", f"{own:.2f} (paper {PAPER_TABLE1[0]})", f"{other:.2f} (paper {PAPER_TABLE1[1]})", *blank])
-    title = "Table 1: share taken for own by the one-class SVM"
-    return _lines(title, ["speech of", "own pose", *(f"random of {each}" for each in speakers)], rows)
+    title = "Table 1: fraction of windows accepted by the one-class SVM"
+    return _lines(title, ["speech of", "own pose", *(f"random pose of {each}" for each in speakers)], rows)
 
 
 def _table2(seeds: Sequence[Seed]) -> str:
@@ -105,8 +105,8 @@ def _table3(seeds: Sequence[Seed]) -> str:
         name = path[-1]
         paper = f"{PAPER_TABLE3[name]:.2f}" if name in PAPER_TABLE3 else ""
         rows.append([TITLES[name], *cells, PAPER_ACCURACY if name == "classifier" else paper])
-    head = ["method", *speakers, "mean", "told right", "paper's mean"]
-    return _lines("Table 3: confidence of the classifier in the speaker meant", head, rows)
+    head = ["method", *speakers, "mean", "accuracy", "paper's mean"]
+    return _lines("Table 3: confidence of the classifier in the intended speaker", head, rows)
 
 
 def _moving(seeds: Sequence[Seed]) -> str:
@@ -117,32 +117,38 @@ def _moving(seeds: Sequence[Seed]) -> str:
         cells = [_at(seeds, "rows", name, key, digits=3) for key in keys]
         cells += [f"{seeds[0]['rows'][name]['parameters']:,}", _at(seeds, "training_s", name, digits=0)]
         rows.append([TITLES[name], *cells, _at(seeds, "rows", name, "generation_s")])
-    head = ["method", "range (share of true)", "speed", "change of speed", "power above 5 Hz", "speed at seams"]
+    head = ["method", "range (relative to true)", "speed", "acceleration", "power above 5 Hz", "speed at seams"]
     head += ["difference of clips", "parameters", "training, CPU s", "10 min, CPU s"]
-    return _lines("How heads move; ablations", head, rows)
+    return _lines("Head motion and ablations", head, rows)
 
 
 def _noise(seeds: Sequence[Seed]) -> str:
     found: dict[str, tuple[str, ...]] = {f"{ratio} dB": ("noise", ratio) for ratio in seeds[0]["noise"]}
     found |= {f"in {each}": ("strangers", "languages", each) for each in seeds[0]["strangers"]["languages"]}
-    found = {"as it is": ("rows", "posegan"), **found}
+    found = {"original": ("rows", "posegan"), **found}
     rows = []
     for title, path in found.items():
         cells = [_at(seeds, *path, key, digits=3) for key in ("pace", "jitter", "seams")]
         rows.append([title, *cells, _at(seeds, *path, "confidence")])
-    head = ["sound", "deviations a frame", "power above 5 Hz", "speed at seams", "confidence in the speaker meant"]
-    return _lines("PoseGAN under sound with noise, and under other languages and voices", head, rows)
+    head = [
+        "sound",
+        "standard deviations per frame",
+        "power above 5 Hz",
+        "speed at seams",
+        "confidence in the intended speaker",
+    ]
+    return _lines("PoseGAN with noisy speech, and with other languages and voices", head, rows)
 
 
 def _strangers(seeds: Sequence[Seed]) -> str:
     names = seeds[0]["strangers"]["transfer"]
     rows = [[name, _at(seeds, "strangers", "transfer", name)] for name in names]
-    title = "Style transfer: how unlike a new person's manner is what is generated (10 new people)"
+    title = "Style transfer: distance of generated motion from the style of a new person (10 new people)"
     return _lines(title, ["style", "root mean square of log ratios"], rows)
 
 
 def _heads(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Every head in both: what is measured of heads, what of the gaze that follows them, and what they cost."""
+    """Every head model: metrics of the head, of the gaze generated after it, and cost."""
     rows = []
     for name in seeds[0]["rows"]:
         followed = benchmark.get(f"{name}_then_gaze")
@@ -156,12 +162,12 @@ def _heads(seeds: Sequence[Seed], benchmark: Mapping[str, Sequence[Mapping[str, 
         rows.append([TITLES[name], *cells, *cost, _at(seeds, "rows", name, "generation_s")])
     head = ["head", "pose", "confidence", "range", "speed", f"worse, of {len(_measures(benchmark))}", *GAZE_METRICS]
     head += ["parameters", "training, CPU s", "10 min, CPU s"]
-    title = "Every head before one gaze decoder; `worse`: metrics of the gaze benchmark that are worse than the truth's"
+    title = "Every head model with one gaze decoder; `worse`: number of gaze benchmark metrics worse than the truth"
     return _lines(title, head, rows)
 
 
 def _measures(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
-    """Names of the measures of the gaze benchmark."""
+    """Names of the metrics of the gaze benchmark."""
     return list(next(iter(benchmark.values()))[0]["metrics"])
 
 
@@ -171,12 +177,12 @@ def _value(seed: Mapping[str, Any], measure: str) -> float:
 
 
 def _gaze(benchmark: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Every measure that all rows have, with the truth's own."""
+    """Every metric that all rows have, including the truth."""
     rows = list(benchmark)
     lines = []
     for measure in _measures(benchmark):
         values = [[seed["metrics"].get(measure, {}).get("value") for seed in benchmark[row]] for row in rows]
         if all(value is not None for each in values for value in each):
             lines.append([measure, *(format_seeds([value["value"] for value in each if value], 3) for each in values)])
-    title = f"The gaze benchmark: every head before the default gaze decoder (seeds: {len(benchmark[rows[0]])})"
-    return _lines(title, ["measure", *rows], lines)
+    title = f"Gaze benchmark: every head model with the default gaze decoder (seeds: {len(benchmark[rows[0]])})"
+    return _lines(title, ["metric", *rows], lines)

@@ -1,4 +1,4 @@
-"""Windows of 256 frames of poses, as every measurement of the paper sees them (section 4.3): sliding, or end to end."""
+"""Windows of 256 frames of poses, as used by every measurement of the paper (section 4.3): sliding, or end to end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from talkingeyes.corpus.poses import PoseRecording
 
 @dataclass(frozen=True)
 class PoseWindows:
-    """N windows of L frames: standardised speech embedding, centred poses, and whose each is (an index)."""
+    """N windows of L frames: standardised speech embedding, centred poses, and speaker indices."""
 
     speech: Float[ndarray, "N L C"]
     pose: Float[ndarray, "N L 6"]
@@ -25,13 +25,13 @@ class PoseWindows:
 
 
 def sliding_windows(frames: Float[ndarray, "T C"], length: int, hop: int) -> Float[ndarray, "N L C"]:
-    """Windows of an array, a hop apart; none of one that is shorter."""
+    """Windows of an array, `hop` frames apart; none if it is shorter than a window."""
     starts = range(0, len(frames) - length + 1, hop)
     return np.stack([frames[start : start + length] for start in starts]) if starts else _none(frames, length)
 
 
 def pose_windows(recordings: Sequence[PoseRecording], speakers: Sequence[str], length: int, hop: int) -> PoseWindows:
-    """Windows of recordings of these speakers; others are left out."""
+    """Windows of recordings of the given speakers; others are left out."""
     known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= length]
     poses = [sliding_windows(each.pose, length, hop) for each in known]
     return PoseWindows(

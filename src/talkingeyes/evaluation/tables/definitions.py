@@ -1,7 +1,7 @@
-"""The tables of TalkingEyes that are made anew here: their rows, their columns, and the paper's numbers (TKED-Test).
+"""Definitions of the reproduced tables of TalkingEyes: rows, columns, and the paper's numbers (on TKED-Test).
 
-A row is a model of conf/experiment/table3, table5, table6 or table7, and one model is one row wherever it stands: the
-paper's own is a row of all four. Tables III and V (what each column is): section V-B; VI and VII: section V-D.
+A row is a model of conf/experiment/table3, table5, table6 or table7. A model is the same row in every table; the
+paper's own model is a row of all four. Columns of Tables III and V: section V-B; of VI and VII: section V-D.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, the figure under it (part/name, as `row_metrics.py` calls it) and how it is written."""
+    """A column: heading, metric (part/name as in `row_metrics.py`) and number of decimals."""
 
     heading: str
     metric: str
@@ -21,12 +21,12 @@ class Column:
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table: the rows in their order with the paper's numbers (None: the paper does not have the row)."""
+    """A table: its columns, and its rows in order with the paper's numbers (None: not in the paper)."""
 
     title: str
     question: str
     paper_columns: tuple[Column, ...]  # the paper's columns
-    extra_columns: tuple[Column, ...]  # ours alone
+    extra_columns: tuple[Column, ...]  # additional columns, not in the paper
     rows: Mapping[str, tuple[float, ...] | None]
 
 
@@ -39,7 +39,7 @@ HEAD_AND_EYE_COLUMNS = (
     Column("L2 head", "head/l2"),
     Column("L2 eyes", "gaze/l2"),
 )
-# Whether anything moves at all stands beside every table: motion that froze has figures too.
+# Amount of motion, part of every table: the other metrics do not reveal frozen motion.
 MOTION_COLUMNS = (
     Column("Div. eyes / truth", "gaze/diversity_ratio", 2),
     Column("eye speed °/s", "gaze/speed", 1),
@@ -52,16 +52,16 @@ RANGE_COLUMNS = (
 )
 HIGH_FREQUENCY_COLUMNS = (
     Column("head above 5 Hz °/s", "head/speed_above_5hz", 2),
-    Column("share of its power", "head/power_fraction_above_5hz"),
+    Column("fraction of its power", "head/power_fraction_above_5hz"),
     Column("eyes above 5 Hz °/s", "gaze/speed_above_5hz", 2),
-    Column("share of their power", "gaze/power_fraction_above_5hz"),
+    Column("fraction of their power", "gaze/power_fraction_above_5hz"),
 )
 PUBLISHED_TALKINGEYES = (0.05143, 0.26398, 0.51913, 0.60435, 0.22731, 0.26570)
 
 TABLES = {
     "table3": PaperTable(
         title="Table III: methods",
-        question="Is the paper's model more diverse and closer to the sound than what it is compared with?",
+        question="Is the paper's model more diverse than the baselines, with higher Corr.?",
         paper_columns=EYE_COLUMNS,
         extra_columns=(*MOTION_COLUMNS, Column("Corr. gaze in space", "gaze_in_space/corr")),
         rows={
@@ -88,7 +88,7 @@ TABLES = {
     ),
     "table6": PaperTable(
         title="Table VI: terms of the loss",
-        question="What do the velocity loss and the feature regularity do?",
+        question="What are the effects of the velocity loss and the feature regularity?",
         paper_columns=HEAD_AND_EYE_COLUMNS,
         extra_columns=(*HIGH_FREQUENCY_COLUMNS, *MOTION_COLUMNS),
         rows={
@@ -110,7 +110,7 @@ TABLES = {
         },
     ),
 }
-# Real motion, around every table.
+# Rows of real motion, in every table.
 REFERENCES = ("truth", "fitted", "mismatched")
 TITLES = {
     "truth": "Truth",

@@ -1,4 +1,4 @@
-"""The tables as a page: for every cell the paper's value and ours with interval and range, then the order of rows."""
+"""The tables as Markdown and JSON: the paper's value and ours with interval and seed range, then the order of rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from talkingeyes.evaluation.tables.rank_order import RankOrder, RowPair, rank_or
 
 @dataclass(frozen=True)
 class TableResult:
-    """What came out of one table in one split: estimates by row and figure, the order by figure."""
+    """Results of one table in one split: estimates by row and metric, rank orders by metric."""
 
     cells: dict[str, dict[str, MultiSeedEstimate]]
     rank_orders: dict[str, RankOrder]
@@ -24,7 +24,7 @@ class TableResult:
 def table_result(
     table: PaperTable, rows: Mapping[str, Mapping[str, MultiSeedStatistic]], settings: BootstrapSettings
 ) -> TableResult:
-    """The table of these rows in one split."""
+    """Compute the estimates and rank orders of a table in one split."""
     shown = [name for name in (*REFERENCES, *table.rows) if rows.get(name)]
     columns = (*table.paper_columns, *table.extra_columns)
     cells = {
@@ -42,17 +42,17 @@ def table_result(
 
 
 def markdown(table: PaperTable, by_split: Mapping[str, TableResult]) -> str:
-    """One table, for each split."""
+    """Markdown of one table, for each split."""
     lines = [f"## {table.title}", "", table.question, ""]
     for split, result in by_split.items():
         lines += [f"### {SPLIT_TITLES[split]}", "", *_cells(table, result), ""]
         if result.rank_orders:
-            lines += ["The paper's order, pair by pair:", "", *_orders(table, result), ""]
+            lines += ["Comparison with the paper's order, by pairs of rows:", "", *_orders(table, result), ""]
     return "\n".join(lines)
 
 
 def as_json(table: PaperTable, by_split: Mapping[str, TableResult]) -> dict[str, Any]:
-    """The same as numbers: {rows: {row: {paper, split: {figure: estimate}}}, orders: {split: {figure: ...}}}."""
+    """Results as numbers: {rows: {row: {paper, split: {metric: estimate}}}, orders: {split: {metric: ...}}}."""
     figures = [each.metric for each in table.paper_columns]
     rows: dict[str, Any] = {}
     for split, result in by_split.items():
@@ -99,7 +99,7 @@ def _cell(estimate: MultiSeedEstimate | None, paper: float | None, column: Colum
 def _orders(table: PaperTable, result: TableResult) -> list[str]:
     lines = [
         markdown_row(
-            ["", "same order", "pairs that agree", "Kendall's tau", "reversed, clearly", "not told apart by clips"]
+            ["", "same order", "pairs that agree", "Kendall's tau", "significantly reversed", "not significant"]
         ),
         markdown_row(["---"] * 6),
     ]
@@ -120,7 +120,7 @@ def _orders(table: PaperTable, result: TableResult) -> list[str]:
 
 
 def _named(pairs: Sequence[RowPair]) -> str:
-    """Pairs, the row that the paper has above first."""
+    """List pairs as "higher > lower", in the order of the paper."""
     return "; ".join(f"{_short(pair.higher)} > {_short(pair.lower)}" for pair in pairs) or "–"
 
 

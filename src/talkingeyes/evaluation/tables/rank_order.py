@@ -1,8 +1,8 @@
-"""Whether the rows of a table stand in the paper's order: pair by pair, with Kendall's tau over the pairs.
+"""Agreement of the order of rows with the paper's order, by pairs of rows, with Kendall's tau.
 
-A pair of rows agrees if ours differ in the paper's direction, otherwise it differs. It is clear if the interval of our
-difference over clips (both rows drawn together, seeds averaged) does not hold 0. The paper gives no intervals, so all
-its pairs count; pairs with equal numbers in the paper have no order and are left out.
+A pair of rows agrees if our difference has the sign of the paper's. It is significant if the interval of our difference
+over clips (both rows resampled together, seeds averaged) excludes 0. The paper gives no intervals, so all its pairs
+count; pairs with equal numbers in the paper have no order and are left out.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from talkingeyes.evaluation.multi_seed import MultiSeedStatistic
 
 @dataclass(frozen=True)
 class RowPair:
-    """Two rows: `higher` has the greater number in the paper; our difference, `higher` less `lower`."""
+    """Two rows; `higher` has the greater number in the paper. `difference` is our `higher` minus `lower`."""
 
     higher: str
     lower: str
@@ -25,29 +25,29 @@ class RowPair:
 
     @property
     def agrees(self) -> bool:
-        """Whether ours has the same sign."""
+        """Whether our difference has the sign of the paper's."""
         return self.difference.value > 0
 
     @property
     def is_significant(self) -> bool:
-        """Whether ours has a sign at all, given its clips."""
+        """Whether the interval of our difference excludes 0."""
         return self.difference.low > 0 or self.difference.high < 0
 
 
 @dataclass(frozen=True)
 class RankOrder:
-    """The pairs of a column."""
+    """The ordered pairs of rows of a column."""
 
     pairs: tuple[RowPair, ...]
 
     @property
     def agreement_count(self) -> int:
-        """How many are in the paper's order."""
+        """Number of pairs in the paper's order."""
         return sum(pair.agrees for pair in self.pairs)
 
     @property
     def tau(self) -> float:
-        """Kendall's tau: pairs that agree less pairs that are reversed, over all; equal ones count for neither."""
+        """Kendall's tau: (agreeing minus reversed pairs) over all pairs; equal ones count for neither."""
         reversed_ = sum(pair.difference.value < 0 for pair in self.pairs)
         return (self.agreement_count - reversed_) / len(self.pairs)
 
@@ -60,7 +60,7 @@ class RankOrder:
 def rank_order(
     paper: Mapping[str, float], ours: Mapping[str, MultiSeedStatistic], settings: BootstrapSettings
 ) -> RankOrder | None:
-    """The order of a column; `paper` and `ours` by row. None with fewer than two rows in common."""
+    """Rank order of a column; `paper` and `ours` by row. None if no two common rows differ in the paper."""
     rows = [name for name in paper if name in ours]
     pairs = []
     for one, other in combinations(rows, 2):
@@ -72,5 +72,5 @@ def rank_order(
 
 
 def _difference(higher: MultiSeedStatistic, lower: MultiSeedStatistic, settings: BootstrapSettings) -> Estimate:
-    assert higher.count == lower.count, "rows of a table are measured on the same sounds"
+    assert higher.count == lower.count, "rows of a table should be evaluated on the same sounds"
     return bootstrap(lambda drawn: higher(drawn) - lower(drawn), higher.count, settings)

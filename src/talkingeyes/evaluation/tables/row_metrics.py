@@ -1,8 +1,8 @@
-"""A row of the paper's tables: a few numbers a sound, and what they say of all sounds under several seeds.
+"""Metrics of a row of the paper's tables: numbers per sound, and their statistics over sounds and seeds.
 
-Table II says in words how far VAE and VQ-VAE let a part move ("nearly stationary", "exaggerated"). Here it is measured:
-the range of a motion is the middle 95 % of each rotation component, averaged over components (pitch and yaw of the
-eyes, all three of the head) and over samples, beside the range of the truth under the same sounds.
+Table II of the paper describes in words how far VAE and VQ-VAE let a part move ("nearly stationary", "exaggerated").
+Here it is measured: the range of a motion is the middle 95 % of each rotation component, averaged over components
+(pitch and yaw of the eyes, all three of the head) and samples, next to the range of the truth for the same sounds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from talkingeyes.evaluation.paper_metrics.summary import ClipMetrics, Evaluation
 
 RANGE_TAILS = (0.025, 0.975)
 MEANS = ("diversity", "corr", "l2", "speed", "still_fraction")
-# A ratio, its figure, and what it is compared with.
+# {ratio: (numerator, denominator)}.
 RATIOS = {
     "diversity_ratio": ("diversity", "diversity_truth"),
     "speed_ratio": ("speed", "speed_truth"),
@@ -31,12 +31,12 @@ RATIOS = {
 }
 HIGH_FREQUENCY = ("speed_above_5hz", "power_fraction_above_5hz")
 
-# {part/figure: value} of one sound or of one long motion.
+# {part/metric: value} of one sound or of one long motion.
 SoundMetrics = Mapping[str, float]
 
 
 def sound_metrics(case: EvaluationCase, figures: Mapping[str, ClipMetrics]) -> dict[str, float]:
-    """What is kept of one sound."""
+    """Metrics of one sound that are stored for the tables."""
     found: dict[str, float] = {}
     for part, each in figures.items():
         own = {name: getattr(each, name) for name in ("diversity", "diversity_truth", "corr", "l2")}
@@ -52,18 +52,18 @@ def sound_metrics(case: EvaluationCase, figures: Mapping[str, ClipMetrics]) -> d
 
 
 def rotating_components(part: str, motion: Float[ndarray, "S T C"]) -> Float[ndarray, "S T D"]:
-    """The components that turn: the eyes have no torsion."""
+    """Components that rotate: all three of the head, pitch and yaw of each eye (eyes have no torsion)."""
     return motion if part == "head" else motion[..., [0, 1, 3, 4]]
 
 
 def range_rad(motion: Float[ndarray, "S T C"]) -> float:
-    """The range of a motion: from the 2.5th to the 97.5th percentile over frames, mean over components and samples."""
+    """Range from the 2.5th to the 97.5th percentile over frames, as a mean over components and samples."""
     low, high = np.quantile(motion, RANGE_TAILS, axis=1)
     return float((high - low).mean())
 
 
 def high_frequency_motion(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2 3"], fps: float) -> dict[str, float]:
-    """How a long motion moves above 5 Hz: root mean square of that part of its velocity, and its share of the power."""
+    """Motion above 5 Hz of a long clip: root mean square of that part of velocity, and its fraction of the power."""
     found: dict[str, float] = {}
     for part, motion in (("head", head), ("gaze", gaze.reshape(len(gaze), 6)[:, [0, 1, 3, 4]])):
         share = jitter([motion], fps)
@@ -74,7 +74,7 @@ def high_frequency_motion(head: Float[ndarray, "T 3"], gaze: Float[ndarray, "T 2
 
 
 def row_metrics(seeds: Sequence[Mapping[str, Any]], split: str) -> dict[str, MultiSeedStatistic]:
-    """All figures of a row in a split, seed by seed; a seed holds `sounds` and `long`, lists of numbers by split."""
+    """All metrics of a row in a split over seeds; a seed holds `sounds` and `long`, lists of metrics by split."""
     by_seed = [_of_sounds(each["sounds"].get(split, [])) | _of_long(each["long"].get(split, [])) for each in seeds]
     return {name: each for name, each in combine_seeds(by_seed).items() if each.count}
 
@@ -96,7 +96,7 @@ def _of_long(motions: Sequence[SoundMetrics]) -> dict[str, ClipStatistic]:
 
 
 def _ratio(values: Float[ndarray, " N"], reference: Float[ndarray, " N"]) -> ClipStatistic:
-    """Over the sounds that have both; undefined where a reference does not move at all."""
+    """Ratio of means over the sounds with both values; undefined if any reference value is zero."""
     known = ~np.isnan(values + reference)
     return ClipStatistic(
         ratio_statistic(values[known], reference[known]), int(known.sum()) if reference[known].all() else 0
