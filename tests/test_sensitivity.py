@@ -57,27 +57,27 @@ MUST = {
         "main_sequence/peak_speed_ratio", "fixations/duration_median", "gaze_in_space/speed_p99",
         "gaze_in_space/above_5_hz", "head/spectrum_distance",
     ),
-    "small": ("saccades/amplitude_p90", "eye/sd_pitch", "head/sd_roll", "head/sd_yaw", "eye/range_yaw"),
-    "late": ("head/speech_speed_ratio",),
-    "swapped": ("reference_correlation/head_pitch", "head/speech_speed_ratio"),
-    "mirrored sides": ("reference_correlation/head_roll",),
-    "mirrored heights": ("reference_correlation/head_pitch",),
+    "reduced amplitude": ("saccades/amplitude_p90", "eye/sd_pitch", "head/sd_roll", "head/sd_yaw", "eye/range_yaw"),
+    "delayed": ("head/speech_speed_ratio",),
+    "swapped speaker": ("reference_correlation/head_pitch", "head/speech_speed_ratio"),
+    "mirrored left-right": ("reference_correlation/head_roll",),
+    "mirrored up-down": ("reference_correlation/head_pitch",),
     "flipped eyes": ("head_eye/slope_yaw", "head_eye/slope_pitch", "head_eye/correlation"),
     "flipped eye yaw": ("head_eye/slope_yaw", "main_sequence/log_spread"),
-    "parted eyes": ("eye/vergence",),
-    "twisted eyes": ("eye/torsion",),
-    "late eyes": ("head_eye/slope_yaw", "gaze_in_space/still_fraction"),
-    "late head": ("head/speech_speed_ratio",),
-    "head at rest": ("eye/still_fraction", "head/speed", "head_eye/correlation"),
-    "unblinking": ("blinks/rate", "blinks/depth"),
-    "late blinks": ("blinks/at_phrase_ends",),
+    "diverging eyes": ("eye/vergence",),
+    "false torsion": ("eye/torsion",),
+    "delayed eyes": ("head_eye/slope_yaw", "gaze_in_space/still_fraction"),
+    "delayed head": ("head/speech_speed_ratio",),
+    "fixed head": ("eye/still_fraction", "head/speed", "head_eye/correlation"),
+    "no blinks": ("blinks/rate", "blinks/depth"),
+    "delayed blinks": ("blinks/at_phrase_ends",),
 }  # fmt: skip
 # What they must not be moved by.
 MUST_NOT = {
-    "late": ("saccades/rate", "gaze_in_space/still_fraction", "head/sd_yaw"),
-    "mirrored sides": ("saccades/rate", "head_eye/slope_yaw", "head/speed", "blinks/rate"),
-    "mirrored heights": ("saccades/amplitude", "blinks/rate", "head/speed"),
-    "late blinks": ("saccades/rate", "blinks/rate"),
+    "delayed": ("saccades/rate", "gaze_in_space/still_fraction", "head/sd_yaw"),
+    "mirrored left-right": ("saccades/rate", "head_eye/slope_yaw", "head/speed", "blinks/rate"),
+    "mirrored up-down": ("saccades/amplitude", "blinks/rate", "head/speed"),
+    "delayed blinks": ("saccades/rate", "blinks/rate"),
 }
 
 
@@ -109,7 +109,7 @@ def found_of_several(several):
 MUST_OF_SEVERAL = {
     "mean pose": ("samples/diversity_gaze", "samples/diversity_head", "features/frechet", "features/mmd"),
     "jittered": ("features/frechet", "features/coverage"),
-    "small": ("samples/diversity_gaze", "samples/diversity_head", "features/frechet"),
+    "reduced amplitude": ("samples/diversity_gaze", "samples/diversity_head", "features/frechet"),
 }
 
 
@@ -154,7 +154,7 @@ def test_averted_curves_of_true_takes_agree_and_those_of_late_motion_do_not() ->
     sets = [
         [motions[0] for motions in takes.reference],
         evaluated,
-        apply_corruption(evaluated, takes.speakers, BY_NAME["late"], 1.0, 0),
+        apply_corruption(evaluated, takes.speakers, BY_NAME["delayed"], 1.0, 0),
         apply_corruption(evaluated, takes.speakers, BY_NAME["frozen"], 1.0, 0),
     ]
     true, other, late, frozen = (_totals(each) for each in sets)
@@ -196,15 +196,15 @@ def test_faults_do_what_they_say(takes) -> None:
         return apply_corruption([motion], ["a"], BY_NAME[name], 1.0, seed=0)[0]
 
     space = gaze_in_space(motion.head, motion.gaze)
-    assert gaze_in_space(made("mirrored sides").head, made("mirrored sides").gaze) == pytest.approx(
+    assert gaze_in_space(made("mirrored left-right").head, made("mirrored left-right").gaze) == pytest.approx(
         space[:, ::-1] * [-1, 1], abs=1e-9
     )
-    assert gaze_in_space(made("mirrored heights").head, made("mirrored heights").gaze) == pytest.approx(
+    assert gaze_in_space(made("mirrored up-down").head, made("mirrored up-down").gaze) == pytest.approx(
         space * [1, -1], abs=1e-9
     )
-    for name in ("late head", "head at rest"):
+    for name in ("delayed head", "fixed head"):
         assert gaze_in_space(made(name).head, made(name).gaze) == pytest.approx(space, abs=1e-9)
-    assert (made("late").gaze[75:] == motion.gaze[:-75]).all()
+    assert (made("delayed").gaze[75:] == motion.gaze[:-75]).all()
     assert made("jittered").head.std() > motion.head.std()
     assert np.degrees((made("jittered").head - motion.head).std()) == pytest.approx(0.3, rel=0.1)
 

@@ -68,14 +68,14 @@ ERROR_COLUMNS = (
     Column("CE mm", "ce", 2),
     Column("CE² mm²", "ce_squared", 1),
     Column("Div. mm", "diversity", 3),
-    Column("Div. / truth", "diversity_ratio", 2),
+    Column("Div. ratio to truth", "diversity_ratio", 2),
 )
 ARTICULATION_COLUMNS = (
-    Column("p, b, m closed", "bilabials_closed", 3),
-    Column("gap in them mm", "bilabial_gap", 2),
-    Column("gap in open vowels mm", "vowel_gap", 2),
-    Column("jaw and envelope r", "jaw_envelope", 3),
-    Column("emotion recognised", "emotion_accuracy", 3),
+    Column("bilabials closed", "bilabials_closed", 3),
+    Column("bilabial lip gap mm", "bilabial_gap", 2),
+    Column("open-vowel lip gap mm", "vowel_gap", 2),
+    Column("jaw-envelope correlation", "jaw_envelope", 3),
+    Column("emotion accuracy", "emotion_accuracy", 3),
 )
 
 

@@ -117,7 +117,14 @@ def _moving(seeds: Sequence[Seed]) -> str:
         cells = [_at(seeds, "rows", name, key, digits=3) for key in keys]
         cells += [f"{seeds[0]['rows'][name]['parameters']:,}", _at(seeds, "training_s", name, digits=0)]
         rows.append([TITLES[name], *cells, _at(seeds, "rows", name, "generation_s")])
-    head = ["method", "range (relative to true)", "speed", "acceleration", "power above 5 Hz", "speed at seams"]
+    head = [
+        "method",
+        "range (relative to true)",
+        "speed",
+        "acceleration",
+        "power above 5 Hz",
+        "speed at window boundaries",
+    ]
     head += ["difference of clips", "parameters", "training, CPU s", "10 min, CPU s"]
     return _lines("Head motion and ablations", head, rows)
 
@@ -134,7 +141,7 @@ def _noise(seeds: Sequence[Seed]) -> str:
         "sound",
         "standard deviations per frame",
         "power above 5 Hz",
-        "speed at seams",
+        "speed at window boundaries",
         "confidence in the intended speaker",
     ]
     return _lines("PoseGAN with noisy speech, and with other languages and voices", head, rows)

@@ -54,22 +54,22 @@ class Column:
 COLUMNS = {
     "gaze": (
         Column("Div.", "gaze", "diversity"),
-        Column("Div. / truth", "gaze", "diversity_ratio", 2),
+        Column("Div. ratio to truth", "gaze", "diversity_ratio", 2),
         Column("Corr. eye-in-head", "gaze", "corr"),
         Column("Corr. gaze in space", "gaze_in_space", "corr"),
         Column("L2", "gaze", "l2"),
         Column("speed °/s", "gaze", "speed", 1),
-        Column("99 % °/s", "gaze", "speed_p99", 0),
-        Column("still, eye", "gaze", "still_fraction", 2),
-        Column("still, space", "gaze_in_space", "still_fraction", 2),
+        Column("99th percentile speed °/s", "gaze", "speed_p99", 0),
+        Column("still frames, eyes", "gaze", "still_fraction", 2),
+        Column("still frames, gaze in space", "gaze_in_space", "still_fraction", 2),
     ),
     "head": (
         Column("Div.", "head", "diversity"),
-        Column("Div. / truth", "head", "diversity_ratio", 2),
+        Column("Div. ratio to truth", "head", "diversity_ratio", 2),
         Column("Corr.", "head", "corr"),
         Column("L2", "head", "l2"),
         Column("speed °/s", "head", "speed", 1),
-        Column("99 % °/s", "head", "speed_p99", 0),
+        Column("99th percentile speed °/s", "head", "speed_p99", 0),
     ),
 }
 CSV_COLUMNS = tuple(dict.fromkeys((*COLUMNS["gaze"], *COLUMNS["head"])))
@@ -222,7 +222,7 @@ def requirements_table(found: Sequence[Requirement]) -> str:
 def critic_table(report: Mapping[str, Any]) -> str:
     """Markdown table of the scores of the critics, from critic/report.json."""
     names = ("auc_same_speaker", "auc_all", "corr_truth", "corr_shuffled", "corr_constant")
-    headings = ["critic", "on", "AUC, same speaker", "AUC, all", "Corr. of truth", "of shuffled truth", "of a constant"]
+    headings = ["critic", "split", "AUC, same speaker", "AUC, all", "Corr. of truth", "shuffled", "constant"]
     lines = [markdown_row(headings), markdown_row(["---"] * len(headings))]
     for part, groups in report.items():
         for group, verdict in groups.items():

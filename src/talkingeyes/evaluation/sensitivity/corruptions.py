@@ -204,25 +204,25 @@ def _map_all(motion: Behaviour, change: FrameTransform) -> Behaviour:
     return replace(motion, head=head, gaze=gaze, lid=lid)
 
 
-UNCORRUPTED = Corruption("nothing", "truth: another take", _unchanged)
-SWAPPED = Corruption("swapped", "another speaker's motion", _unchanged)
+UNCORRUPTED = Corruption("uncorrupted", "truth: another take", _unchanged)
+SWAPPED = Corruption("swapped speaker", "another speaker's motion", _unchanged)
 CORRUPTIONS = (
     Corruption("frozen", "frozen at the first frame", _frozen),
     Corruption("mean pose", "frozen at the clip's mean", _mean_pose),
     Corruption("jittered", "0.3 deg of white noise", _jittered),
     Corruption("smoothed", "Gaussian filter of 0.12 s", _smoothed),
-    Corruption("small", "amplitude halved", _reduced_amplitude),
-    Corruption("late", "3 s late", _delayed),
+    Corruption("reduced amplitude", "amplitude halved", _reduced_amplitude),
+    Corruption("delayed", "3 s late", _delayed),
     SWAPPED,
-    Corruption("mirrored sides", "mirrored left to right", _mirrored_sides),
-    Corruption("mirrored heights", "mirrored upside down", _mirrored_heights),
+    Corruption("mirrored left-right", "mirrored left to right", _mirrored_sides),
+    Corruption("mirrored up-down", "mirrored upside down", _mirrored_heights),
     Corruption("flipped eyes", "sign of eye rotation flipped", _flipped_eyes),
     Corruption("flipped eye yaw", "sign of eye yaw flipped", _flipped_eye_yaw),
-    Corruption("parted eyes", "each eye rotated 2 deg outwards", _diverging_eyes),
-    Corruption("twisted eyes", "torsion of 0.3 times yaw added", _false_torsion),
-    Corruption("late eyes", "eyes 0.12 s behind the head", _delayed_eyes),
-    Corruption("late head", "head 0.4 s behind gaze", _delayed_head),
-    Corruption("head at rest", "head still, gaze moved by the eyes only", _fixed_head),
-    Corruption("unblinking", "no blinks", _without_blinks),
-    Corruption("late blinks", "blinks 3 s late", _delayed_blinks),
+    Corruption("diverging eyes", "each eye rotated 2 deg outwards", _diverging_eyes),
+    Corruption("false torsion", "torsion of 0.3 times yaw added", _false_torsion),
+    Corruption("delayed eyes", "eyes 0.12 s behind the head", _delayed_eyes),
+    Corruption("delayed head", "head 0.4 s behind gaze", _delayed_head),
+    Corruption("fixed head", "head still, gaze moved by the eyes only", _fixed_head),
+    Corruption("no blinks", "no blinks", _without_blinks),
+    Corruption("delayed blinks", "blinks 3 s late", _delayed_blinks),
 )

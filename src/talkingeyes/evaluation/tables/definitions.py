@@ -43,7 +43,7 @@ HEAD_AND_EYE_COLUMNS = (
 MOTION_COLUMNS = (
     Column("Div. eyes / truth", "gaze/diversity_ratio", 2),
     Column("eye speed °/s", "gaze/speed", 1),
-    Column("still, eyes", "gaze/still_fraction", 2),
+    Column("still frames, eyes", "gaze/still_fraction", 2),
     Column("still, gaze in space", "gaze_in_space/still_fraction", 2),
 )
 RANGE_COLUMNS = (

@@ -99,7 +99,7 @@ def _cell(estimate: MultiSeedEstimate | None, paper: float | None, column: Colum
 def _orders(table: PaperTable, result: TableResult) -> list[str]:
     lines = [
         markdown_row(
-            ["", "same order", "pairs that agree", "Kendall's tau", "significantly reversed", "not significant"]
+            ["", "same order", "agreeing pairs", "Kendall's tau", "reversed (significant)", "not significant"]
         ),
         markdown_row(["---"] * 6),
     ]
