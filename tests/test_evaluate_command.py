@@ -74,7 +74,7 @@ def test_samples_strangers_and_broken_files(corpus, tmp_path):
     found = evaluate(motions, corpus, n_resamples=20)
     assert found.sounds == 3
     assert any("c2-t0.npz" in note for note in found.notes)
-    assert any("1 of 5 names are no clip" in note for note in found.notes)
+    assert any("1 of 5 names are not clips" in note for note in found.notes)
 
 
 def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
