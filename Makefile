@@ -39,7 +39,7 @@ $(VENV)/.stamp: requirements.lock pyproject.toml
 	@touch $@
 
 # A model learns on one core, and DVC runs one stage after the other: these two rows of stages run side by side (-s: what
-# is before them is there). `dvc repro report` alone gives the same; here it makes what is left, and says what failed.
+# is before them is there). `dvc repro` alone gives the same; here it makes what is left, and says what failed.
 ONE_CORE = pretrain@gaze_frames train@talkingeyes_paper sample@talkingeyes_paper train@vae sample@vae critic
 OTHER_CORE = pretrain@face train@probtalk3d sample@probtalk3d train@talkingeyes sample@talkingeyes \
 	train@talkingeyes_live sample@talkingeyes_live
@@ -55,8 +55,8 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
 	$(BIN)/dvc repro fit embed
 	-@$(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one
-	$(BIN)/dvc repro report
-	@cat data/report/table3.md
+	$(BIN)/dvc repro
+	@cat data/report/summary.txt
 
 params: setup  ## Write params.yaml from conf/
 	$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit))

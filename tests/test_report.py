@@ -37,10 +37,19 @@ def reported(workspace):
 def test_writes_tables_and_pictures(workspace, reported):
     names = {path.name for path in workspace.data("report").iterdir()} - {"SHA256SUMS"}
     pictures = {"metrics.png", "traces.png", "speeds.png", "code_usage.png", "benchmark.png"}
-    assert names == {"metrics.json", "table3.md", "table3.csv", "face.md"} | pictures
+    assert names == {"metrics.json", "table3.md", "table3.csv", "face.md", "summary.txt"} | pictures
     assert all(workspace.data("report", name).stat().st_size > 5000 for name in pictures)
     assert {path.name for path in reported.artifacts} == names
     assert reported.metrics["requirements_missed"] <= reported.metrics["requirements"]
+
+
+def test_the_summary_fits_a_terminal(workspace, reported):
+    lines = workspace.data("report", "summary.txt").read_text().splitlines()
+    assert len(lines) <= 25
+    assert max(map(len, lines)) <= 125
+    row = next(line for line in lines if line.startswith("Mean "))
+    assert row.split()[1:3] == ["0.00", "0.00"]
+    assert any("requirements met" in line for line in lines)
 
 
 def test_metrics_hold_every_row_flat(workspace, reported):

@@ -1,0 +1,75 @@
+"""The report in at most 25 lines of plain text: five figures per model, requirements, and where the rest is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from talkingeyes.evaluation.benchmark.comparison import MetricResult
+from talkingeyes.evaluation.paper_metrics.table3 import TITLES, MethodMetrics, Requirement, metric, order_rows
+
+SPLIT = "unseen"
+COLUMNS = (
+    ("Diversity / truth", "gaze", "diversity_ratio"),
+    ("eye speed / truth", "gaze", "speed_ratio"),
+    ("Corr. eyes", "gaze", "corr"),
+    ("Corr. head", "head", "corr"),
+)
+WORSE = "metrics worse than truth"
+MAX_MISSED = 4
+
+
+def report_summary(
+    rows: Mapping[str, MethodMetrics],
+    benchmarks: Mapping[str, Sequence[MetricResult]],
+    required: Sequence[Requirement],
+    folder: str,
+) -> str:
+    """The summary; `folder` is where the report is."""
+    gaze = {name: row for name, row in rows.items() if metric(row, SPLIT, "gaze", "speed")}
+    cells = [["", *(title for title, _, _ in COLUMNS), WORSE]]
+    for name in order_rows(gaze):
+        cells.append([TITLES.get(name, name), *_figures(rows[name]), _worse(benchmarks.get(name))])
+    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
+    table = ["  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) for line in cells]
+    missed = [each for each in required if not each.is_met]
+    return "\n".join(
+        [
+            "Speakers without training data (unseen); the benchmark is of test and unseen together:",
+            "",
+            *table,
+            *_faces(rows),
+            "",
+            f"{len(required) - len(missed)} of {len(required)} requirements met",
+            *(f"  missed: {each.name}: {_value(each)}, required {each.bounds}" for each in missed[:MAX_MISSED]),
+            *([f"  and {len(missed) - MAX_MISSED} more"] if len(missed) > MAX_MISSED else []),
+            f"All figures with intervals: {folder}/table3.md and face.md. Plots: {folder}/*.png. Runs: make ui",
+            "Animate a recording: .venv/bin/talkingeyes animate SPEECH.wav",
+            "",
+        ]
+    )
+
+
+def _figures(row: MethodMetrics) -> list[str]:
+    found = [metric(row, SPLIT, part, name) for _, part, name in COLUMNS]
+    return [f"{each['value']:.2f}" if each else "" for each in found]
+
+
+def _faces(rows: Mapping[str, MethodMetrics]) -> list[str]:
+    """A line for each face model: mean distance from the true vertices, lips, emotion."""
+    found = [
+        (name, row[SPLIT]["face"]) for name, row in sorted(rows.items()) if "mve" in row.get(SPLIT, {}).get("face", {})
+    ]
+    return [
+        f"{name} (face): vertices {face['mve']['value']:.2f} mm from the truth, lips {face['lve']['value']:.1f} mm"
+        for name, face in found
+        if name not in TITLES
+    ]
+
+
+def _worse(results: Sequence[MetricResult] | None) -> str:
+    compared = [each.worse for each in results or () if each.worse is not None]
+    return f"{sum(compared)} of {len(compared)}" if compared else ""
+
+
+def _value(requirement: Requirement) -> str:
+    return "not measured" if requirement.value is None else f"{requirement.value:.3g}"
