@@ -233,5 +233,5 @@ def test_frames_weigh_in_mve_and_lve_and_clips_in_the_others(surface):
 def test_another_head_is_refused_in_one_line(surface):
     with pytest.raises(InputError, match=r"^face: should be of the head anny, got flame$"):
         vertex_errors(surface, faces({}), replace(faces({}), head_model="flame"), [0], EVERY)
-    with pytest.raises(InputError, match="got no nose_middle"):
+    with pytest.raises(InputError, match="should have the landmark nose_middle, got none"):
         _ = FaceSurface(replace(anny_head(), landmarks=Landmarks((), np.zeros((0, 3), int), np.zeros((0, 3))))).regions
