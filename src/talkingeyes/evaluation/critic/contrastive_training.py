@@ -159,12 +159,12 @@ def new_critic(
         motion = part_angles(part, recording.head, recording.gaze)
         deviations.append(np.square(motion - np.median(motion, axis=0)).mean())
         speeds.append(np.linalg.norm(np.diff(motion, axis=0), axis=-1).mean())
-    scale_augmentation = torch.tensor([float(np.sqrt(np.mean(deviations))), float(np.mean(speeds))]).clamp_min(1e-6)
+    motion_scale = torch.tensor([float(np.sqrt(np.mean(deviations))), float(np.mean(speeds))]).clamp_min(1e-6)
     index, mean, std = (
         torch.from_numpy(each) for each in (channel_selection.index, channel_selection.mean, channel_selection.std)
     )
     torch.manual_seed(settings.seed)
-    critic = Critic(settings.network, index, mean, std, scale_augmentation, len(MIRROR_SIGNS[part]))
+    critic = Critic(settings.network, index, mean, std, motion_scale, len(MIRROR_SIGNS[part]))
     critic.log_scale.data.fill_(-np.log(settings.temperature))
     return critic
 
@@ -192,14 +192,14 @@ def train_critic(
     resume: ResumeFile | None = None,
 ) -> TrainedCritic:
     """Train the critic of one part; `resume` continues an interrupted training."""
-    division = split_speakers(recordings, settings)
+    split = split_speakers(recordings, settings)
     fps = recordings[0].clip.fps
-    critic = new_critic(part, [recordings[index] for index in division.train], channel_selection, settings)
-    task = ContrastiveTask(part, critic, recordings, division, fps, settings)
+    critic = new_critic(part, [recordings[index] for index in split.train], channel_selection, settings)
+    task = ContrastiveTask(part, critic, recordings, split, fps, settings)
     history = train(task, settings.loop, f"critic of {part}", context=context, resume=resume)
     frames, hop = round(settings.window_s * fps), max(1, round(settings.hop_s * fps))
     config = {"part": part, "frames": frames, "hop": hop, **settings.model_dump(mode="json", exclude={"encoder"})}
-    held_out = [recordings[index] for index in division.held_out]
+    held_out = [recordings[index] for index in split.held_out]
     caveat = TIME_SHIFTS_ONLY if task.time_shifts_only else ""
     return TrainedCritic(CriticCorrelation(part, critic, frames, hop), config, history, held_out, caveat)
 
@@ -212,7 +212,7 @@ class ContrastiveTask:
         part: str,
         critic: Critic,
         recordings: Sequence[Recording],
-        division: SpeakerSplit,
+        split: SpeakerSplit,
         fps: float,
         settings: CriticSettings,
     ) -> None:
@@ -224,7 +224,7 @@ class ContrastiveTask:
         self.critic = critic
         self.module: nn.Module = critic
         self.clips_by_speaker: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
-        for index in division.train:
+        for index in split.train:
             clip = recordings[index].clip
             self.clips_by_speaker[clip.speaker][clip.sound].append(index)
         several = sorted(name for name, sounds in self.clips_by_speaker.items() if len(sounds) > 1)
@@ -235,17 +235,17 @@ class ContrastiveTask:
             )
         self.speakers = several or sorted(self.clips_by_speaker)
         self.held_out_windows = first_windows(
-            [recordings[index] for index in division.held_out], part, self.channels, self.frames
+            [recordings[index] for index in split.held_out], part, self.channels, self.frames
         )
 
     def losses(self, step: int) -> dict[str, Tensor]:
         """InfoNCE in both directions; the negatives include time shifts of the right motion."""
-        batch = self._draw().to(self.critic.log_scale.device)
+        batch = self._sample_batch().to(self.critic.log_scale.device)
         speech, motion = self.critic.speech(batch.speech_features), self.critic.motion(batch.angles)
-        scale_augmentation = self.critic.log_scale.exp().clamp_max(100.0)
+        logit_scale = self.critic.log_scale.exp().clamp_max(100.0)
         allowed = torch.from_numpy(batch.negatives | np.eye(len(speech), dtype=bool)).to(speech.device)
-        between = (scale_augmentation * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
-        wrong = self._wrong_times(speech, motion) * scale_augmentation
+        between = (logit_scale * similarity(speech, motion)).masked_fill(~allowed, -torch.inf)
+        wrong = self._time_shift_similarity(speech, motion) * logit_scale
         right = torch.arange(len(speech), device=speech.device)
         by_sound = functional.cross_entropy(torch.cat([between, wrong], dim=1), right)
         by_motion = functional.cross_entropy(torch.cat([between.T, wrong], dim=1), right)
@@ -266,11 +266,13 @@ class ContrastiveTask:
         if self.held_out_windows.negatives.any():
             score = auc(right, similar[self.held_out_windows.negatives])
         else:
-            steps, least = motion.shape[1], self._least_shift(motion.shape[1])
-            score = auc(right, _at_times(speech, motion, range(least, steps - least + 1)).cpu().numpy().ravel())
+            steps, least = motion.shape[1], self._min_shift(motion.shape[1])
+            score = auc(
+                right, _shifted_similarity(speech, motion, range(least, steps - least + 1)).cpu().numpy().ravel()
+            )
         return {"validation_score": score, **({"auc_all": auc(right, others)} if len(others) else {})}
 
-    def _draw(self) -> WindowBatch:
+    def _sample_batch(self) -> WindowBatch:
         chosen: list[int] = []
         for name in self.rng.permutation(self.speakers):
             sounds = self.clips_by_speaker[name]
@@ -280,30 +282,29 @@ class ContrastiveTask:
                 break
         recordings = [self.recordings[index] for index in chosen]
         starts = [int(self.rng.integers(max(1, len(each) - self.frames + 1))) for each in recordings]
-        drawn = cut_windows(recordings, self.part, self.channels, self.frames, starts)
+        batch = cut_windows(recordings, self.part, self.channels, self.frames, starts)
         mirror = np.where(self.rng.random((len(chosen), 1)) < 0.5, MIRROR_SIGNS[self.part], 1.0)
         bound = np.log(self.settings.scale_augmentation)
         gain = mirror * np.exp(self.rng.uniform(-bound, bound, (len(chosen), 1)))
         return WindowBatch(
-            drawn.speech_features, drawn.angles * torch.from_numpy(gain[:, None].astype(np.float32)), drawn.negatives
+            batch.speech_features, batch.angles * torch.from_numpy(gain[:, None].astype(np.float32)), batch.negatives
         )
 
-    def _wrong_times(self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]) -> Float[Tensor, "B W"]:
+    def _time_shift_similarity(
+        self, speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"]
+    ) -> Float[Tensor, "B W"]:
         """Cosines with motion features rolled in time by random shifts, W to a window."""
-        steps, least = motion.shape[1], self._least_shift(motion.shape[1])
-        time_shifted_negatives = self.rng.integers(least, steps - least + 1, size=self.settings.time_shifted_negatives)
-        return _at_times(speech, motion, time_shifted_negatives.tolist())
+        steps, least = motion.shape[1], self._min_shift(motion.shape[1])
+        shifts = self.rng.integers(least, steps - least + 1, size=self.settings.time_shifted_negatives)
+        return _shifted_similarity(speech, motion, shifts.tolist())
 
-    def _least_shift(self, steps: int) -> int:
+    def _min_shift(self, steps: int) -> int:
         """Smallest time shift in steps of the network; half a window if the window is too short for it."""
         return min(self.shift_min, steps // 2)
 
 
-def _at_times(
-    speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"], time_shifted_negatives: Iterable[int]
+def _shifted_similarity(
+    speech: Float[Tensor, "B N F"], motion: Float[Tensor, "B N F"], shifts: Iterable[int]
 ) -> Float[Tensor, "B W"]:
-    columns = [
-        functional.cosine_similarity(speech.flatten(1), motion.roll(shift, 1).flatten(1))
-        for shift in time_shifted_negatives
-    ]
+    columns = [functional.cosine_similarity(speech.flatten(1), motion.roll(shift, 1).flatten(1)) for shift in shifts]
     return torch.stack(columns, dim=1) if columns else speech.new_zeros(len(speech), 0)

@@ -57,7 +57,7 @@ class FaceMetrics:
 def face_metrics(surface: FaceSurface, classifier: EmotionClassifier | None, case: FaceCase) -> FaceMetrics:
     """Compute the metrics of one sound."""
     compared = range(int(case.includes_reference), len(case.samples.jaw))
-    told = classifier.predict(emotion_features(surface, case.samples)) if classifier else []
+    predicted = classifier.predict(emotion_features(surface, case.samples)) if classifier else []
     own = split_half_diversity(surface, case.samples, np.random.default_rng(case.seed))
     return FaceMetrics(
         errors=vertex_errors(surface, case.truth, case.samples, compared, case.valid) if compared else None,
@@ -65,7 +65,7 @@ def face_metrics(surface: FaceSurface, classifier: EmotionClassifier | None, cas
         diversity=own,
         diversity_truth=split_half_diversity(surface, case.truth, np.random.default_rng(case.seed)),
         emotion=case.annotation.emotion,
-        accuracy=float(np.mean([each == case.annotation.emotion for each in told])) if told else float("nan"),
+        accuracy=float(np.mean([each == case.annotation.emotion for each in predicted])) if predicted else float("nan"),
     )
 
 

@@ -58,8 +58,8 @@ class PoseClassifier(nn.Module):
         self.register_buffer("scale", torch.ones(6))
         sizes = [6, width, width, 2 * width, 2 * width]
         layers: list[nn.Module] = []
-        for taken, given in pairwise(sizes):
-            layers += [nn.Conv1d(taken, given, 7, stride=2, padding=3), nn.BatchNorm1d(given), nn.ReLU()]
+        for width_in, width_out in pairwise(sizes):
+            layers += [nn.Conv1d(width_in, width_out, 7, stride=2, padding=3), nn.BatchNorm1d(width_out), nn.ReLU()]
         self.convolutions = nn.Sequential(*layers)
         self.dense = nn.Sequential(
             nn.Dropout(settings.dropout),
@@ -101,10 +101,10 @@ class ClassifierTask:
 
     def validate(self) -> dict[str, float]:
         """Mean confidence on val (`validation_score`, which the checkpoint is chosen by) and accuracy."""
-        judged = classifier_scores(self.module, self.val)
+        scores = classifier_scores(self.module, self.val)
         return {
-            "validation_score": float(np.nanmean(judged.confidence)),
-            "accuracy": float(np.nanmean(judged.accuracy)),
+            "validation_score": float(np.nanmean(scores.confidence)),
+            "accuracy": float(np.nanmean(scores.accuracy)),
         }
 
 

@@ -108,8 +108,8 @@ def evaluate_models(sources: PoseInputPaths, seed: int) -> dict[str, Any]:
             "seams": seam_speed_ratio(true, WINDOW_FRAMES - 1),
         },
         "rows": rows,
-        "noise": _in_noise(posegan, data, test, true, classifier, seed),
-        "strangers": _strangers(posegan, sources.new_speakers, classifier, seed),
+        "noise": _noise_metrics(posegan, data, test, true, classifier, seed),
+        "strangers": _new_speaker_metrics(posegan, sources.new_speakers, classifier, seed),
     }
 
 
@@ -120,8 +120,8 @@ def _recordings(data: Path, settings: PoseSettings, split: str) -> PoseRecording
 def _labelled(recordings: Sequence[PoseRecording], speakers: Sequence[str]) -> LabelledWindows:
     known = [each for each in recordings if each.clip.speaker in speakers and len(each) >= WINDOW_FRAMES]
     pieces = [sliding_windows(each.pose, WINDOW_FRAMES, HOP_FRAMES) for each in known]
-    whose = np.repeat([speakers.index(each.clip.speaker) for each in known], [len(each) for each in pieces])
-    return LabelledWindows(np.concatenate(pieces), whose)
+    speaker_index = np.repeat([speakers.index(each.clip.speaker) for each in known], [len(each) for each in pieces])
+    return LabelledWindows(np.concatenate(pieces), speaker_index)
 
 
 def _table1(splits: dict[str, PoseRecordings], data: Path, speakers: Sequence[str]) -> dict[str, Any]:
@@ -145,48 +145,54 @@ def _row(
 ) -> dict[str, Any]:
     """Metrics of one model on the speech of the test split, in the style of each speaker."""
     scale = network.scale.numpy()
-    made = [_made(network, each, each.speech, seed) for each in test]
-    whose = [network.speakers.index(each.clip.speaker) for each in test]
+    generated = [_generate(network, each, each.speech, seed) for each in test]
+    speaker_index = [network.speakers.index(each.clip.speaker) for each in test]
     return {
-        **_moving(network, made, true),
-        **{f"l2_{name}": value for name, value in asdict(distances(made, true)).items()},
-        **_told([each * scale for each in made], whose, classifier),
-        "variety": clip_difference(made),
+        **_motion_metrics(network, generated, true),
+        **{f"l2_{name}": value for name, value in asdict(distances(generated, true)).items()},
+        **_classifier_metrics([each * scale for each in generated], speaker_index, classifier),
+        "variety": clip_difference(generated),
         "parameters": _parameters(network),
         "generation_s": _cost(network, test[0].speech),
     }
 
 
-def _made(
+def _generate(
     network: SpeechToPose, recording: PoseRecording, speech: Float[ndarray, "T C"], seed: int
 ) -> Float[ndarray, "T 6"]:
     """Sample poses in the speaker's own style, in standard deviations; each clip has its own seed."""
     own = int(np.random.default_rng([seed, *recording.clip.id.encode()]).integers(2**31))
-    made = network.sample(speech, [own], network.style_of(recording.clip.speaker))[0]
-    return np.asarray(made / network.scale.numpy())
+    generated = network.sample(speech, [own], network.style_of(recording.clip.speaker))[0]
+    return np.asarray(generated / network.scale.numpy())
 
 
-def _moving(
-    network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
+def _motion_metrics(
+    network: SpeechToPose, generated: Sequence[Float[ndarray, "T 6"]], true: Sequence[Float[ndarray, "T 6"]]
 ) -> dict[str, float]:
-    return {**_free(network, made), **asdict(movement_ratios(made, true))}
+    return {**_reference_free_metrics(network, generated), **asdict(movement_ratios(generated, true))}
 
 
-def _free(network: SpeechToPose, made: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
+def _reference_free_metrics(network: SpeechToPose, generated: Sequence[Float[ndarray, "T 6"]]) -> dict[str, float]:
     """Metrics without reference; `pace` is in standard deviations of poses per frame."""
-    pace = float(np.mean([np.diff(each, axis=0).std() for each in made]))
+    pace = float(np.mean([np.diff(each, axis=0).std() for each in generated]))
     hop = network.head.window - 1 if network.head.window else WINDOW_FRAMES
-    return {"jitter": jitter(made, network.settings.poses.fps), "seams": seam_speed_ratio(made, hop), "pace": pace}
+    return {
+        "jitter": jitter(generated, network.settings.poses.fps),
+        "seams": seam_speed_ratio(generated, hop),
+        "pace": pace,
+    }
 
 
-def _told(poses: Sequence[Float[ndarray, "T 6"]], whose: Sequence[int], classifier: PoseClassifier) -> dict[str, Any]:
+def _classifier_metrics(
+    poses: Sequence[Float[ndarray, "T 6"]], speaker_index: Sequence[int], classifier: PoseClassifier
+) -> dict[str, Any]:
     pieces = [sliding_windows(each.astype(np.float32), WINDOW_FRAMES, HOP_FRAMES) for each in poses]
-    whole = LabelledWindows(np.concatenate(pieces), np.repeat(whose, [len(each) for each in pieces]))
+    whole = LabelledWindows(np.concatenate(pieces), np.repeat(speaker_index, [len(each) for each in pieces]))
     return _plain(classifier_scores(classifier, whole))
 
 
-def _plain(judgement: Any) -> dict[str, Any]:
-    return {name: value.tolist() for name, value in asdict(judgement).items()}
+def _plain(scores: Any) -> dict[str, Any]:
+    return {name: value.tolist() for name, value in asdict(scores).items()}
 
 
 def _parameters(network: SpeechToPose) -> int:
@@ -206,7 +212,7 @@ def _cost(network: SpeechToPose, speech: Float[ndarray, "T C"]) -> float:
     return time.process_time() - start
 
 
-def _in_noise(
+def _noise_metrics(
     network: SpeechToPose,
     data: Path,
     test: Sequence[PoseRecording],
@@ -219,21 +225,24 @@ def _in_noise(
     encoder, corpus, scale = make_encoder(settings), Corpus(data / "synthesize"), network.scale.numpy()
     found = {}
     for ratio_db in NOISE_DB:
-        made = []
+        generated = []
         for each in test:
             sound = corpus.speech(each.clip)
             rng = np.random.default_rng([seed, *each.clip.id.encode()])
             level = np.sqrt(np.mean(sound**2)) * 10 ** (-ratio_db / 20)
-            heard = encoder((sound + level * rng.standard_normal(len(sound))).astype(np.float32), each.clip.fps)
-            speech = resample_linear(heard, each.clip.fps, network.settings.poses.fps)[: len(each)]
-            made.append(_made(network, each, speech, seed))
-        whose = [network.speakers.index(each.clip.speaker) for each in test]
-        moving = _moving(network, made, true)
-        found[f"{ratio_db:g}"] = {**moving, **_told([each * scale for each in made], whose, classifier)}
+            features = encoder((sound + level * rng.standard_normal(len(sound))).astype(np.float32), each.clip.fps)
+            speech = resample_linear(features, each.clip.fps, network.settings.poses.fps)[: len(each)]
+            generated.append(_generate(network, each, speech, seed))
+        speaker_index = [network.speakers.index(each.clip.speaker) for each in test]
+        moving = _motion_metrics(network, generated, true)
+        found[f"{ratio_db:g}"] = {
+            **moving,
+            **_classifier_metrics([each * scale for each in generated], speaker_index, classifier),
+        }
     return found
 
 
-def _strangers(network: SpeechToPose, data: Path, classifier: PoseClassifier, seed: int) -> dict[str, Any]:
+def _new_speaker_metrics(network: SpeechToPose, data: Path, classifier: PoseClassifier, seed: int) -> dict[str, Any]:
     """Metrics of style transfer to new people, and of the learnt styles under their languages."""
     corpus, embed, settings = Corpus(data / "synthesize"), data / "embed", network.settings.poses
     people: dict[str, list[PoseRecording]] = {}
@@ -293,11 +302,11 @@ def _languages(
     found = {}
     for language in sorted({each.clip.language for each in clips}):
         spoken = [each for each in clips if each.clip.language == language]
-        made, whose = [], []
+        generated, speaker_index = [], []
         for place, each in enumerate(spoken):
-            whose.append(place % len(network.speakers))
-            style = nearest_style(np.eye(len(network.speakers))[whose[-1]])
-            made.append(network.sample(each.speech, [seed], style)[0] / scale)
-        told = _told([each * scale for each in made], whose, classifier)
-        found[language] = {**_free(network, made), **told}
+            speaker_index.append(place % len(network.speakers))
+            style = nearest_style(np.eye(len(network.speakers))[speaker_index[-1]])
+            generated.append(network.sample(each.speech, [seed], style)[0] / scale)
+        classified = _classifier_metrics([each * scale for each in generated], speaker_index, classifier)
+        found[language] = {**_reference_free_metrics(network, generated), **classified}
     return found

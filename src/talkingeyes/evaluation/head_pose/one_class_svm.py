@@ -73,16 +73,16 @@ def acceptance_rates(
     from sklearn.svm import OneClassSVM
 
     pca, rng = fit_pca(train.speech, settings), np.random.default_rng(settings.seed)
-    heard_train, heard_test = apply_pca(pca, train.speech), apply_pca(pca, test.speech)
+    speech_train, speech_test = apply_pca(pca, train.speech), apply_pca(pca, test.speech)
     own, others = np.full(len(speakers), np.nan), np.full((len(speakers), len(speakers)), np.nan)
     for index in range(len(speakers)):
         mine, tested = train.speaker == index, np.flatnonzero(test.speaker == index)
         if not mine.any() or not len(tested):
             continue
-        svm = OneClassSVM(nu=settings.nu, gamma="scale").fit(correlations(heard_train[mine], train.pose[mine]))
+        svm = OneClassSVM(nu=settings.nu, gamma="scale").fit(correlations(speech_train[mine], train.pose[mine]))
 
         def accepted(poses: ndarray, svm: Any = svm, tested: ndarray = tested) -> float:
-            return float((svm.predict(correlations(heard_test[tested], poses)) > 0).mean())
+            return float((svm.predict(correlations(speech_test[tested], poses)) > 0).mean())
 
         own[index] = accepted(test.pose[tested])
         for other in range(len(speakers)):

@@ -65,17 +65,17 @@ class CriticCorrelation:
         The features of a motion window are computed once for all sounds.
         """
         motion = torch.from_numpy(part_angles(self.part, head, gaze).astype(np.float32))
-        seen: dict[tuple[int, int], Tensor] = {}
+        motion_features: dict[tuple[int, int], Tensor] = {}
         found = []
         for sound in sounds:
-            heard = torch.from_numpy(sound[:, self.critic.speech_channels.numpy()].astype(np.float32))
+            speech_features = torch.from_numpy(sound[:, self.critic.speech_channels.numpy()].astype(np.float32))
             frames = min(len(sound), motion.shape[1])
             values = []
             for start in range(0, max(0, frames - self.frames) + 1, self.hop):
                 stop = min(start + self.frames, frames)
-                if (start, stop) not in seen:
-                    seen[start, stop] = self.critic.motion(motion[:, start:stop]).flatten(1)
-                one = self.critic.speech(heard[None, start:stop]).flatten(1)
-                values.append(torch.cosine_similarity(one, seen[start, stop]).numpy())
+                if (start, stop) not in motion_features:
+                    motion_features[start, stop] = self.critic.motion(motion[:, start:stop]).flatten(1)
+                window_features = self.critic.speech(speech_features[None, start:stop]).flatten(1)
+                values.append(torch.cosine_similarity(window_features, motion_features[start, stop]).numpy())
             found.append(np.mean(values, axis=0))
         return np.asarray(found)
