@@ -98,7 +98,7 @@ def test_higher_rates_are_point_sampled_and_others_refused(learnt) -> None:
     twice = encoder(np.repeat(head, 2, axis=1), np.repeat(gaze, 2, axis=1), 50.0)
     assert twice == pytest.approx(encoder(head, gaze, FPS))
     for fps in (30.0, 12.5):
-        with pytest.raises(InputError, match=f"multiple of 25 frames a second, got {fps:g}"):
+        with pytest.raises(InputError, match=f"multiple of 25 fps, got {fps:g}"):
             encoder(head, gaze, fps)
 
 
