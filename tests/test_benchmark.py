@@ -105,7 +105,7 @@ def test_mirrored_and_flipped_motion_is_told(true, reference, own):
 
 def test_a_frozen_face_has_no_saccades(true, reference):
     still = rows([replace(each, head=each.head * 0, gaze=each.gaze * 0) for each in true], reference)
-    assert still["saccades/rate"].reason == "needs 30 saccades: the motions with 0"
+    assert still["saccades/rate"].reason == "needs 30 saccades: the motions have 0"
     assert still["gaze_in_space/still_fraction"].value.value == 1
     assert still["partner_gaze/fraction"].value.value == 1
     assert still["head/spectrum_slope"].value is None
@@ -143,8 +143,8 @@ def test_jitter_and_smoothing_are_told(true, reference):
 
 def test_missing_fields_are_named(true, reference):
     found = rows([replace(each, lid=None, annotation=None) for each in true], reference)
-    assert found["blinks/rate"].reason == "needs lid: the motions without"
-    assert found["speech_onset/rise"].reason == "needs annotation: the motions without"
+    assert found["blinks/rate"].reason == "needs lid: missing in the motions"
+    assert found["speech_onset/rise"].reason == "needs annotation: missing in the motions"
     assert found["saccades/rate"].value is not None
 
 
@@ -153,13 +153,13 @@ def test_other_rates_are_compared_where_the_rate_does_not_matter(reference):
     assert found["main_sequence/peak_speed_ratio"].difference is not None
     assert found["gaze_in_space/still_fraction"].value is not None
     assert found["gaze_in_space/still_fraction"].reference is None
-    assert found["gaze_in_space/speed_distance"].reason == "not compared: 60 frames a second, the reference 25"
+    assert found["gaze_in_space/speed_distance"].reason == "not compared: 60 frames per second, reference 25"
 
 
 def test_few_clips_are_too_few(true, reference):
     found = rows(true[:2], reference, paired=False)
-    assert found["speech_onset/rise"].reason.startswith("needs 400 speech onsets: the motions with")
-    assert found["eye/vergence"].reason == "needs 1500 frames: the motions with 600"
+    assert found["speech_onset/rise"].reason.startswith("needs 400 speech onsets: the motions have")
+    assert found["eye/vergence"].reason == "needs 1500 frames: the motions have 600"
 
 
 def test_nan_is_not_valid_and_not_counted():
@@ -177,9 +177,9 @@ def test_nan_is_not_valid_and_not_counted():
     ("fields", "fps", "message"),
     [
         ({}, 25.0, "should have one of head, gaze, lid, got none"),
-        ({"head": np.zeros((50, 2))}, 25.0, r"head should have shape \(50, 3\)"),
-        ({"head": np.zeros((50, 3)), "lid": np.zeros((49, 2))}, 25.0, "lid should have shape"),
-        ({"head": np.zeros((5, 3))}, 25.0, "should last 1 s or longer, got 5 frames"),
+        ({"head": np.zeros((50, 2))}, 25.0, r"head: should have shape \(50, 3\)"),
+        ({"head": np.zeros((50, 3)), "lid": np.zeros((49, 2))}, 25.0, "lid: should have shape"),
+        ({"head": np.zeros((5, 3))}, 25.0, "should last at least 1 s, got 5 frames"),
         ({"head": np.full((50, 3), np.nan)}, 25.0, "should have a valid frame"),
     ],
 )
@@ -230,5 +230,5 @@ def test_tables_hold_every_row_and_read_back(own):
     assert from_json(content) == table
     assert len(to_csv(table).splitlines()) == len(as_text(table).splitlines()) == len(METRICS) + 1
     page = markdown({"truth": table, "again": table}, {"truth": "Truth"})
-    assert page.splitlines()[0] == "| measure | unit | Truth | again |"
+    assert page.splitlines()[0] == "| metric | unit | Truth | again |"
     assert ANNOTATION.speaking[0].start_s == 2.0

@@ -126,7 +126,7 @@ def test_the_command_takes_corr_from_the_networks_of_the_chain(workspace):
         }
         for name, evaluators in (("alone", None), ("judged", workspace.data("")))
     }
-    assert found["alone"]["corr/gaze_in_space"].reason == "needs corr: the motions without"
+    assert found["alone"]["corr/gaze_in_space"].reason == "needs corr: missing in the motions"
     rows = found["judged"]
     assert rows["corr/gaze_in_space"].value == rows["corr/gaze_in_space"].reference
     stage = json.loads(workspace.data("evaluate", "truth", "benchmark.json").read_text())["metrics"]

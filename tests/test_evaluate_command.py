@@ -50,7 +50,7 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
     assert found.paired and found.sounds == CLIPS
     assert values(found)["saccades/rate"].reason == ""
     assert values(found)["saccades/rate"].difference.value == 0
-    assert values(found)["saccades/amplitude"].reason == "needs 50 saccades: the motions with 47"
+    assert values(found)["saccades/amplitude"].reason == "needs 50 saccades: the motions have 47"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"benchmark.json", "benchmark.csv", "strip.png"}
     assert json.loads((tmp_path / "out" / "benchmark.json").read_text())["sounds"] == CLIPS
     assert found.notes == ["intervals are over sounds and too narrow for 4; use 10 or more"]
@@ -81,8 +81,8 @@ def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
     motion(20).save(tmp_path / "mine.npz")
     found = evaluate(tmp_path, corpus, n_resamples=20)
     assert not found.paired
-    assert values(found)["speech_onset/rise"].reason == "needs annotation: the motions without"
-    assert values(found)["eye/still_fraction"].reason.startswith("needs 1500 frames: the motions with 299")
+    assert values(found)["speech_onset/rise"].reason == "needs annotation: missing in the motions"
+    assert values(found)["eye/still_fraction"].reason.startswith("needs 1500 frames: the motions have 299")
 
 
 def test_other_rates_are_compared_as_far_as_they_can(corpus, tmp_path):

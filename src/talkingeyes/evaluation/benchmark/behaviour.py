@@ -1,7 +1,7 @@
-"""What a measure looks at: one motion, as far as its fields go, with what is known of its sound.
+"""Input of the metrics: one motion with its optional fields, annotation and derived quantities.
 
-Fields that a motion does not have are None; what is derived (gaze in space, saccades, blinks, gaze states) is computed
-once, on demand. Frames that hold NaN are not valid: they are filled with their neighbours and never counted.
+Missing fields are None. Derived quantities (gaze in space, saccades, blinks, gaze states) are computed once, on demand.
+Frames that contain NaN are invalid: they are filled from the nearest valid frame before them and never counted.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from talkingeyes.evaluation.detectors.blinks import Blinks, detect_blinks
 from talkingeyes.evaluation.detectors.gaze_states import GazeStates, detect_gaze_states
 from talkingeyes.evaluation.detectors.saccades import Saccades, detect_saccades
 
-# Dimensions of each field behind its frames.
+# Shape of each field in one frame.
 FIELDS = {"head": (3,), "gaze": (2, 3), "lid": (2,)}
 MIN_DURATION_S = 1.0
 
 
 @dataclass(frozen=True)
 class Behaviour:
-    """T frames of one person: rotation vectors of head and eye-in-head, closure of the lids, what is being said."""
+    """T frames of one person: rotation vectors of head and eye-in-head, lid closure, annotation of the speech."""
 
     fps: float
     head: Float[ndarray, "T 3"] | None
@@ -39,18 +39,18 @@ class Behaviour:
     annotation: Annotation | None = None
     reference: Behaviour | None = None  # a true motion for the same sound
     features: Float[ndarray, "W D"] | None = None  # of windows, by the fixed encoder
-    corr: Float[ndarray, "P 2"] | None = None  # by the critics of P parts: under its own sound, under others
+    corr: Float[ndarray, "P 2"] | None = None  # of P parts: under its own sound, mean under other sounds
 
     def __len__(self) -> int:
         return len(self.valid)
 
     def has(self, field: str) -> bool:
-        """Whether a field of the motion, or something else that a measure needs, is known."""
+        """Whether a field of the motion, or another attribute that a metric needs, is present."""
         return getattr(self, field) is not None
 
     @property
     def required_reference(self) -> Behaviour:
-        """The reference, for measures that need it."""
+        """The reference, for metrics that need one."""
         assert self.reference is not None
         return self.reference
 
@@ -76,7 +76,7 @@ class Behaviour:
 
     @cached_property
     def head_rad(self) -> Float[ndarray, "T 2"]:
-        """(yaw, pitch) of where the head points."""
+        """(yaw, pitch) of the head's facing direction."""
         assert self.head is not None
         return direction_to_angles(rotvec_to_direction(self.head))
 
@@ -93,28 +93,28 @@ class Behaviour:
 
     @cached_property
     def eye_speed_deg_s(self) -> Float[ndarray, " F"]:
-        """Of eye-in-head, mean of both eyes."""
+        """Speed of eye-in-head, mean of both eyes."""
         return _speed_deg_s(self.eye_directions, self.fps)
 
     @cached_property
     def gaze_in_space_speed_deg_s(self) -> Float[ndarray, " F"]:
-        """Of gaze in space, mean of both eyes."""
+        """Speed of gaze in space, mean of both eyes."""
         return _speed_deg_s(self.gaze_in_space_directions, self.fps)
 
     @cached_property
     def head_speed_deg_s(self) -> Float[ndarray, " F"]:
-        """Of the head, roll included."""
+        """Speed of the head, including roll."""
         assert self.head is not None
         return head_speed_deg_s(self.head, self.fps)
 
     @cached_property
     def saccades(self) -> Saccades:
-        """Rapid shifts of gaze in space."""
+        """Saccades of gaze in space."""
         return detect_saccades(self.gaze_in_space_rad, self.fps, self.valid)
 
     @cached_property
     def in_saccade(self) -> Bool[ndarray, " F"]:
-        """Steps that touch a saccade."""
+        """Steps between frames that overlap a saccade."""
         edges = np.zeros(len(self) + 1, int)
         np.add.at(edges, self._step(np.floor(self.saccades.onset_s * self.fps + 1e-6)), 1)
         np.add.at(edges, self._step(np.ceil(self.saccades.offset_s * self.fps - 1e-6)), -1)
@@ -125,12 +125,12 @@ class Behaviour:
 
     @cached_property
     def states(self) -> GazeStates:
-        """Looking at the partner, or averted; where the partner is, is estimated from the gaze itself."""
+        """Gaze at the partner or averted; the location of the partner is estimated from the gaze."""
         return detect_gaze_states(self.gaze_in_space_rad, self.fps, valid=self.valid)
 
     @cached_property
     def blinks(self) -> Blinks:
-        """Closures of the lids."""
+        """Blinks detected in lid closure."""
         assert self.lid is not None
         return detect_blinks(self.lid, self.fps, self.valid)
 
@@ -142,36 +142,40 @@ def behaviour(
     annotation: Annotation | None = None,
     reference: Behaviour | None = None,
 ) -> Behaviour:
-    """A behaviour of the fields that there are. Raises InputError for a wrong shape, a wrong rate, or nothing valid."""
+    """Behaviour of the fields that are given.
+
+    Raises InputError for missing fields, a wrong shape, a wrong frame rate, a motion that is too short or without valid
+    frames.
+    """
     known = {name: np.asarray(fields[name], np.float64) for name in FIELDS if name in fields}
     if not known:
-        raise InputError(f"a motion should have one of {', '.join(FIELDS)}, got {', '.join(fields) or 'none'}")
+        raise InputError(f"motion: should have one of {', '.join(FIELDS)}, got {', '.join(fields) or 'none'}")
     frames = len(next(iter(known.values())))
     for name, array in known.items():
         if array.shape != (frames, *FIELDS[name]):
-            raise InputError(f"{name} should have shape {(frames, *FIELDS[name])}, got {array.shape}")
+            raise InputError(f"{name}: should have shape {(frames, *FIELDS[name])}, got {array.shape}")
     if not (np.isfinite(fps) and fps > 0 and frames >= MIN_DURATION_S * fps):
         raise InputError(
-            f"a motion should last {MIN_DURATION_S:g} s or longer, got {frames} frames at {fps:g} a second"
+            f"motion: should last at least {MIN_DURATION_S:g} s, got {frames} frames at {fps:g} frames per second"
         )
     good = np.ones(frames, bool) if valid is None else np.asarray(valid, bool).copy()
     for array in known.values():
         good &= np.isfinite(array.reshape(frames, -1)).all(axis=1)
     if not good.any():
-        raise InputError("a motion should have a valid frame, got none")
+        raise InputError("motion: should have a valid frame, got none")
     filled = {name: array if good.all() else array[_nearest(good)] for name, array in known.items()}
     return Behaviour(fps, filled.get("head"), filled.get("gaze"), filled.get("lid"), good, annotation, reference)
 
 
 def with_references(takes: Sequence[Behaviour]) -> list[Behaviour]:
-    """Each take with the next as its reference; a single one has none."""
+    """Each take with the next one as its reference; a single take has no reference."""
     if len(takes) < 2:
         return list(takes)
     return [replace(take, reference=takes[(index + 1) % len(takes)]) for index, take in enumerate(takes)]
 
 
 def _nearest(good: Bool[ndarray, " T"]) -> Int[ndarray, " T"]:
-    """For each frame the last valid one, before the first valid one that one."""
+    """Index of the last valid frame up to each frame; the first valid frame for those before it."""
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
     return np.asarray(np.where(last < 0, int(np.argmax(good)), last))
 

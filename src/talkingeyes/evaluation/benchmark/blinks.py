@@ -1,7 +1,7 @@
-"""Measures of blinks: how often, how long, how even, and what they are coupled to.
+"""Blink metrics: rate, duration, depth, regularity, and coupling to gaze shifts and phrase ends.
 
-Blinks come with gaze shifts (Evinger et al. 1994) and after the ends of phrases (Nakano & Kitazawa 2010). Couplings are
-rates inside a window over rates outside it, so that a higher blink rate alone does not raise them.
+Blinks accompany gaze shifts (Evinger et al. 1994) and follow the ends of phrases (Nakano & Kitazawa 2010). A coupling
+is the blink rate inside a window divided by the rate outside it, so that a higher blink rate alone does not raise it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PHRASE_END_S = (-0.1, 0.5)
 
 
 def extract(behaviour: Behaviour) -> Sums:
-    """Blinks, their lengths and the intervals between them."""
+    """Number, duration and depth of blinks, and the intervals between them."""
     blinks = behaviour.blinks
     interval = np.diff(blinks.onset_s)
     return {
@@ -36,13 +36,13 @@ def extract(behaviour: Behaviour) -> Sums:
 
 
 def extract_gaze_shift_blinks(behaviour: Behaviour) -> Sums:
-    """Blinks that start near the start of a large gaze shift, and the time that is near one."""
+    """Blinks that start near the onset of a large gaze shift, and the frames near one."""
     shifts = behaviour.saccades
     return _coupled(behaviour, "shift", shifts.onset_s[shifts.amplitude_deg >= MIN_GAZE_SHIFT_DEG], SHIFT_S)
 
 
 def extract_phrase_end_blinks(behaviour: Behaviour) -> Sums:
-    """Blinks that start near the end of a stretch of speech, and the time that is near one."""
+    """Blinks that start near the end of a speaking span, and the frames near one."""
     assert behaviour.annotation is not None
     ends = np.array([span.end_s for span in behaviour.annotation.speaking])
     return _coupled(behaviour, "phrase", ends, PHRASE_END_S)
@@ -98,26 +98,26 @@ METRICS = (
         "blinks/rate",
         "blink rate",
         "1/min",
-        "blinks / minutes of valid frames",
+        "number of blinks / minutes of valid frames",
         compute=ratio("blink.blinks", "blink.seconds", 60.0),
         min_count=20,
         source="Bentivoglio et al. 1997; Doughty 2001",
-        caveat="people differ by a factor of eight: many speakers, not many minutes, make the interval narrow",
+        caveat="people differ by a factor of eight: a narrow interval needs many speakers, not many minutes",
     ),
     _blink(
         "blinks/duration_median",
-        "median duration",
+        "median blink duration",
         "s",
-        "median time that the lids are away from their opening",
+        "median time between the lids leaving and regaining their resting opening",
         compute=lambda totals: DURATION_BINS_S.quantile(totals["blink.length"], 0.5),
         min_count=30,
         rate_dependent=True,
         source="VanderWerf et al. 2003",
-        caveat="the fixed window of the paper (0.2 s) has no spread; tracked blinks lose their slow ends",
+        caveat="the fixed window of the paper (0.2 s) has no spread; tracking loses the slow end of blinks",
     ),
     _blink(
         "blinks/duration_distance",
-        "durations, Wasserstein",
+        "blink durations, Wasserstein",
         "truth's SD",
         "area between the distribution functions of duration / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["blink.length"], other["blink.length"]),
@@ -129,37 +129,37 @@ METRICS = (
     ),
     _blink(
         "blinks/depth",
-        "mean depth",
+        "mean blink depth",
         "closure",
-        "mean of the deepest closure; 1 is shut",
+        "mean of the largest closure of each blink; 1 is shut",
         compute=ratio("blink.depth", "blink.blinks"),
         min_count=30,
         rate_dependent=True,
         source="Sforza et al. 2008",
-        caveat="frames miss the deepest moment",
+        caveat="frames can miss the moment of largest closure",
     ),
     _blink(
         "blinks/interval_cv",
-        "variation of intervals",
+        "variation of blink intervals",
         "CV",
-        "SD / mean of the time between onsets in a clip",
+        "SD / mean of the time between onsets within a clip",
         compute=_interval_variation,
         count_key="blink.intervals",
         min_count=50,
         source="Doughty 2002",
-        caveat="clips shorter than some intervals cut the long ones away",
+        caveat="short clips truncate long intervals",
     ),
     Metric(
         "blinks/at_shifts",
         "blinks at gaze shifts",
         "rate ratio",
-        "blink rate from -0.15 to 0.25 s around onsets of saccades of 8 deg and more / blink rate elsewhere",
+        "blink rate from -0.15 to 0.25 s around onsets of saccades of at least 8 deg / blink rate elsewhere",
         compute=partial(_coupling, name="shift"),
         extractor=SHIFTS,
         count_key="shift.blinks",
         min_count=50,
         source="Evinger et al. 1994",
-        caveat="a tracker that sees blinks as gaze jumps makes it: look at the gaze in the blink",
+        caveat="raised by trackers that report gaze jumps during blinks: inspect gaze within blinks",
     ),
     Metric(
         "blinks/at_phrase_ends",
@@ -171,6 +171,6 @@ METRICS = (
         count_key="phrase.blinks",
         min_count=100,
         source="Nakano & Kitazawa 2010",
-        caveat="ends at the end of the clip count with the part of the window that is left",
+        caveat="for phrases that end with the clip, only the part of the window inside the clip counts",
     ),
 )

@@ -1,8 +1,8 @@
-"""The benchmark over many clips: sums in groups, resamples of the groups, a row a measure.
+"""Benchmark over many clips: sums in groups, bootstrap over the groups, one result for each metric.
 
-A clip here is a sound with all its motions (samples of a model, takes of the truth): the bootstrap draws sounds, never
-samples. Beyond GROUPS clips several share a group, so memory does not grow with the corpus; the interval is then over
-groups of clips, which is as wide.
+A clip here is a sound with all its motions (samples of a model, takes of the truth): the bootstrap resamples sounds,
+not samples. With more than MAX_GROUPS clips, several share a group, so memory does not grow with the corpus; resampling
+groups of clips gives an interval of the same width.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from talkingeyes.evaluation.bootstrap import (
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures, sample_windows
 
 MAX_GROUPS = 1000
-# Random halvings of the reference that measures of comparison are read beside.
+# Random splits of the reference into halves: the floor of metrics that compare with it.
 SPLIT_HALF_REPEATS = 20
-# Windows that are compared pairwise, of either set, and resamples of their sounds.
+# Number of windows of each set that are compared pairwise, and of resamples of their sounds.
 PAIRWISE_WINDOWS, PAIRWISE_DRAWS = 300, 200
 
 
 @dataclass(frozen=True)
 class SumLayout:
-    """Where each sum stands in the flat vector of a clip; first how many of its motions have each field.
+    """Position of each sum in the flat vector of a clip; the first entries count its motions with each field.
 
-    A single number stands at an index, several in a slice (an index is written five times as fast).
+    A single number has an index, an array a slice (writing to an index is five times as fast).
     """
 
     slots: dict[str, int | slice]
@@ -47,17 +47,17 @@ class SumLayout:
 
     @classmethod
     def of(cls, sizes: Iterable[tuple[str, int]]) -> SumLayout:
-        """Sums of given lengths, one behind the other."""
+        """Layout of consecutive sums, given as (name, length)."""
         slots: dict[str, int | slice] = {}
         start = 0
         for name, size in sizes:
-            assert name not in slots, name  # two observers would add to one sum
+            assert name not in slots, name  # two extractors would add to one sum
             slots[name] = start if size == 1 else slice(start, start + size)
             start += size
         return cls(slots, start)
 
     def totals(self, flat: Float[ndarray, "D K"]) -> Totals:
-        """Named views of flat totals."""
+        """Views of the flat totals by name."""
         return {name: flat[:, place] for name, place in self.slots.items()}
 
 
@@ -69,7 +69,7 @@ LAYOUT = SumLayout.of(
 
 
 def extract(motions: Sequence[Behaviour]) -> Float[ndarray, " K"]:
-    """All sums over the motions of one sound."""
+    """All sums over the motions of one sound, as a flat vector."""
     flat = np.zeros(LAYOUT.size)
     for extractor in EXTRACTORS:
         if extractor.together and motions and all(all(map(motion.has, extractor.needs)) for motion in motions):
@@ -89,7 +89,7 @@ def _add(flat: Float[ndarray, " K"], sums: Sums) -> None:
 
 
 class Accumulator:
-    """Sums of clips at one frame rate, in groups; the n-th clip goes to group n modulo GROUPS."""
+    """Sums of clips at one frame rate, in groups; clip n is added to group n modulo MAX_GROUPS."""
 
     def __init__(self, fps: float) -> None:
         self.fps, self.clips = fps, 0
@@ -97,7 +97,7 @@ class Accumulator:
         self._groups = np.zeros((MAX_GROUPS, LAYOUT.size))
 
     def add(self, flat: Float[ndarray, " K"], features: Float[ndarray, "W D"] | None = None) -> None:
-        """Count one clip; features of its windows are kept of the first GROUPS clips."""
+        """Add one clip; the features of its windows are only kept for the first MAX_GROUPS clips."""
         self._groups[self.clips % MAX_GROUPS] += flat
         self.clips += 1
         if features is not None and len(self.features) < MAX_GROUPS:
@@ -109,7 +109,7 @@ class Accumulator:
         return self._groups[: min(self.clips, MAX_GROUPS)]
 
     def totals(self, bootstrap_weights: Float[ndarray, "D G"] | None = None) -> Totals:
-        """Totals over all groups, or over each draw of them."""
+        """Totals over all groups, or over each of D resamples of them."""
         groups = self.groups
         return LAYOUT.totals(
             groups.sum(axis=0, keepdims=True) if bootstrap_weights is None else bootstrap_weights @ groups
@@ -117,7 +117,7 @@ class Accumulator:
 
 
 def bootstrap_weights(count: int, settings: BootstrapSettings) -> Float[ndarray, "D G"]:
-    """How often each of `count` groups is drawn in each resample: those of `bootstrap`, counted."""
+    """How often each of `count` groups occurs in each resample; the resamples are those of `bootstrap`."""
     drawn = resample_indices(count, settings)
     offset = drawn + count * np.arange(len(drawn))[:, None]
     return np.bincount(offset.ravel(), minlength=drawn.size).reshape(drawn.shape).astype(float)
@@ -125,10 +125,10 @@ def bootstrap_weights(count: int, settings: BootstrapSettings) -> Float[ndarray,
 
 @dataclass(frozen=True)
 class MetricResult:
-    """A measure of a set of motions, of the reference, and how far they are apart; None where there is no figure.
+    """A metric of a set of motions and of the reference, and their difference; None where there is no value.
 
-    `difference` is value less reference over the same draws. For measures that compare with the reference,
-    `reference` is the comparison of its own halves. `reason` says in words what keeps a figure from being there.
+    `difference` is value less reference over the same resamples. For metrics that compare with the reference,
+    `reference` is the comparison of two halves of the reference. `reason` says why a value is missing.
     """
 
     metric: Metric
@@ -152,7 +152,10 @@ class MetricResult:
 
 
 class Comparison:
-    """A tally against the reference's. `paired`: the n-th clip of both is the same sound, so both draw the same."""
+    """Comparison of motions with a reference.
+
+    `paired`: clip n of both is the same sound, so both use the same resamples.
+    """
 
     def __init__(
         self, evaluated: Accumulator, reference: Accumulator, settings: BootstrapSettings, paired: bool
@@ -181,14 +184,19 @@ class Comparison:
         return self.evaluated.totals(), self.reference.totals()
 
     def rows(self, metrics: Sequence[Metric] = METRICS) -> Iterator[MetricResult]:
-        """A row a measure."""
+        """One result for each metric."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", RuntimeWarning)  # quantiles of nothing, where every draw is undefined
+            warnings.simplefilter(
+                "ignore", RuntimeWarning
+            )  # quantiles of empty sets, where all resamples are undefined
             for metric in metrics:
                 yield self._row(metric)
 
     def missing(self, metrics: Sequence[Metric] = METRICS) -> list[Metric]:
-        """Measures of what the reference does often enough and the motions, which could, do not: none is compared."""
+        """Metrics that are not compared because the motions have too few events, while the reference has enough.
+
+        Metrics whose fields the motions lack are not included.
+        """
         ours, theirs = self._all
         return [
             metric
@@ -234,7 +242,7 @@ class Comparison:
 
     @property
     def _rates(self) -> str:
-        return f"not compared: {self.evaluated.fps:g} frames a second, the reference {self.reference.fps:g}"
+        return f"not compared: {self.evaluated.fps:g} frames per second, reference {self.reference.fps:g}"
 
     def _against(self, metric: Metric, count: int) -> MetricResult:
         assert metric.compare is not None
@@ -261,17 +269,17 @@ class Comparison:
         reference = _estimate(own, reference_drawn, self.settings)
         difference = _estimate(metric.compute(ours) - own, drawn - reference_drawn, self.settings)
         return MetricResult(
-            metric, count, value, reference, difference, "" if reference else "the reference has no figure"
+            metric, count, value, reference, difference, "" if reference else "the reference has no value"
         )
 
 
 def _lacking(metric: Metric, totals: Totals, whose: str) -> str:
-    """Why there is no figure, in words; empty if there is one."""
+    """Why there is no value, in words; empty if there is one."""
     missing = [field for field in metric.extractor.needs if not totals[f"motions with {field}"][0]]
     if missing:
-        return f"needs {' and '.join(missing)}: {whose} without"
+        return f"needs {' and '.join(missing)}: missing in {whose}"
     count = int(totals[metric.count_key][0])
-    return "" if count >= metric.min_count else f"needs {metric.min_count} {metric.count_unit}: {whose} with {count}"
+    return "" if count >= metric.min_count else f"needs {metric.min_count} {metric.count_unit}: {whose} have {count}"
 
 
 def _estimate(value: Float[ndarray, " 1"], drawn: Float[ndarray, " D"], settings: BootstrapSettings) -> Estimate | None:

@@ -1,8 +1,9 @@
-"""Corr. metrics: audio-motion similarity by the critics, against other sounds of the same speaker.
+"""Corr. metrics: audio-motion similarity by the contrastive critics, relative to other sounds of the same speaker.
 
-Corr. is a cosine of learned features (evaluation/paper_metrics/corr.py), so its level means nothing by itself, and what
-is predictable from the voice without being true (a conditional mean) scores higher than people do. It is therefore read
-as a distance to the truth's own value, and its zero is the same motion under other sounds of the same speaker.
+Corr. is a cosine of learned features (evaluation/paper_metrics/corr.py), so its level has no meaning by itself. Motion
+that is predictable from the voice but not realistic (a conditional mean) scores higher than people do. Corr. is
+therefore compared with the value of the truth; its zero is the value of the same motion under other sounds of the same
+speaker.
 """
 
 from __future__ import annotations
@@ -19,22 +20,22 @@ from numpy import ndarray
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.metric import Extractor, Metric, Sums, ratio
 
-# Parts of a motion and the critics that judge them.
+# Parts of a motion and the names of their critics.
 CRITICS = {"gaze": "eyes", "gaze_in_space": "gaze_in_space", "head": "head"}
 TITLES = {"gaze": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
 CAVEATS = {
-    "gaze": "driven by the head: the eyes counter-rotate under it",
-    "gaze_in_space": "weakest of the three in life; a conditional mean beats the truth",
-    "head": "a conditional mean beats the truth; the level depends on the critic",
+    "gaze": "largely due to the head, against which the eyes counter-rotate",
+    "gaze_in_space": "lowest of the three for people; a conditional mean scores higher than the truth",
+    "head": "a conditional mean scores higher than the truth; the level depends on the critic",
 }
 MIN_SOUNDS = 20
-# Other sounds of the speaker under which Corr. is taken.
+# Number of other sounds of the speaker under which Corr. is computed.
 SHUFFLED_SOUNDS = 2
 
 
 @runtime_checkable
 class CorrScorer(Protocol):
-    """What gives Corr. of motions under sounds (metrics.correlation.Correlation)."""
+    """Interface that computes Corr. of motions under sounds (paper_metrics.corr.CriticCorrelation)."""
 
     def score_sounds(
         self, sounds: Sequence[Float[ndarray, "_ C"]], head: Float[ndarray, "S T 3"], gaze: Float[ndarray, "S T 2 3"]
@@ -43,7 +44,7 @@ class CorrScorer(Protocol):
 
 @dataclass(frozen=True)
 class CorrScores:
-    """Corr. of S motions by one critic: under their own sound, and the mean under others (NaN if there are none)."""
+    """Corr. of S motions by one critic: under their own sound, and the mean under other sounds (NaN without any)."""
 
     matched: Float[ndarray, " S"]
     others: Float[ndarray, " S"]
@@ -56,7 +57,7 @@ def corr_scores(
     head: Float[ndarray, "S T 3"],
     gaze: Float[ndarray, "S T 2 3"],
 ) -> dict[str, CorrScores]:
-    """What each critic says of the motions; under another sound as far as both last."""
+    """Corr. of the motions by each critic; another sound is compared over the shorter of both durations."""
     found = {}
     for name, critic in critics.items():
         own, *wrong = critic.score_sounds([speech, *others], head, gaze)
@@ -65,7 +66,7 @@ def corr_scores(
 
 
 def with_corr_scores(motions: Sequence[Behaviour], scores: Mapping[str, CorrScores]) -> list[Behaviour]:
-    """Motions with what the critics say of them: the n-th of `scores` is of the n-th motion."""
+    """Copy motions with their Corr.; score n belongs to motion n."""
     parts = [scores[critic] for critic in CRITICS.values()]
     return [
         replace(motion, corr=np.array([[part.matched[index], part.others[index]] for part in parts]))
@@ -79,7 +80,7 @@ def with_corr(
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
 ) -> list[Behaviour]:
-    """Motions with head and gaze, each judged under the sound as far as both last; the others as they are."""
+    """Copy motions with their Corr., over the shorter of motion and sound; unchanged without head or gaze."""
     judged = list(motions)
     alike: dict[int, list[int]] = defaultdict(list)
     for index, motion in enumerate(motions):
@@ -95,7 +96,7 @@ def with_corr(
 
 
 def extract(behaviour: Behaviour) -> Sums:
-    """Corr. of each part, and what it is more than under other sounds."""
+    """Corr. of each part, and its difference to Corr. under other sounds."""
     corr = behaviour.corr
     assert corr is not None
     found: dict[str, Any] = {"corr.judged_motions": 1.0}
@@ -127,7 +128,7 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             f"corr/{part}",
             f"Corr., {TITLES[part]}",
             "cosine",
-            "mean over windows of 8 s of the cosine of the critic's features of sound and motion",
+            "cosine of the critic's features of sound and motion, averaged over windows of 8 s",
             compute=ratio(f"corr.{part}", "corr.judged_motions"),
             extractor=OBSERVER,
             count_key="corr.judged_motions",
@@ -139,13 +140,13 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             f"corr/{part}_minus_shuffled",
             f"Corr. less Corr. under other sounds, {TITLES[part]}",
             "cosine",
-            "the same less the same of that motion under other sounds of its speaker",
+            "Corr. less Corr. of the same motion under other sounds of the speaker",
             compute=ratio(f"corr.{part}_minus_shuffled", "corr.shuffled_motions"),
             extractor=OBSERVER,
             count_key="corr.shuffled_motions",
             min_count=MIN_SOUNDS,
             source="FACTS 9 (same-speaker negatives)",
-            caveat="a few hundredths even in truth: needs many sounds",
+            caveat="a few hundredths even for the truth: needs many sounds",
         ),
     )
 

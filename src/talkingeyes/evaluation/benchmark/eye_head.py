@@ -1,8 +1,8 @@
-"""Measures of how the two eyes and the head work together: the eyes as a pair, the eyes against the head.
+"""Metrics of the coordination of both eyes and of eyes and head.
 
-In a fixation the eyes turn against the head (vestibulo-ocular reflex): the slope of eye velocity on head velocity is
-near -1, and its sign shows a flipped axis that every norm misses (FACTS, sections 2 and 9). At a gaze shift the head
-follows, a little later and by a part of the way (Guitton & Volle 1987; Stahl 1999).
+During fixations the eyes rotate against the head (vestibulo-ocular reflex): the slope of eye velocity on head velocity
+is near -1. Its sign reveals a flipped axis, which norms do not (FACTS, sections 2 and 9). In a gaze shift the head
+follows later and covers a part of the shift (Guitton & Volle 1987; Stahl 1999).
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from talkingeyes.evaluation.benchmark.metric import (
 
 ANGLE_DEG = Bins(-45.0, 45.0, 180)
 AXES = ("yaw", "pitch")
-# Head velocity is compared with gaze velocity at these lags; a positive lag: the head is late.
+# Lags at which head velocity is compared with gaze velocity; at a positive lag the head is late.
 LAGS_S = np.arange(-10, 21) * 0.04
-# The head's share is read over this time from the start of a saccade, of saccades of at least so many degrees.
+# Time from saccade onset over which the head contribution is measured, and the smallest saccades that count.
 HEAD_CONTRIBUTION_S, MIN_GAZE_SHIFT_DEG = 0.6, 8.0
 
 
 def extract_binocular(behaviour: Behaviour) -> Sums:
-    """Of the two eyes in the head, over valid frames."""
+    """Sums over valid frames of vergence, torsion, angles and yaw velocities of both eyes in the head."""
     assert behaviour.gaze is not None
     good, valid_steps = behaviour.valid, behaviour.valid_steps
     angles = np.degrees(behaviour.eye_rad[good])
@@ -57,7 +57,7 @@ def extract_binocular(behaviour: Behaviour) -> Sums:
 
 
 def extract_eye_head(behaviour: Behaviour) -> Sums:
-    """Eye against head velocity, between saccades; head against gaze velocity by lag, always."""
+    """Products of eye and head velocity between saccades, and head velocity around large saccades by lag."""
     fps, rest = behaviour.fps, behaviour.valid_steps & ~behaviour.in_saccade
     eye = np.diff(behaviour.eye_rad.mean(axis=1), axis=0) * fps
     head = np.diff(behaviour.head_rad, axis=0) * fps
@@ -75,7 +75,7 @@ def extract_eye_head(behaviour: Behaviour) -> Sums:
 
 
 def _following(behaviour: Behaviour, head_rad_s: Float[ndarray, "F 2"]) -> Sums:
-    """How far the head turns along with large saccades, and its velocity at lags from their middle along them."""
+    """Head rotation during large saccades, and head velocity along them by lag from their middle."""
     fps, shifts = behaviour.fps, behaviour.saccades
     large = shifts.amplitude_deg >= MIN_GAZE_SHIFT_DEG
     step = shifts.displacement_rad[large]
@@ -145,9 +145,9 @@ def _coupling(totals: Totals, axis: str) -> Float[ndarray, " D"]:
 
 
 def _lag(totals: Totals) -> Float[ndarray, " D"]:
-    """Where the mean velocity of the head along a saccade is highest, by a parabola through the top three lags.
+    """Lag of the highest mean head velocity along saccades, by a parabola through the three lags around the maximum.
 
-    NaN where the head stands still.
+    NaN where the head does not move.
     """
     mean = safe_divide(totals["follow.velocity"], totals["follow.counted"])
     known = np.nan_to_num(mean, nan=-np.inf)
@@ -167,59 +167,59 @@ _follow = partial(Metric, extractor=EYE_HEAD, count_key="follow.gaze_shifts", mi
 METRICS = (
     _pair(
         "eye/range_yaw",
-        "range of the eyes, yaw",
+        "range of eye-in-head yaw",
         "deg",
-        "5 to 95 % of eye-in-head yaw, all frames pooled",
+        "95th less 5th percentile of eye-in-head yaw, all frames pooled",
         compute=partial(_range, axis="yaw"),
         source="Stahl 1999; Guitton & Volle 1987",
-        caveat="a constant offset a person (kappa) widens it",
+        caveat="increased by a constant offset of each person (kappa)",
     ),
     _pair(
         "eye/range_pitch",
-        "range of the eyes, pitch",
+        "range of eye-in-head pitch",
         "deg",
-        "5 to 95 % of eye-in-head pitch, all frames pooled",
+        "95th less 5th percentile of eye-in-head pitch, all frames pooled",
         compute=partial(_range, axis="pitch"),
         source="Stahl 1999",
         caveat="as above",
     ),
     _pair(
         "eye/sd_yaw",
-        "spread within a clip, yaw",
+        "within-clip SD of eye-in-head yaw",
         "deg",
-        "root mean square of eye-in-head yaw about the clip's mean",
+        "root mean square of eye-in-head yaw about the mean of the clip",
         compute=partial(_root, total="pair.yaw_2"),
         source="FACTS, acceptance table",
-        caveat="grows with the length of the clips",
+        caveat="increases with the length of the clips",
     ),
     _pair(
         "eye/sd_pitch",
-        "spread within a clip, pitch",
+        "within-clip SD of eye-in-head pitch",
         "deg",
-        "root mean square of eye-in-head pitch about the clip's mean",
+        "root mean square of eye-in-head pitch about the mean of the clip",
         compute=partial(_root, total="pair.pitch_2"),
         source="FACTS, acceptance table",
-        caveat="grows with the length of the clips",
+        caveat="increases with the length of the clips",
     ),
     _pair(
         "eye/pitch_skew",
-        "skew of pitch",
+        "skewness of eye-in-head pitch",
         "",
-        "third moment of eye-in-head pitch about the clip's mean / SD^3",
+        "third moment of eye-in-head pitch about the mean of the clip / SD^3",
         compute=_skewness,
-        source="FACTS 9 (a sign error is invisible to norms)",
-        caveat="a few long aversions decide it",
+        source="FACTS 9 (norms do not detect a sign error)",
+        caveat="determined by few long aversions",
     ),
     _pair(
         "eye/vergence",
         "vergence",
         "deg",
-        "mean of yaw of the right eye less yaw of the left; positive: the eyes converge",
+        "mean yaw of the right eye less yaw of the left eye; positive: the eyes converge",
         compute=ratio("pair.vergence_deg", "pair.frames"),
         source="Malinov et al. 2000; Elisei, Bailly & Casari 2007",
         caveat=(
-            "pupils follow the optical axis: a constant offset of up to 10 deg between the eyes is anatomy "
-            "(kappa); parallel eyes have 0"
+            "pupils show the optical axis: a constant offset of up to 10 deg between the eyes is anatomical "
+            "(kappa); 0 for parallel eyes"
         ),
     ),
     _pair(
@@ -229,26 +229,26 @@ METRICS = (
         "root mean square of the z component of the eyes' rotation vectors",
         compute=partial(_root, total="pair.torsion2"),
         source="Listing's law (Tweed & Vilis 1990)",
-        caveat="angles built as yaw, then pitch (Fick) have false torsion: 3.5 deg at 20 by 20",
+        caveat="rotations composed of yaw, then pitch (Fick angles) have false torsion: 3.5 deg at 20 by 20 deg",
         direction="lower",
     ),
     _pair(
         "eye/conjugacy",
-        "left and right eye",
+        "conjugacy of the eyes",
         "correlation",
         "correlation of the yaw velocities of the two eyes",
         compute=_conjugacy,
         source="Collewijn, Erkelens & Steinman 1988",
-        caveat="1 by construction where one angle moves both",
+        caveat="1 by construction where both eyes share one angle",
     ),
     _counter(
         "head_eye/slope_yaw",
         "head-eye slope, yaw",
         "deg/deg",
-        "slope of eye-in-head on head yaw velocity between saccades; -1: gaze holds still in space",
+        "slope of eye-in-head on head yaw velocity between saccades; -1: gaze is still in space",
         compute=ratio("counter.yaw", "counter.yaw_head"),
         source="vestibulo-ocular reflex; FACTS 2",
-        caveat="noise in the head flattens it; positive: an axis is flipped",
+        caveat="noise in head pose brings it closer to 0; positive: an axis is flipped",
     ),
     _counter(
         "head_eye/slope_pitch",
@@ -266,27 +266,27 @@ METRICS = (
         "correlation of eye-in-head and head yaw velocity between saccades",
         compute=partial(_coupling, axis="yaw"),
         source="FACTS 9",
-        caveat="noise in either weakens it",
+        caveat="noise in either brings it closer to 0",
     ),
     _follow(
         "head_eye/head_contribution",
-        "head's share of gaze shifts",
-        "share",
+        "head contribution to gaze shifts",
+        "fraction",
         (
-            "sum of head turn x gaze shift / sum of gaze shift squared, over 0.6 s from the onset of "
-            "saccades of 8 deg and more"
+            "sum of head rotation x gaze shift / sum of gaze shift squared, over 0.6 s from the onset of "
+            "saccades of at least 8 deg"
         ),
         compute=ratio("follow.turn", "follow.shift"),
         source="Stahl 1999; Freedman & Sparks 1997",
-        caveat="negative: head or gaze is mirrored",
+        caveat="negative where head or gaze is mirrored",
     ),
     _follow(
         "head_eye/head_lag",
-        "head behind gaze",
+        "lag of the head behind gaze",
         "s",
-        "lag of the highest mean velocity of the head along saccades of 8 deg and more",
+        "lag of the highest mean velocity of the head along saccades of at least 8 deg",
         compute=_lag,
         source="Guitton & Volle 1987; Zangemeister & Stark 1982",
-        caveat="undefined where the head does not follow: then any lag comes out",
+        caveat="arbitrary where the head does not follow gaze",
     ),
 )

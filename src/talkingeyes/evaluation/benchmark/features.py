@@ -1,7 +1,7 @@
-"""Measures in the features of windows, by the fixed encoder: Frechet distance, MMD, precision and coverage.
+"""Metrics on the features of windows from the fixed encoder: Frechet distance, MMD, precision and coverage.
 
-Frechet distance is a figure of sums (count, sum and products of the features). MMD, precision and coverage compare
-windows pairwise: they take a fixed number of them, drawn evenly over the sounds (evaluation/distribution/).
+The Frechet distance is computed from sums (count, sum and products of the features). MMD, precision and coverage
+compare windows pairwise, on a fixed number of windows sampled evenly over the sounds (evaluation/distribution/).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from talkingeyes.evaluation.distribution.coverage import precision_coverage
 from talkingeyes.evaluation.distribution.frechet import Gaussian, frechet
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures, mmd_statistic, permutation_p_value
 
-# Head and gaze of S samples, and their frame rate, to the features of all windows, sample by sample.
+# Maps head and gaze of S samples, and their frame rate, to the features of all windows, sample by sample.
 Encoder = Callable[[ndarray, ndarray, float], ndarray]
 
-MAX_FEATURES = 16  # sums are as long as this; an encoder of fewer leaves zeros, which change no distance
+MAX_FEATURES = 16  # length of the sums; an encoder with fewer features is padded with zeros, which change no distance
 NEIGHBOURS = 3
 PERMUTATIONS = 200
 MIN_WINDOWS = 100
@@ -32,7 +32,7 @@ NEEDS = ("head", "gaze", "features")
 
 
 def add_features(motions: Sequence[Behaviour], encoder: Encoder | None) -> list[Behaviour]:
-    """Motions with the features of their windows."""
+    """Copy motions with the features of their windows; unchanged without an encoder, or without head or gaze."""
     if encoder is None:
         return list(motions)
     return [
@@ -44,7 +44,7 @@ def add_features(motions: Sequence[Behaviour], encoder: Encoder | None) -> list[
 
 
 def gather_features(motions: Sequence[Behaviour]) -> Float[ndarray, "W D"]:
-    """The features of all windows of all motions, in mixed order, so that the first few are any few."""
+    """Features of all windows of all motions, shuffled, so that the first n are a random selection."""
     known = [motion.features for motion in motions if motion.features is not None]
     if not known:
         return np.zeros((0, 0))
@@ -53,7 +53,7 @@ def gather_features(motions: Sequence[Behaviour]) -> Float[ndarray, "W D"]:
 
 
 def extract(behaviour: Behaviour) -> Sums:
-    """Moments of the features of a motion's windows."""
+    """Count, sum and products of the features of a motion's windows."""
     features = behaviour.features
     assert features is not None
     full = np.pad(features, ((0, 0), (0, MAX_FEATURES - features.shape[1])))
@@ -98,7 +98,7 @@ def _permuted(ours: WindowFeatures, theirs: WindowFeatures, paired: bool) -> Sta
 
 
 def _share(ours: WindowFeatures, theirs: WindowFeatures, paired: bool, side: str) -> Statistic:
-    """Share of windows, ours that are precise or theirs that are covered, over drawn clips."""
+    """Statistic over resampled clips: fraction of our windows that are precise, or of their windows covered."""
     found = precision_coverage(ours, theirs, NEIGHBOURS)
     values, clip = (found.precise, ours.clip) if side == "precision" else (found.covered, theirs.clip)
     count = int(max(ours.clip.max(), theirs.clip.max())) + 1
@@ -117,50 +117,53 @@ METRICS = (
         "features/frechet",
         "Frechet distance",
         "",
-        "squared Frechet distance of two Gaussians of the features of windows of 2.56 s, by the fixed encoder",
+        "squared Frechet distance between Gaussians fitted to the features of windows of 2.56 s (fixed encoder)",
         compare=_frechet,
         direction=LOWER,
         source="Heusel et al. 2017; FGD: Yoon et al. 2020",
-        caveat="biased upwards by the number of features over windows; people disagree with it (GENEA): read the floor",
+        caveat=(
+            "biased upwards, more so with fewer windows; disagrees with human raters (GENEA): compare with the "
+            "split-half floor"
+        ),
     ),
     _feature(
         "features/mmd",
         "MMD^2",
         "",
-        "unbiased MMD^2 of the features with a Gaussian kernel of the median width, pairs within a sound left out",
+        "unbiased MMD^2 of the features, Gaussian kernel of median width, without pairs from the same sound",
         pairwise=_mmd,
         direction=LOWER,
         source="Gretton et al. 2012",
-        caveat="may be negative; a difference that it finds need not be one that anybody sees",
+        caveat="can be negative; a significant difference need not be visible",
     ),
     _feature(
         "features/mmd_p_value",
-        "MMD, permutation p",
+        "MMD, permutation test",
         "p",
-        f"share of {PERMUTATIONS} deals of whole sounds to two sets that are as far apart",
+        f"fraction of {PERMUTATIONS} random assignments of whole sounds to two sets with an MMD at least as large",
         pairwise=_permuted,
         direction=HIGHER,
         source="Gretton et al. 2012",
-        caveat="small with enough clips for any model: says whether, not how much; no interval",
+        caveat="small for any model, given enough clips: shows that there is a difference, not its size; no interval",
     ),
     _feature(
         "features/precision",
         "precision",
-        "share",
-        f"share of windows inside the ball to the {NEIGHBOURS}rd neighbour of any true window",
+        "fraction",
+        f"fraction of windows that lie within the {NEIGHBOURS}rd-neighbour ball of some true window",
         pairwise=partial(_share, side="precision"),
         direction=HIGHER,
         source="Kynkaanniemi et al. 2019",
-        caveat="the calmest motion has the best: read it beside coverage",
+        caveat="highest for motion with little movement: read it together with coverage",
     ),
     _feature(
         "features/coverage",
         "coverage",
-        "share",
-        "share of true windows whose ball holds a window of the motions",
+        "fraction",
+        "fraction of true windows whose ball, of the same kind, contains a window of the motions",
         pairwise=partial(_share, side="coverage"),
         direction=HIGHER,
         source="Naeem et al. 2020",
-        caveat="depends on how many windows are drawn: the same number of both",
+        caveat="depends on the number of windows, which is therefore the same for both",
     ),
 )

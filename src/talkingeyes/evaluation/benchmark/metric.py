@@ -1,8 +1,8 @@
-"""What a measure is: sums over a clip, and a figure of the sums over many clips.
+"""Definition of a benchmark metric: sums over a clip, and a value computed from the sums over many clips.
 
-An observer turns one behaviour into named sums (counts, histograms, products, curves). A measure reads a figure off the
-totals of all clips. So clips are seen once, memory does not grow with them, and a resample of the clips is a weighted
-sum: the bootstrap costs one product of matrices for all measures together.
+An extractor turns one behaviour into named sums (counts, histograms, products, curves). A metric computes its value
+from the totals over all clips. Each clip is therefore read once, memory does not grow with the number of clips, and a
+resample of the clips is a weighted sum: the bootstrap costs one matrix product for all metrics together.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from numpy import ndarray
 from talkingeyes.evaluation.bootstrap import Statistic
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures
 
-# Rounding leaves speeds and squares of a motion that stands still; they sum up to 1e-11 or less, real ones to far more.
+# Rounding errors in the speeds and squares of a still motion sum to 1e-11 or less; those of real motion to far more.
 ZERO_TOLERANCE = 1e-9
-# Sums of one clip: a number, or an array, a name.
+# Sums of one clip: a number or an array for each name.
 Sums = Mapping[str, "int | float | np.integer | ndarray"]
-# Totals of D draws of the clips: (D,) or (D, K) a name.
+# Totals of D resamples of the clips: (D,) or (D, K) for each name.
 Totals = Mapping[str, ndarray]
 
 Direction = Literal["closer", "lower", "higher"]
@@ -33,9 +33,10 @@ HIGHER: Final = "higher"
 
 @dataclass(frozen=True)
 class Extractor:
-    """Sums that belong together. `needs` names fields of Behaviour; `sizes` says how long each sum is.
+    """A group of sums that are computed together.
 
-    `extract` takes one Behaviour; where `together`, the sequence of all motions of a sound.
+    `needs` names the required fields of Behaviour; `sizes` is the length of each sum. `extract` takes one Behaviour, or
+    with `together` the sequence of all motions of a sound.
     """
 
     extract: Callable[..., Sums]
@@ -46,13 +47,14 @@ class Extractor:
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric of the benchmark, with everything that its page shows.
+    """A metric of the benchmark, with everything that its documentation page shows.
 
-    `count_key` names the sum that counts the events (or frames, or clips) behind the value, `min_count` their minimum
-    number. `direction` is what is better: "closer" to the reference, "lower" or "higher". A metric with `compare` is
-    computed against the totals of the reference; a `pairwise` one against windows of the reference (both resampled,
-    with a flag whether clip i of both is the same sound), and its reference value is that between the reference's
-    halves. `rate_dependent` metrics depend on the frame rate and are not compared across rates.
+    `count_key` names the sum that counts the events (or frames, or clips) behind the value; `min_count` is their
+    minimum number. `direction` says what is better: "closer" to the reference, "lower" or "higher". Exactly one of
+    three functions is given. `compute` takes the totals of the motions. `compare` takes the totals of the motions and
+    of the reference. `pairwise` takes windows of both (resampled together, with a flag that clip i of both is the same
+    sound). For the last two the reference value is the comparison of two halves of the reference. Metrics with
+    `rate_dependent` depend on the frame rate and are not compared across frame rates.
     """
 
     name: str
@@ -76,24 +78,24 @@ class Metric:
 
     @property
     def count_unit(self) -> str:
-        """What `of` counts, in words: the end of its name."""
+        """What `count_key` counts, in words: the last part of the key."""
         return self.count_key.split(".")[-1].replace("_", " ")
 
 
 def ratio(numerator: str, denominator: str, scale: float = 1.0) -> Callable[[Totals], Float[ndarray, " D"]]:
-    """One total over another."""
+    """Function that divides one total by another, times `scale`."""
     return lambda totals: safe_divide(scale * totals[numerator], totals[denominator])
 
 
 def safe_divide(numerator: Float[ndarray, "*D"], denominator: Float[ndarray, "*D"]) -> Float[ndarray, "*D"]:
-    """NaN where nothing was counted, or where nothing moved but for what rounding leaves (STANDS_STILL)."""
+    """Quotient, or NaN where the denominator is at most ZERO_TOLERANCE (nothing counted, or no motion)."""
     known = np.asarray(denominator) > ZERO_TOLERANCE
     return np.asarray(np.divide(numerator, denominator, out=np.full(np.shape(numerator), np.nan), where=known))
 
 
 @dataclass(frozen=True)
 class Bins:
-    """A histogram of even bins from `low` to `high`; what lies beyond counts in the last (or first)."""
+    """A histogram of `count` equal bins from `low` to `high`; values outside count in the first or last bin."""
 
     low: float
     high: float
@@ -104,17 +106,17 @@ class Bins:
         return np.linspace(self.low, self.high, self.count + 1)
 
     def __call__(self, values: Float[ndarray, " N"]) -> Float[ndarray, " K"]:
-        """Counts of values."""
+        """Count the values in each bin."""
         index = ((values - self.low) * (self.count / (self.high - self.low))).astype(int)
         return np.bincount(np.clip(index, 0, self.count - 1), minlength=self.count).astype(float)
 
     def fraction_below(self, counts: Float[ndarray, "D K"], limit: float) -> Float[ndarray, " D"]:
-        """Share of values below a limit that is an edge."""
+        """Fraction of values below `limit`, which should be an edge of a bin."""
         reach = round((limit - self.low) / (self.high - self.low) * self.count)
         return safe_divide(counts[:, :reach].sum(axis=1), counts.sum(axis=1))
 
     def quantile(self, counts: Float[ndarray, "D K"], share: float) -> Float[ndarray, " D"]:
-        """The value that `share` of the values do not exceed; within a bin they count as even."""
+        """Quantile `share` (0 to 1) of the values; values within a bin are taken as evenly distributed."""
         below = np.cumsum(counts, axis=1)
         wanted = share * below[:, -1]
         index = np.minimum((below < wanted[:, None]).sum(axis=1), self.count - 1)
@@ -123,7 +125,7 @@ class Bins:
         return np.asarray(self.low + (index + inside) * (self.high - self.low) / self.count)
 
     def distance(self, one: Float[ndarray, "D K"], other: Float[ndarray, "E K"]) -> Float[ndarray, " D"]:
-        """Wasserstein distance in standard deviations of `other`: the area between the distribution functions."""
+        """Wasserstein distance, the area between the distribution functions, in standard deviations of `other`."""
         shares = [
             safe_divide(counts, np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape))
             for counts in (one, other)

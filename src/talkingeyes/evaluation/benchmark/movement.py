@@ -1,7 +1,7 @@
-"""Measures of movement frame by frame: speed, stillness, spread, spectra of head, eyes and gaze in space.
+"""Metrics of movement between frames: speed, still frames, spread and spectra of head, eyes and gaze in space.
 
-True gaze in space rests in about nine frames of ten; jitter breaks the rest and adds power above 5 Hz, smoothing takes
-the fastest frames away. Spectra: `evaluation/distribution/spectrum.py`.
+True gaze in space is still in about nine of ten frames. Jitter lowers this fraction and adds power above 5 Hz;
+smoothing removes the fastest frames. Spectra: `evaluation/distribution/spectrum.py`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.metric import Bins, Extractor, Metric, Sums, Totals, ratio, safe_divide
 from talkingeyes.evaluation.distribution.spectrum import HIGH_HZ, SEGMENT_S, SLOPE_BAND_HZ, spectrum
 
-# Speeds in octaves over a degree a second: 1/16 to 1024.
+# log2 of speed in degrees per second: 1/16 to 1024.
 LOG2_SPEED_BINS = Bins(-4.0, 10.0, 140)
-# Spectra are kept up to here, where the frame rate reaches that far.
+# Frequencies of the stored spectra; those above the Nyquist frequency stay zero.
 FREQUENCY_HZ = np.arange(33) / SEGMENT_S
 HEAD_AXES = ("pitch", "yaw", "roll")  # of the rotation vector
 PARTS = {"eye": "eye-in-head", "gaze_in_space": "gaze in space", "head": "head"}
@@ -47,17 +47,17 @@ def _sizes(part: str) -> dict[str, int]:
 
 
 def extract_eye(behaviour: Behaviour) -> Sums:
-    """Of the eyes in the head."""
+    """Speeds and spectrum of eye-in-head, mean of both eyes."""
     return _movement("eye", behaviour.eye_speed_deg_s, behaviour.eye_rad.mean(axis=1), behaviour)
 
 
 def extract_gaze_in_space(behaviour: Behaviour) -> Sums:
-    """Of gaze in space."""
+    """Speeds and spectrum of gaze in space."""
     return _movement("gaze_in_space", behaviour.gaze_in_space_speed_deg_s, behaviour.gaze_in_space_rad, behaviour)
 
 
 def extract_head(behaviour: Behaviour) -> Sums:
-    """Of the head, with its spread about the clip's mean and its steps up and down."""
+    """Speeds and spectrum of the head, its spread about the mean of the clip, and moments of its pitch velocity."""
     assert behaviour.head is not None
     good = np.degrees(behaviour.head[behaviour.valid])
     away = np.square(good - good.mean(axis=0)).sum(axis=0)
@@ -72,7 +72,7 @@ def extract_head(behaviour: Behaviour) -> Sums:
 
 
 def extract_speaking(behaviour: Behaviour) -> Sums:
-    """Speed of the head in speech and in pauses."""
+    """Frames and summed head speed in speech and in pauses."""
     assert behaviour.annotation is not None
     frames = np.zeros(len(behaviour) - 1, bool)
     for span in behaviour.annotation.speaking:
@@ -115,13 +115,16 @@ def _slope(totals: Totals, part: str) -> Float[ndarray, " D"]:
 
 
 def _high(totals: Totals, part: str) -> Float[ndarray, " D"]:
-    """Share of the power of velocity that lies above 5 Hz."""
+    """Fraction of the power of velocity above 5 Hz."""
     velocity = totals[f"{part}.power"] * np.square(FREQUENCY_HZ)
     return safe_divide(velocity[:, FREQUENCY_HZ >= HIGH_HZ].sum(axis=1), velocity.sum(axis=1))
 
 
 def _decibels(totals: Totals, other: Totals, part: str) -> Float[ndarray, " D"]:
-    """Root mean square over frequencies of the ratio of two mean spectra, with a floor below the reference's top."""
+    """Root mean square over frequencies of the ratio in dB of two mean spectra.
+
+    Both are floored at 1e-6 of the maximum of the reference.
+    """
     one, two = (
         safe_divide(each[f"{part}.power"], each[f"{part}.segments"][:, None] * np.ones(len(FREQUENCY_HZ)))[:, 1:]
         for each in (totals, other)
@@ -162,19 +165,19 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             f"{part}/speed",
             f"mean speed, {title}",
             "deg/s",
-            "mean angle between frames x frames a second",
+            "mean angle between frames x frames per second",
             compute=ratio(f"{part}.speed_deg_s", f"{part}.frames"),
             source="TalkingEyes, Table VIII (there in pixels)",
-            caveat="jitter raises it as well as life does: read it beside stillness",
+            caveat="jitter raises it as real movement does: read it together with still_fraction",
         ),
         frames(
             f"{part}/speed_p99",
-            f"99 % of speed, {title}",
+            f"99th percentile of speed, {title}",
             "deg/s",
-            "99th percentile of speed (tenths of an octave)",
+            "99th percentile of speed (bins of a tenth of an octave)",
             compute=partial(_quantile, part=part),
             source="FACTS 10",
-            caveat="set by the frame rate: a saccade shows a part of its peak",
+            caveat="limited by the frame rate: frames show a part of a saccade's peak speed",
         ),
         frames(
             f"{part}/speed_distance",
@@ -184,32 +187,32 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             compare=lambda totals, other: LOG2_SPEED_BINS.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
             direction="lower",
             source="FACTS 9",
-            caveat="slow frames weigh as much as fast ones: noise far below sight counts",
+            caveat="slow frames weigh as much as fast ones, so invisible noise counts",
         ),
         segments(
             f"{part}/spectrum_slope",
             f"slope of the spectrum, {title}",
             "log/log",
-            "slope of log power on log frequency, 0.5 to 5 Hz; Welch, 2.56 s, line removed",
+            "slope of log power on log frequency, 0.5 to 5 Hz; Welch's method, 2.56 s, linearly detrended",
             compute=partial(_slope, part=part),
-            caveat="steps give -2, smooth noise anything",
+            caveat="-2 for steps; smooth noise can have any slope",
         ),
         segments(
             f"{part}/above_5_hz",
             f"power above 5 Hz, {title}",
-            "share",
-            "share of the power of velocity above 5 Hz",
+            "fraction",
+            "fraction of the power of velocity above 5 Hz",
             compute=partial(_high, part=part),
-            caveat="saccades fold into it: compare at one frame rate",
+            caveat="includes aliased power of saccades: compare at one frame rate",
         ),
         segments(
             f"{part}/spectrum_distance",
-            f"spectra apart, {title}",
+            f"spectral distance, {title}",
             "dB",
-            "root mean square over 0.39 to 12.5 Hz of the ratio to the reference's mean spectrum",
+            "root mean square over 0.39 to 12.5 Hz of the ratio in dB to the mean spectrum of the reference",
             compare=partial(_decibels, part=part),
             direction="lower",
-            caveat="a change of scale alone counts 20 log10 of it at every frequency",
+            caveat="scaling by a factor alone adds 20 log10 of it at every frequency",
         ),
     )
 
@@ -222,62 +225,62 @@ METRICS = (
     Metric(
         "gaze_in_space/still_fraction",
         "still frames, gaze in space",
-        "share",
-        f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
+        "fraction",
+        f"fraction of steps between frames slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
         compute=ratio("gaze_in_space.still", "gaze_in_space.frames"),
         extractor=SPACE,
         count_key="gaze_in_space.frames",
         min_count=1500,
         rate_dependent=True,
         source="vestibulo-ocular reflex; LEARNING",
-        caveat="1 for a frozen face, 0 under 0.1 deg of jitter",
+        caveat="1 for a frozen face, 0 with jitter of 0.1 deg",
     ),
     *_of_part("gaze_in_space", SPACE),
     Metric(
         "eye/still_fraction",
         "still frames, eye-in-head",
-        "share",
-        f"share of steps slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
+        "fraction",
+        f"fraction of steps between frames slower than {STILL_THRESHOLD_DEG_S:g} deg/s",
         compute=ratio("eye.still", "eye.frames"),
         extractor=EYE,
         count_key="eye.frames",
         min_count=1500,
         rate_dependent=True,
         source="LEARNING",
-        caveat="the eyes move under a moving head: nearer to 1 is not better",
+        caveat="the eyes counter-rotate when the head moves: closer to 1 is not better",
     ),
     *_of_part("eye", EYE),
     *_of_part("head", HEAD),
     *(
         _head(
             f"head/sd_{axis}",
-            f"spread within a clip, {axis}",
+            f"within-clip SD of head {axis}",
             "deg",
-            f"root mean square of the head's rotation vector about the clip's mean, {axis}",
+            f"root mean square of the {axis} component of the head's rotation vector about the mean of the clip",
             compute=partial(_spread, axis=axis),
-            caveat="grows with the length of the clips",
+            caveat="increases with the length of the clips",
         )
         for axis in HEAD_AXES
     ),
     _head(
         "head/pitch_velocity_skew",
-        "skew of pitch velocity",
+        "skewness of head pitch velocity",
         "",
         "mean (upward velocity)^3 / (mean square)^(3/2)",
         compute=_nod_skew,
-        caveat="small, and made of the few fastest nods: its sign tells up from down only in an hour of motion",
+        caveat="small and determined by the few fastest nods: about an hour of motion is needed for a reliable sign",
         rate_dependent=True,
     ),
     Metric(
         "head/speech_speed_ratio",
-        "speed in speech / in pauses",
+        "head speed in speech / in pauses",
         "ratio",
-        "mean head speed inside speaking spans / outside",
+        "mean head speed inside speaking spans / mean head speed outside",
         compute=_speech_ratio,
         extractor=SPEAKING,
         count_key="pause.frames",
         min_count=500,
         source="Hadar et al. 1983",
-        caveat="pauses inside a turn are short and keep some movement",
+        caveat="pauses within a turn are short, and the head does not come to rest in them",
     ),
 )

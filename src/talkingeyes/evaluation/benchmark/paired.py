@@ -1,7 +1,7 @@
-"""The benchmark of motions beside the truth of the very same sounds: a sound at a time, then the table of all.
+"""Benchmark of motions paired with the truth of the same sounds: statistics of each sound, then the table of all.
 
-What is kept of a sound (`SoundStatistics`) is small, so sounds may be measured in processes of their own; the n-th
-sound of both sides is the same, and a resample draws it for both.
+The statistics of a sound (`SoundStatistics`) are small, so sounds can be processed in parallel processes. Sound n is
+the same for motions and truth, and a resample contains it for both.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from talkingeyes.evaluation.bootstrap import BootstrapSettings
 
 @dataclass(frozen=True)
 class MotionSets:
-    """What is looked at under one sound: motions to judge, the n-th of them the n-th sample, and true ones."""
+    """Motions of one sound: those to evaluate (motion n is sample n) and true ones."""
 
     evaluated: list[Behaviour]
     reference: list[Behaviour]
@@ -33,7 +33,7 @@ class MotionSets:
 
 @dataclass(frozen=True)
 class SoundStatistics:
-    """What is kept of a sound: sums and features of windows, of the motions and of the truth."""
+    """Statistics of a sound: sums and features of windows, of the motions and of the truth."""
 
     fps: float
     sums: Float[ndarray, " K"]
@@ -43,7 +43,7 @@ class SoundStatistics:
 
 
 def motion_behaviours(motions: Sequence[Motion], annotation: Annotation) -> list[Behaviour]:
-    """Motions with lids and with what was seen of them."""
+    """Behaviours of complete motions, with lids and valid frames."""
     return [
         behaviour(motion.fps, {name: getattr(motion, name) for name in FIELDS}, motion.valid, annotation)
         for motion in motions
@@ -51,7 +51,7 @@ def motion_behaviours(motions: Sequence[Motion], annotation: Annotation) -> list
 
 
 def sample_behaviours(samples: Samples, annotation: Annotation) -> list[Behaviour]:
-    """Samples of a model: head and gaze, all frames valid."""
+    """Behaviours of the samples of a model: head and gaze, all frames valid."""
     return [
         behaviour(samples.fps, {"head": head, "gaze": gaze}, None, annotation)
         for head, gaze in zip(samples.head, samples.gaze, strict=True)
@@ -59,7 +59,7 @@ def sample_behaviours(samples: Samples, annotation: Annotation) -> list[Behaviou
 
 
 def pair_with_truth(evaluated: Sequence[Behaviour], true: Sequence[Behaviour]) -> MotionSets:
-    """Each of the judged beside the first true motion, and true ones each beside the next."""
+    """Set the first true motion as the reference of all evaluated motions, and the next true motion as that of each."""
     reference = with_references(true)
     return MotionSets([replace(each, reference=reference[0]) for each in evaluated], reference)
 
@@ -72,9 +72,10 @@ def sound_statistics(
     speech: Float[ndarray, "T C"],
     others: Sequence[Float[ndarray, "_ C"]],
 ) -> SoundStatistics:
-    """One sound; `scores` is what the critics say of the judged motions, of the true ones they are asked here.
+    """Statistics of one sound.
 
-    Without an encoder there are no features of windows, and the measures that need them have no figure.
+    `scores` are the Corr. of the evaluated motions; those of the true motions are computed here. Without an encoder
+    there are no features of windows, and the metrics that need them have no value.
     """
     evaluated = add_features(with_corr_scores(motion_sets.evaluated, scores), encoder)
     reference = add_features(with_corr(motion_sets.reference, critics, speech, others), encoder)
@@ -89,41 +90,41 @@ def sound_statistics(
 
 @dataclass(frozen=True)
 class BenchmarkTable:
-    """The benchmark over all sounds: a row a measure, and how many sounds and which frame rate they are of."""
+    """The benchmark over all sounds: a row for each metric, and the number of sounds and frame rate as metadata."""
 
     rows: list[MetricResult]
-    missing: int  # measures of what the truth does often enough and the motions do not: apart, too
+    missing: int  # metrics with enough events in the truth and too few in the motions; they count as worse
     metadata: dict[str, int | float]
 
     @property
     def worse(self) -> int:
-        """Measures by which the motions are worse than the truth by more than the interval."""
+        """Number of metrics by which the motions are worse than the truth by more than the interval."""
         return sum(bool(row.worse) for row in self.rows) + self.missing
 
     @property
     def comparable(self) -> int:
-        """Measures by which they could have been."""
+        """Number of metrics that were compared."""
         return sum(row.worse is not None for row in self.rows) + self.missing
 
     def json(self) -> str:
-        """As benchmark.json holds it."""
+        """Contents of benchmark.json."""
         return as_json(self.rows, self.metadata)
 
 
 class PairedAccumulator:
-    """The tallies of some motions and of the truth under the same sounds."""
+    """Accumulated sums of motions and of the truth over the same sounds."""
 
     def __init__(self) -> None:
         self._tallies: tuple[Accumulator, Accumulator] | None = None
 
     def add(self, one: SoundStatistics) -> None:
-        """Count a sound."""
+        """Add a sound."""
         ours, theirs = self._tallies = self._tallies or (Accumulator(one.fps), Accumulator(one.fps))
         ours.add(one.sums, one.features)
         theirs.add(one.true_sums, one.true_features)
 
     def table(self, settings: BootstrapSettings) -> BenchmarkTable:
-        """Over all sounds; without sounds there is no row."""
+        """Table over all sounds; without sounds it has no rows."""
         if self._tallies is None:
             return BenchmarkTable([], 0, {"sounds": 0})
         ours, theirs = self._tallies

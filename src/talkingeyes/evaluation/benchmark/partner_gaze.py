@@ -1,8 +1,8 @@
-"""Measures of looking at the partner and away: how much, how long, and when in speech.
+"""Metrics of gaze at the partner and gaze aversion: amount, duration, and timing relative to speech.
 
-The averted curve is the share of speech onsets (offsets) at which gaze is averted, at each lag around them. People
-start to speak with gaze averted and end with it on the partner (Kendon 1967; Ho, Foulsham & Kingstone 2015), but
-loosely: below some 400 onsets the curve is noise.
+The aversion curve is the fraction of speech onsets (offsets) at which gaze is averted, as a function of the lag. People
+tend to begin to speak with gaze averted and to finish with gaze at the partner (Kendon 1967; Ho, Foulsham & Kingstone
+2015). The effect is weak: below some 400 onsets the curve is noise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from talkingeyes.evaluation.benchmark.metric import Bins, Extractor, Metric, Sum
 
 LAGS_S = np.arange(-20, 21) / 10
 DURATION_BINS_S = Bins(0.0, 8.0, 80)
-# A gap shorter than this does not end speech.
+# Speaking spans with a shorter gap between them count as one.
 MIN_PAUSE_S = 0.25
 MIN_EVENTS = 400
 # Windows of lags in seconds: before, around and after onsets; before and after offsets.
@@ -28,7 +28,7 @@ BEFORE_OFFSET_S, AFTER_OFFSET_S, AT_OFFSET_S = (-1.0, 0.0), (0.4, 1.2), (-0.4, 0
 
 
 def extract_states(behaviour: Behaviour) -> Sums:
-    """Time averted, and lengths of the aversions that the clip does not cut."""
+    """Time averted, and durations of the aversions and looks at the partner that lie within the clip."""
     states = behaviour.states
     whole = states.dwell_averted.copy()
     whole[[0, -1]] = False
@@ -48,7 +48,7 @@ def extract_states(behaviour: Behaviour) -> Sums:
 
 
 def extract_aversion_curves(behaviour: Behaviour) -> Sums:
-    """Averted frames around speech onsets and offsets, by lag."""
+    """Averted and counted frames around speech onsets and offsets, by lag."""
     assert behaviour.annotation is not None
     spans = behaviour.annotation.speaking
     gaps = [after.start_s - before.end_s for before, after in pairwise(spans)]
@@ -67,7 +67,7 @@ def extract_aversion_curves(behaviour: Behaviour) -> Sums:
 
 
 def _around(behaviour: Behaviour, times_s: Float[ndarray, " N"]) -> Float[ndarray, "2 L"]:
-    """Averted, and all, of the valid frames at each lag from the times."""
+    """Number of averted and of all valid frames at each lag from the times."""
     frame = np.round((times_s[:, None] + LAGS_S) * behaviour.fps).astype(int)
     inside = (frame >= 0) & (frame < len(behaviour))
     frame = np.where(inside, frame, 0)
@@ -101,24 +101,24 @@ CURVES = Extractor(
 
 
 def aversion_curve(totals: Totals, event: str) -> Float[ndarray, "D L"]:
-    """The averted curve."""
+    """Fraction averted at each lag around `event` (onset or offset)."""
     return safe_divide(totals[f"{event}.averted"], totals[f"{event}.counted"])
 
 
 def _share(totals: Totals, event: str, window_s: tuple[float, float]) -> Float[ndarray, " D"]:
-    """Share averted over a window of lags."""
+    """Fraction averted in a window of lags."""
     within = (window_s[0] - 1e-9 <= LAGS_S) & (window_s[1] + 1e-9 >= LAGS_S)
     averted, counted = (totals[f"{event}.{name}"][:, within].sum(axis=1) for name in ("averted", "counted"))
     return safe_divide(averted, counted)
 
 
 def _change(totals: Totals, event: str, to: tuple[float, float], base: tuple[float, float]) -> Float[ndarray, " D"]:
-    """Share averted in one window of lags less that in another."""
+    """Fraction averted in window `to` less that in window `base`."""
     return np.asarray(_share(totals, event, to) - _share(totals, event, base))
 
 
 def _shape(totals: Totals, other: Totals, event: str) -> Float[ndarray, " D"]:
-    """Correlation of the curve with the reference's, over lags."""
+    """Correlation of the curve with that of the reference, over lags."""
     one, two = (aversion_curve(each, event) for each in (totals, other))
     one, two = (each - each.mean(axis=1, keepdims=True) for each in (one, two))
     scale = np.sqrt(np.square(one).sum(axis=1) * np.square(two).sum(axis=1))
@@ -132,43 +132,43 @@ _offset = partial(Metric, extractor=CURVES, count_key="offset.speech_offsets", m
 METRICS = (
     _state(
         "partner_gaze/fraction",
-        "time at the partner",
-        "share",
-        "share of valid frames with gaze in space within 4 deg of the partner",
+        "time looking at the partner",
+        "fraction",
+        "fraction of valid frames with gaze in space within 4 deg of the partner",
         compute=lambda totals: 1 - safe_divide(totals["state.averted"], totals["state.frames"]),
         count_key="state.seconds",
         min_count=60,
         caveat=(
-            "where the partner is, is the densest place of gaze: whoever looks away most of the time has it "
-            "wrong; a frozen face has 1"
+            "the partner is assumed at the densest location of gaze, which is wrong for people who look away most "
+            "of the time; a frozen face has 1"
         ),
     ),
     _state(
         "partner_gaze/aversion_rate",
-        "aversions",
+        "aversion rate",
         "1/min",
-        "changes from the partner to away / minutes",
+        "changes from partner to averted / minutes",
         compute=ratio("state.onsets", "state.seconds", 60.0),
         count_key="state.seconds",
         min_count=60,
-        caveat="small saccades across the border of the face count",
+        caveat="includes small saccades across the border of the partner's region",
     ),
     _state(
         "partner_gaze/aversion_median",
-        "length of aversions",
+        "median aversion duration",
         "s",
-        "median of the aversions that begin and end in the clip",
+        "median duration of aversions that begin and end within the clip",
         compute=lambda totals: DURATION_BINS_S.quantile(totals["state.aversion"], 0.5),
         count_key="state.aversions",
         min_count=50,
         source="Andrist, Mutlu & Gleicher 2013",
-        caveat="short clips cut the long ones away: compare clips of one length",
+        caveat="short clips exclude long aversions: compare clips of one length",
     ),
     _state(
         "partner_gaze/aversion_distance",
-        "lengths of aversions, Wasserstein",
+        "aversion durations, Wasserstein",
         "truth's SD",
-        "area between the distribution functions of aversion length / SD of the reference's",
+        "area between the distribution functions of aversion duration / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.aversion"], other["state.aversion"]),
         count_key="state.aversions",
         min_count=100,
@@ -177,9 +177,9 @@ METRICS = (
     ),
     _state(
         "partner_gaze/dwell_distance",
-        "lengths of looks, Wasserstein",
+        "dwell times at the partner, Wasserstein",
         "truth's SD",
-        "area between the distribution functions of the dwells at the partner / SD of the reference's",
+        "area between the distribution functions of dwell time at the partner / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.look"], other["state.look"]),
         count_key="state.looks",
         min_count=100,
@@ -189,69 +189,69 @@ METRICS = (
     _onset(
         "speech_onset/averted",
         "averted at speech onsets",
-        "share",
-        "share averted from -0.3 to 0.7 s around onsets of speech after 0.25 s of silence",
+        "fraction",
+        "fraction averted from -0.3 to 0.7 s around speech onsets after at least 0.25 s of silence",
         compute=partial(_share, event="onset", window_s=AT_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        caveat="follows the time at the partner: read it beside the rise",
+        caveat="depends on the total time at the partner: read it together with the rise",
     ),
     _onset(
         "speech_onset/rise",
         "averted at speech onsets, rise",
-        "share",
-        "averted from -0.3 to 0.7 s less averted from -2 to -1.4 s, around onsets of speech after 0.25 s of silence",
+        "fraction",
+        "fraction averted from -0.3 to 0.7 s less that from -2 to -1.4 s, around the same onsets",
         compute=partial(_change, event="onset", to=AT_ONSET_S, base=BEFORE_ONSET_S),
         source="Kendon 1967; Ho, Foulsham & Kingstone 2015",
-        caveat="clips that start with speech have no base: their lags before 0 do not count",
+        caveat="clips that start with speech have no frames before it: lags outside the clip do not count",
     ),
     _onset(
         "speech_onset/drop",
         "averted after speech onsets, drop",
-        "share",
-        "averted from -0.3 to 0.7 s less averted from 1.4 to 2 s, around the same onsets",
+        "fraction",
+        "fraction averted from -0.3 to 0.7 s less that from 1.4 to 2 s, around the same onsets",
         compute=partial(_change, event="onset", to=AT_ONSET_S, base=AFTER_ONSET_S),
         source="Andrist, Mutlu & Gleicher 2013",
-        caveat="clips that end early do not count",
+        caveat="lags beyond the end of the clip do not count",
     ),
     _onset(
         "speech_onset/shape",
-        "averted curve at onsets, shape",
+        "shape of the aversion curve at onsets",
         "correlation",
-        "correlation of the curve with the reference's over lags of -2 to 2 s",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
         compare=partial(_shape, event="onset"),
         direction="higher",
         source="Ho, Foulsham & Kingstone 2015",
         caveat=(
-            "a correlation of noise with noise is 0 on average but not each time: read it beside that of the "
-            "reference's halves"
+            "noise also gives correlations away from 0: compare with the correlation between the halves of the "
+            "reference"
         ),
     ),
     _offset(
         "speech_offset/averted",
-        "averted as speech ends",
-        "share",
-        "share averted in the last 0.4 s before ends of speech that 0.25 s of silence follow",
+        "averted before speech offsets",
+        "fraction",
+        "fraction averted in the last 0.4 s before speech offsets followed by at least 0.25 s of silence",
         compute=partial(_share, event="offset", window_s=AT_OFFSET_S),
-        source="Kendon 1967 (people end looking)",
-        caveat="follows the time at the partner",
+        source="Kendon 1967 (people look at the partner when they finish)",
+        caveat="depends on the total time at the partner",
     ),
     _offset(
         "speech_offset/rise",
-        "averted after speech, rise",
-        "share",
-        "averted from 0.4 to 1.2 s less averted from -1 to 0 s, around the same ends",
+        "averted after speech offsets, rise",
+        "fraction",
+        "fraction averted from 0.4 to 1.2 s less that from -1 to 0 s, around the same offsets",
         compute=partial(_change, event="offset", to=AFTER_OFFSET_S, base=BEFORE_OFFSET_S),
         source="Kendon 1967",
-        caveat="mixes pauses, in which the next aversion begins, with ends of turns, at which gaze returns",
+        caveat="mixes pauses, where the next aversion begins, with ends of turns, where gaze returns",
     ),
     _offset(
         "speech_offset/shape",
-        "averted curve at offsets, shape",
+        "shape of the aversion curve at offsets",
         "correlation",
-        "correlation of the curve with the reference's over lags of -2 to 2 s",
+        "correlation of the curve with that of the reference over lags of -2 to 2 s",
         compare=partial(_shape, event="offset"),
         direction="higher",
         source="Kendon 1967",
-        caveat="as at onsets",
+        caveat="as for onsets",
     ),
 )

@@ -1,8 +1,8 @@
-"""Measures of likeness to the reference under the same sound: does the person keep to the same side?
+"""Correlation with the reference under the same sound: direction of gaze aversion and head posture.
 
-People have sides: where they look when they look away, how they hold their heads. In a population left and right come
-out even, so no distribution tells a mirrored motion from a true one; these do. A model that does not know its speaker
-has 0 and is not wrong: only a negative value is.
+Individuals prefer a side when they avert gaze, and a posture of the head. Over a population left and right are
+balanced, so distributions do not distinguish a mirrored motion from the true one; these correlations do. A model that
+is not conditioned on the speaker has a correlation of 0, which is no error; a negative value is one.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from talkingeyes.evaluation.benchmark.metric import HIGHER, Extractor, Metric, S
 
 AVERSION = ("aversion_yaw", "aversion_pitch")
 POSTURE = ("head_pitch", "head_yaw", "head_roll")  # components of the head's rotation vector
-# A clip that is averted for less time than this has no side.
+# Clips with less averted time are left out.
 MIN_AVERTED_S = 0.4
 MOMENTS = ("pairs", "x", "y", "xx", "yy", "xy")
 
 
 def extract_aversion_direction(behaviour: Behaviour) -> Sums:
-    """Mean direction of averted gaze from the partner, in both motions."""
+    """Mean direction of averted gaze relative to the partner, in motion and reference."""
     return _moments(AVERSION, _aversion(behaviour), _aversion(behaviour.required_reference))
 
 
 def extract_head_posture(behaviour: Behaviour) -> Sums:
-    """Mean rotation vector of the head, in both motions."""
+    """Mean rotation vector of the head, in motion and reference."""
     return _moments(POSTURE, _posture(behaviour), _posture(behaviour.required_reference))
 
 
@@ -68,11 +68,11 @@ AVERSION_EXTRACTOR = Extractor(extract_aversion_direction, ("head", "gaze", "ref
 POSTURE_EXTRACTOR = Extractor(extract_head_posture, ("head", "reference"), _sizes(POSTURE))
 
 _TITLES = {
-    "aversion_yaw": ("side of looking away", AVERSION_EXTRACTOR, "mean yaw of averted gaze from the partner"),
-    "aversion_pitch": ("height of looking away", AVERSION_EXTRACTOR, "mean pitch of averted gaze from the partner"),
-    "head_pitch": ("head held up or down", POSTURE_EXTRACTOR, "mean x component of the head's rotation vector"),
-    "head_yaw": ("head turned", POSTURE_EXTRACTOR, "mean y component of the head's rotation vector"),
-    "head_roll": ("head tilted", POSTURE_EXTRACTOR, "mean z component of the head's rotation vector"),
+    "aversion_yaw": ("yaw of aversion", AVERSION_EXTRACTOR, "mean yaw of averted gaze relative to the partner"),
+    "aversion_pitch": ("pitch of aversion", AVERSION_EXTRACTOR, "mean pitch of averted gaze relative to the partner"),
+    "head_pitch": ("mean head pitch", POSTURE_EXTRACTOR, "mean x component of the head's rotation vector"),
+    "head_yaw": ("mean head yaw", POSTURE_EXTRACTOR, "mean y component of the head's rotation vector"),
+    "head_roll": ("mean head roll", POSTURE_EXTRACTOR, "mean z component of the head's rotation vector"),
 }
 
 METRICS = tuple(
@@ -80,14 +80,14 @@ METRICS = tuple(
         f"reference_correlation/{name}",
         title,
         "correlation",
-        f"correlation over clips of the {what} with that of the reference under the same sound",
+        f"correlation over clips between the {what} and that of the reference under the same sound",
         compute=partial(_correlation, name=name),
         extractor=extractor,
         count_key=f"{name}.pairs",
         min_count=30,
         direction=HIGHER,
-        source="personal sides and postures: Rogers et al. 2018",
-        caveat="needs the speaker to be known: 0 is no fault; below 0: an axis is flipped",
+        source="individual gaze sides and head postures: Rogers et al. 2018",
+        caveat="0 is expected of a model that is not conditioned on the speaker; negative: an axis is flipped",
     )
     for name, (title, extractor, what) in _TITLES.items()
 )

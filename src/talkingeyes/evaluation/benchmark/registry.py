@@ -1,4 +1,4 @@
-"""The benchmark: all measures, in the order of its table."""
+"""All metrics of the benchmark, in the order of its table."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ METRICS: tuple[Metric, ...] = (
     *features.METRICS,
     *corr.METRICS,
 )
-# Each once: several measures read one observer's sums.
+# Without duplicates: several metrics use the sums of one extractor.
 EXTRACTORS: tuple[Extractor, ...] = tuple({id(each.extractor): each.extractor for each in METRICS}.values())

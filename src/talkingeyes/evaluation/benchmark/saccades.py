@@ -1,8 +1,8 @@
-"""Measures of saccades in space: how often, how far, where to, how fast, how long; and of the fixations between them.
+"""Metrics of saccades of gaze in space (rate, amplitude, direction, main sequence, duration) and of fixations.
 
-Peak speeds are compared with the main sequence as it looks when sampled at the frame rate of the motion: at 25 frames a
-second a five-degree saccade shows less than half its true peak (FACTS, sections 0g, 10), so the native law would
-condemn the truth. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
+Peak speeds are compared with the main sequence as sampled at the frame rate of the motion: at 25 frames per second a
+saccade of five degrees shows less than half its true peak speed (FACTS, sections 0g, 10), so the truth would not follow
+the continuous main sequence. Sources: Bahill, Clark & Stark 1975; Lee, Badler & Badler 2002; Salvucci & Goldberg 2000.
 Directions: sector 0 is the subject's left, 2 up, 4 right, 6 down.
 """
 
@@ -23,7 +23,7 @@ from talkingeyes.physiology import saccades as main_sequence_model
 AMPLITUDE_DEG = Bins(0.0, 40.0, 80)
 INTERVAL_S = Bins(0.0, 6.0, 120)
 SECTORS = 8
-# Steps smaller than this are near the noise of trackers; the law is compared from here on.
+# Smaller saccades are near the noise of trackers and are not compared with the main sequence.
 MAIN_SEQUENCE_MIN_DEG = 2.0
 MAIN_SEQUENCE_GRID_DEG = np.arange(1.0, 46.0)
 SAMPLING_PHASES = 40
@@ -32,9 +32,10 @@ LEE = "Lee, Badler & Badler 2002 (Eyes Alive)"
 
 @lru_cache(maxsize=8)
 def sampled_log_peak_speed(fps: float) -> Float[ndarray, " A"]:
-    """Logarithm of the peak speed (degrees a second) that frames show of a saccade, on LAW_GRID_DEG.
+    """Log of the peak speed (degrees per second) of sampled saccades, for the amplitudes MAIN_SEQUENCE_GRID_DEG.
 
-    The largest step between frames times the frame rate, its logarithm averaged over when the frames fall.
+    The sampled peak speed is the largest step between frames times the frame rate; its logarithm is averaged over the
+    phase of the frames.
     """
     amplitude = np.radians(MAIN_SEQUENCE_GRID_DEG)[:, None, None]
     duration = main_sequence_model.duration_s(amplitude)
@@ -49,10 +50,10 @@ def sampled_log_peak_speed(fps: float) -> Float[ndarray, " A"]:
 
 
 def extract(behaviour: Behaviour) -> Sums:
-    """Counts, histograms and sums over the saccades of a clip."""
+    """Counts, histograms and sums over the saccades and fixations of a clip."""
     found, fps = behaviour.saccades, behaviour.fps
     amplitude, duration, direction = found.amplitude_deg, found.duration_s, found.direction_rad
-    timed = np.full(len(found), fps >= MIN_DURATION_FPS)  # below, frames do not hold a duration
+    timed = np.full(len(found), fps >= MIN_DURATION_FPS)  # below, frames are too long for durations
     interval = np.diff(found.onset_s)
     rest = found.onset_s[1:] - found.offset_s[:-1]
     sector = np.floor(direction / (2 * np.pi / SECTORS) + 0.5).astype(int) % SECTORS
@@ -114,7 +115,7 @@ def _cardinal(totals: Totals) -> Float[ndarray, " D"]:
 
 
 def _towards(first: int) -> Float[ndarray, " S"]:
-    """Sectors within 45 degrees of one, less those within 45 degrees of the opposite one."""
+    """Signs of the sectors: 1 for `first` and its neighbours, -1 for the opposite three, 0 for the other two."""
     return np.roll([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0, 1.0], first)
 
 
@@ -149,25 +150,25 @@ METRICS = (
         "saccades/rate",
         "saccade rate",
         "1/s",
-        "saccades / seconds of valid frames",
+        "number of saccades / seconds of valid frames",
         compute=ratio("saccade.saccades", "saccade.seconds"),
         min_count=30,
         rate_dependent=True,
         caveat=(
-            "jitter above the detector's threshold counts as saccades; at 25 frames a second those under 1 "
-            "degree are lost"
+            "jitter above the detector's threshold counts as saccades; at 25 frames per second saccades under 1 "
+            "degree are missed"
         ),
     ),
     _measure(
         "saccades/amplitude",
         "mean amplitude",
         "deg",
-        "mean angle between gaze before and after",
+        "mean angle between gaze before and after a saccade",
         compute=ratio("saccade.amplitude_deg", "saccade.saccades"),
         min_count=50,
         caveat=(
-            "two saccades within two frames count as one; a model of few, huge saccades and many tiny ones "
-            "can have it right"
+            "two saccades within two frames count as one; a mix of few very large and many very small saccades "
+            "can have the right mean"
         ),
     ),
     _measure(
@@ -177,36 +178,36 @@ METRICS = (
         "median of the amplitudes (half-degree bins)",
         compute=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.5),
         min_count=100,
-        caveat="moves with the detector's threshold, which cuts the smallest",
+        caveat="depends on the detector's threshold, which excludes the smallest saccades",
     ),
     _measure(
         "saccades/amplitude_p90",
-        "90 % of amplitudes below",
+        "90th percentile of amplitude",
         "deg",
         "90th percentile of the amplitudes (half-degree bins)",
         compute=lambda totals: AMPLITUDE_DEG.quantile(totals["saccade.amplitude"], 0.9),
         min_count=100,
-        caveat="few events decide it",
+        caveat="determined by few events",
     ),
     _measure(
         "saccades/below_5",
         "P(A < 5 deg)",
-        "share",
-        "share of amplitudes below 5 degrees",
+        "fraction",
+        "fraction of amplitudes below 5 degrees",
         compute=lambda totals: AMPLITUDE_DEG.fraction_below(totals["saccade.amplitude"], 5.0),
         min_count=100,
-        source=f"{LEE}; Malinov et al. 2000 (.53)",
-        caveat="noise that passes for saccades raises it",
+        source=f"{LEE}; Malinov et al. 2000 (0.53)",
+        caveat="raised by noise that is detected as saccades",
     ),
     _measure(
         "saccades/below_15",
         "P(A < 15 deg)",
-        "share",
-        "share of amplitudes below 15 degrees",
+        "fraction",
+        "fraction of amplitudes below 15 degrees",
         compute=lambda totals: AMPLITUDE_DEG.fraction_below(totals["saccade.amplitude"], 15.0),
         min_count=100,
-        source="Bahill, Adler & Stark 1975 (.86)",
-        caveat="near 1 for anything timid",
+        source="Bahill, Adler & Stark 1975 (0.86)",
+        caveat="near 1 for any motion with small saccades",
     ),
     _measure(
         "saccades/amplitude_distance",
@@ -217,68 +218,71 @@ METRICS = (
         min_count=100,
         direction="lower",
         source="Kantorovich 1942; FACTS 9",
-        caveat="never 0 in a finite sample: read it beside the distance between halves of the reference",
+        caveat="never 0 in a finite sample: compare with the distance between halves of the reference",
     ),
     _measure(
         "saccades/cardinal_ratio",
-        "cardinal / diagonal",
+        "cardinal / diagonal saccades",
         "ratio",
-        "saccades in the 4 cardinal sectors of 45 deg / in the 4 diagonal ones",
+        "saccades in the 4 cardinal sectors of 45 deg / saccades in the 4 diagonal sectors",
         compute=_cardinal,
         min_count=200,
-        caveat="a wrong vertical gain turns diagonals into horizontals",
+        caveat="a low vertical gain turns diagonal saccades into horizontal ones",
     ),
     _measure(
         "saccades/left_right_asymmetry",
-        "left - right",
-        "share",
-        "(leftward - rightward) / both, within 67.5 deg of the subject's left and right",
+        "left-right asymmetry",
+        "fraction",
+        "(leftward - rightward) / (leftward + rightward) saccades, within 67.5 deg of the subject's left and right",
         compute=_asymmetry(0),
         min_count=200,
         caveat=(
-            "near 0 in a symmetric population, so that mirroring shows only where people have sides: see"
+            "near 0 in a symmetric population, so it does not detect mirroring unless individuals prefer one side: see"
             " reference_correlation/aversion_yaw"
         ),
     ),
     _measure(
         "saccades/up_down_asymmetry",
-        "up - down",
-        "share",
-        "(upward - downward) / both, within 67.5 deg of up and down",
+        "up-down asymmetry",
+        "fraction",
+        "(upward - downward) / (upward + downward) saccades, within 67.5 deg of up and down",
         compute=_asymmetry(2),
         min_count=200,
-        caveat="gaze that leaves must return: small by nature; see eye/pitch_skew",
+        caveat="always small, since gaze returns after leaving; see eye/pitch_skew",
     ),
     _law(
         "main_sequence/peak_speed_ratio",
-        "peak speed / sampled law",
+        "peak speed / sampled main sequence",
         "ratio",
-        "exp mean log (peak speed / peak of the Beta law at that amplitude, sampled at this frame rate); A >= 2 deg",
+        (
+            "exp mean log (peak speed / peak speed of the Beta velocity profile at that amplitude, sampled at this "
+            "frame rate); A >= 2 deg"
+        ),
         compute=lambda totals: np.exp(safe_divide(totals["law.excess"], totals["law.saccades"])),
         source="Bahill, Clark & Stark 1975; Mack et al. 2017",
-        caveat="against the native law even the truth fails: .47 at 5 deg and 25 frames a second",
+        caveat="relative to the continuous main sequence even the truth is at 0.47 (5 deg, 25 frames per second)",
     ),
     _law(
         "main_sequence/slope",
-        "slope against the law",
+        "slope relative to the main sequence",
         "log/log",
-        "slope of log (peak / sampled law) on log amplitude; 0 on the law",
+        "slope of log (peak speed / sampled main sequence) on log amplitude; 0 on the main sequence",
         compute=_law_slope,
         source="Bahill, Clark & Stark 1975",
-        caveat="naive upsampling has the right amplitudes and the wrong slope",
+        caveat="naive upsampling preserves amplitudes but changes the slope",
     ),
     _law(
         "main_sequence/log_spread",
-        "spread about the law",
+        "spread about the main sequence",
         "log",
-        "SD of log (peak / sampled law)",
+        "SD of log (peak speed / sampled main sequence)",
         compute=_log_spread,
         source="FACTS 10",
-        caveat="sampling alone spreads it: .2 to .3 at 25 frames a second",
+        caveat="sampling alone causes a spread of 0.2 to 0.3 at 25 frames per second",
     ),
     _measure(
         "saccades/duration",
-        "mean duration",
+        "mean saccade duration",
         "s",
         "mean of offset - onset",
         compute=ratio("saccade.duration_s", "saccade.timed_saccades"),
@@ -286,34 +290,34 @@ METRICS = (
         min_count=100,
         rate_dependent=True,
         source="Collewijn, Erkelens & Steinman 1988",
-        caveat="only from 60 frames a second on: below, a frame is as long as a saccade; grows with smoothing",
+        caveat="only at 60 frames per second or more: below, a frame is as long as a saccade; increases with smoothing",
     ),
     _interval(
         "saccades/interval_cv",
-        "variation of intervals",
+        "variation of saccade intervals",
         "CV",
         "SD / mean of the time between onsets",
         compute=_interval_variation,
         source=LEE,
-        caveat="clips cut long intervals short",
+        caveat="short clips truncate long intervals",
     ),
     _interval(
         "saccades/interval_distance",
-        "intervals, Wasserstein",
+        "saccade intervals, Wasserstein",
         "truth's SD",
         "area between the distribution functions of the time between onsets / SD of the reference's",
         compare=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
         direction="lower",
         source="FACTS 9",
-        caveat="clips of unequal length cut intervals unequally",
+        caveat="truncation of intervals depends on the length of the clips",
     ),
     _interval(
         "fixations/duration_median",
-        "median fixation",
+        "median fixation duration",
         "s",
-        "median time from the end of a saccade to the next",
+        "median time from the end of a saccade to the onset of the next",
         compute=lambda totals: INTERVAL_S.quantile(totals["saccade.fixation"], 0.5),
         source="Salvucci & Goldberg 2000",
-        caveat="missed small saccades join fixations",
+        caveat="small saccades that the detector misses merge fixations",
     ),
 )

@@ -1,7 +1,7 @@
-"""Measures over all motions of one sound: do samples differ as people do, and is what happened among them?
+"""Metrics over all motions of one sound: Diversity, energy score and distance to the nearest sample (minADE).
 
-Diversity, the energy score and the distance to the nearest sample (coverage, minADE) need several motions of a sound.
-The truth itself is judged take against take.
+They need several motions of a sound and show whether samples differ as takes of people do, and whether the true motion
+is among them. The truth is evaluated by comparing its takes with each other.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from talkingeyes.evaluation.benchmark.metric import LOWER, Extractor, Metric, Su
 from talkingeyes.evaluation.distribution.energy import windowed_energy_score
 from talkingeyes.evaluation.paper_metrics.l2_diversity import distance, diversity
 
-# Trajectories are scored in pieces of this length.
+# The energy score is computed on windows of this length.
 WINDOW_S = 2.0
 PARTS = {"gaze": "eye-in-head", "head": "head"}
 
 
 def extract(motions: Sequence[Behaviour], part: str) -> Sums:
-    """Diversity of the motions; energy score and nearest distance of those that are not the reference itself."""
+    """Diversity of the motions; energy score and smallest distance of those that are not the reference itself."""
     found: dict[str, Any] = {}
     if len(motions) > 1:
         stack = _stack(motions, part)
@@ -52,7 +52,7 @@ def _stack(motions: Sequence[Behaviour], part: str) -> Float[ndarray, "S T C"]:
 
 
 def _valid(motions: Sequence[Behaviour], frames: int) -> Bool[ndarray, " T"]:
-    """Frames that all motions have; all, if there is none such."""
+    """Frames that are valid in all motions; all frames, if there are none."""
     common = np.logical_and.reduce([each.valid[:frames] for each in motions])
     return common if common.any() else np.ones(frames, bool)
 
@@ -73,31 +73,33 @@ def _of_part(part: str) -> tuple[Metric, ...]:
             f"samples/diversity_{part}",
             f"Diversity, {title}",
             "rad",
-            "mean over pairs of motions of a sound, and over sounds, of the mean distance between them",
+            "mean distance between pairs of motions of a sound, averaged over sounds",
             compute=ratio(f"{part}.diversity", f"{part}.sounds"),
             extractor=extractor,
             count_key=f"{part}.sounds",
             min_count=5,
             source="TalkingEyes, section V-B; ProbTalk3D",
-            caveat="noise wins: read it as a distance to the truth's own, which needs sounds with several takes",
+            caveat="noise has the highest: compare with the value of the truth, which needs sounds with several takes",
         ),
         judged(
             f"samples/energy_score_{part}",
             f"energy score, {title}",
             "rad",
-            f"E|X - y| - E|X - X'| / 2 over pieces of {WINDOW_S:g} s as whole trajectories (fair: Ferro 2014)",
+            f"E|X - y| - E|X - X'| / 2 of trajectories in windows of {WINDOW_S:g} s (fair version: Ferro 2014)",
             compute=ratio(f"{part}.energy", f"{part}.windows"),
             source="Gneiting & Raftery 2007",
-            caveat="proper, yet in many dimensions it hardly tells the spread; a good constant costs little more",
+            caveat=(
+                "proper, but insensitive to spread in many dimensions; a good constant prediction scores almost as well"
+            ),
         ),
         judged(
             f"samples/min_ade_{part}",
             f"nearest sample, {title}",
             "rad",
-            "mean over sounds of the smallest mean distance of a sample to the true motion (minADE)",
+            "smallest mean distance of a sample to the true motion, averaged over sounds (minADE)",
             compute=ratio(f"{part}.nearest", f"{part}.judged_sounds"),
             source="coverage error: FACTS 9",
-            caveat="falls with the number of samples and for calm ones: the mean pose, with S = 10, is hard to beat",
+            caveat=("lower with more samples and with less movement: with S = 10 the mean pose is hard to beat"),
         ),
     )
 

@@ -1,7 +1,7 @@
-"""The strip plot: every measure of one or several sets of motions beside the reference's interval.
+"""Strip plot: all metrics of one or several sets of motions, relative to the interval of the reference.
 
-Each measure is scaled by half the width of the reference's interval, about its figure: within one of 0 is where the
-reference itself might have come out. Beyond one the axis is logarithmic.
+The difference to the reference value is divided by half the width of its interval: values between -1 and 1 lie within
+the interval of the reference. Beyond 1 the axis is logarithmic.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ AXIS_LIMIT = 300.0
 
 
 def plot_strips(tables: Mapping[str, Sequence[MetricResult]], colours: Mapping[str, str], path: Path) -> None:
-    """Write a PNG. `tables`: a name, and its rows; measures that nothing can be said of are left out."""
+    """Write a PNG of the rows of each named table; metrics without a reference value are omitted."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -30,9 +30,7 @@ def plot_strips(tables: Mapping[str, Sequence[MetricResult]], colours: Mapping[s
     handles, labels = canvas.axes[0].get_legend_handles_labels()
     if len(tables) > 1:
         canvas.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    canvas.suptitle(
-        "distance from the reference, in half widths of its interval (grey: the interval itself)", fontsize=10
-    )
+    canvas.suptitle("difference to the reference, in half widths of its interval (grey: the interval)", fontsize=10)
     canvas.savefig(path, dpi=110, format="png", metadata={"Software": None})
 
 

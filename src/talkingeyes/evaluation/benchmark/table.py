@@ -1,4 +1,4 @@
-"""The benchmark as JSON, CSV and text; JSON reads back to the same rows."""
+"""Benchmark results as JSON, CSV, text and Markdown; JSON is read back to the same rows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ METRICS_BY_NAME = {metric.name: metric for metric in METRICS}
 
 
 def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
-    """All rows, with what they are of."""
+    """All rows as JSON, with metadata (number of sounds, frame rate)."""
     metrics = {
         row.metric.name: {
             "count": row.count,
@@ -37,7 +37,7 @@ def as_json(rows: Sequence[MetricResult], metadata: Mapping[str, Any]) -> str:
 
 
 def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
-    """The rows of measures that there still are."""
+    """Rows of the metrics that still exist; others are ignored."""
     return [
         MetricResult(
             METRICS_BY_NAME[name],
@@ -51,7 +51,7 @@ def from_json(content: Mapping[str, Any]) -> list[MetricResult]:
 
 
 def to_csv(rows: Sequence[MetricResult]) -> str:
-    """A line a measure."""
+    """CSV with one line for each metric."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     limits = [f"{name}{'' if limit == 'value' else '_' + limit}" for name in ESTIMATES for limit in LIMITS]
@@ -71,7 +71,7 @@ def to_csv(rows: Sequence[MetricResult]) -> str:
 
 
 def as_text(rows: Sequence[MetricResult]) -> str:
-    """For a terminal: value and reference with intervals; `!` marks what is apart from the reference."""
+    """Table for a terminal: value and reference with intervals; `!` marks values worse than the reference."""
     cells = [
         (
             "!" if row.worse else "",
@@ -83,7 +83,7 @@ def as_text(rows: Sequence[MetricResult]) -> str:
         )
         for row in rows
     ]
-    cells = [("", "measure", "value", "reference", "unit", ""), *cells]
+    cells = [("", "metric", "value", "reference", "unit", ""), *cells]
     widths = [max(len(line[column]) for line in cells) for column in range(5)]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, [*widths, 0], strict=True)).rstrip() for line in cells
@@ -91,10 +91,10 @@ def as_text(rows: Sequence[MetricResult]) -> str:
 
 
 def markdown(tables: Mapping[str, Sequence[MetricResult]], titles: Mapping[str, str]) -> str:
-    """A line a measure, a column a set of motions; bold: apart from the reference."""
+    """Markdown table: a line for each metric, a column for each set of motions; bold: worse than the reference."""
     names = list(tables)
     by_measure = {name: {row.metric.name: row for row in rows} for name, rows in tables.items()}
-    lines = ["| measure | unit | " + " | ".join(titles.get(name, name) for name in names) + " |"]
+    lines = ["| metric | unit | " + " | ".join(titles.get(name, name) for name in names) + " |"]
     lines.append("| --- " * (len(names) + 2) + "|")
     for metric in METRICS:
         rows = [by_measure[name].get(metric.name) for name in names]
@@ -104,7 +104,7 @@ def markdown(tables: Mapping[str, Sequence[MetricResult]], titles: Mapping[str, 
 
 
 def format_estimate(estimate: Estimate | None) -> str:
-    """Three significant digits of a figure, with its interval."""
+    """Value with its interval, three significant digits."""
     if estimate is None:
         return ""
     return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"

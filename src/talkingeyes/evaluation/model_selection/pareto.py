@@ -1,4 +1,4 @@
-"""The picture of a search with two objectives: all trials, and the front of those that no other beats in both."""
+"""Plot of a search with two objectives: all trials and the Pareto front."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 def plot_pareto_front(
     trials: Sequence[Sequence[float]], pareto_front: Sequence[Sequence[float]], names: Sequence[str], path: Path
 ) -> None:
-    """Trials as grey dots, the front as a line through orange ones; the axes are the two objectives."""
+    """Save a scatter plot of the two objectives: trials as grey dots, the Pareto front as an orange line with dots."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,9 +1,10 @@
-"""What models and settings are chosen by, on val and in free running: Corr. and distances of the eyes' dynamics.
+"""Metrics for model selection on free-running val samples: Corr. and distances of eye dynamics.
 
-Distances are Wasserstein's between what was drawn and the truth, in standard deviations of the truth, so that speed
-and amplitude weigh the same: of the speed of eye-in-head between frames and of the amplitudes of saccades of gaze in
-space. A model without saccades is as far off as if all of its saccades were of no amplitude. The distance of places
-stands beside them and not in their mean: of how far gaze is from straight ahead, which says whether it wanders off.
+The distances are Wasserstein distances between samples and truth, in standard deviations of the truth, so that speed
+and amplitude have the same weight. They compare the speed of eye-in-head between frames and the amplitude of saccades
+of gaze in space. A model without saccades gets the distance of saccades of amplitude zero. The distance of eccentricity
+(the angle between gaze in space and straight ahead) is reported separately and is not part of the mean: it shows
+whether gaze drifts away.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from talkingeyes.corpus.samples import Samples
 from talkingeyes.evaluation.bootstrap import BootstrapSettings
 from talkingeyes.evaluation.detectors.saccades import detect_saccades
 
-# What a sweep may be told to look at.
+# The metrics that a sweep can optimise.
 SelectionMetric = Literal[
     "metrics_worse",
     "corr",
@@ -38,7 +39,7 @@ SelectionMetric = Literal[
 
 
 class ValidateSettings(Settings):
-    """The section `validate`: samples for every val sound, and the seed that their seeds are made from."""
+    """Section `validate`: number of samples for each val sound, and the seed from which their seeds are derived."""
 
     seed: int
     samples: Annotated[int, Field(gt=1)]
@@ -47,7 +48,7 @@ class ValidateSettings(Settings):
 
 @dataclass(frozen=True)
 class MotionDynamics:
-    """How eyes move in some motions: speeds between frames, amplitudes of saccades, angles to straight ahead."""
+    """Dynamics of the eyes in several motions: speed between frames, saccade amplitude, angle from straight ahead."""
 
     eye_speed_deg_s: Float[ndarray, " F"]
     saccade_amplitude_deg: Float[ndarray, " N"]
@@ -56,7 +57,7 @@ class MotionDynamics:
 
 @dataclass(frozen=True)
 class DynamicsDistances:
-    """Of the distributions to the truth's, in its standard deviations."""
+    """Wasserstein distances to the truth, in standard deviations of the truth."""
 
     eye_speed: float
     saccade_amplitude: float
@@ -64,12 +65,12 @@ class DynamicsDistances:
 
     @property
     def mean(self) -> float:
-        """What is chosen by."""
+        """Mean of the distances of eye speed and saccade amplitude: the criterion of selection."""
         return (self.eye_speed + self.saccade_amplitude) / 2
 
 
 def motion_dynamics(samples: Samples) -> MotionDynamics:
-    """Of all samples of a sound together."""
+    """Eye dynamics of all samples of a sound, pooled."""
     space = cyclopean_gaze(gaze_in_space(samples.head, samples.gaze))
     amplitudes = [detect_saccades(gaze, samples.fps).amplitude_deg for gaze in space]
     return MotionDynamics(
@@ -80,7 +81,7 @@ def motion_dynamics(samples: Samples) -> MotionDynamics:
 
 
 def dynamics_distances(sampled: Sequence[MotionDynamics], truth: Sequence[MotionDynamics]) -> DynamicsDistances:
-    """Between all that was drawn and all of the truth."""
+    """Distances between all samples, pooled, and the whole truth."""
     return DynamicsDistances(
         distance([each.eye_speed_deg_s for each in sampled], [each.eye_speed_deg_s for each in truth]),
         distance([each.saccade_amplitude_deg for each in sampled], [each.saccade_amplitude_deg for each in truth]),
@@ -89,7 +90,10 @@ def dynamics_distances(sampled: Sequence[MotionDynamics], truth: Sequence[Motion
 
 
 def distance(sampled: Sequence[Float[ndarray, " _"]], truth: Sequence[Float[ndarray, " _"]]) -> float:
-    """Wasserstein's distance in standard deviations of the truth."""
+    """Wasserstein distance in standard deviations of the truth.
+
+    Without true values, the mean of the sampled values; without sampled values, the distance of zeros.
+    """
     from scipy.stats import wasserstein_distance
 
     one, other = np.concatenate(sampled), np.concatenate(truth)
