@@ -77,7 +77,7 @@ def measure_probes(corpus_inputs: CorpusInputs, clips: Sequence[Clip], jobs: int
     for clip in clips:
         by_speaker.setdefault(clip.speaker, []).append(clip)
     if len(by_speaker) < 3:
-        few = no_measurement(f"too few speakers: {len(by_speaker)}, 3 are needed")
+        few = no_measurement(f"too few speakers: got {len(by_speaker)}, needs 3")
         return dict.fromkeys(("eye_r2", "head_r2", "averted_auc"), few)
     people = list(by_speaker.values())
     grams = list(parallel_map(partial(speaker_gram, corpus_inputs), people, jobs, "reference ranges: fit probes"))

@@ -100,7 +100,7 @@ def test_durations_and_peaks_of_rendered_saccades_are_those_of_the_law():
 def test_too_few_say_so():
     pool = saccades.extract(saccading(25.0, 0))
     found = saccades.fraction_below(pool, 5.0)
-    assert found.value is None and found.reason == "too few saccades: 10, 100 are needed"
+    assert found.value is None and found.reason == "too few saccades: got 10, needs 100"
     assert measurement(np.nan, 5, "things").reason == "undefined"
     assert benchmark_metric({}, "head/sd_yaw").reason == "no head"
 
@@ -187,7 +187,7 @@ def test_blinks_at_the_ends_of_phrases_and_over_people():
     near, near_s, amid, amid_s = pool["phrase.counts"].sum(axis=0)
     assert (near, amid) == (60, 20) and near_s == pytest.approx(40, abs=2) and amid_s == pytest.approx(320, abs=2)
     assert blinks.phrase_end_ratio(pool).value == pytest.approx((60 / near_s) / (20 / amid_s))
-    assert blinks.rate(pool)["mean"].reason == "too few speakers with a minute: 0, 5 are needed"
+    assert blinks.rate(pool)["mean"].reason == "too few speakers with a minute: got 0, needs 5"
     people_rates = np.exp(np.random.default_rng(0).normal(3.1, 0.3, 400))
     assert blinks.log_normal_p(people_rates.tolist()).value > 0.05
     assert blinks.log_normal_p(np.exp(people_rates**2 / 400).tolist()).value < 0.01
@@ -252,7 +252,7 @@ def test_variance_of_a_new_draw():
     }
     assert probes.between_take_fraction(pool, "same").value == pytest.approx(0.0)
     assert probes.between_take_fraction(pool, "apart").value == pytest.approx(1.0, abs=0.05)
-    assert probes.between_take_fraction(pool, "jaw").reason == "too few sounds with several takes: 0, 3 are needed"
+    assert probes.between_take_fraction(pool, "jaw").reason == "too few sounds with several takes: got 0, needs 3"
 
 
 def test_styles_agree_as_much_as_people_differ():
@@ -278,9 +278,9 @@ def test_the_page_tells_in_from_out_and_why_there_is_nothing():
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if line.startswith("| ")}
     assert "| 0.5 | in |" in next(line for name, line in rows.items() if name.startswith("P(A < 5"))
     assert "| **out** | 900 saccades | T 1.5 |" in rows["saccade rate, 1/s"]
-    assert "| - | - | no one |" in rows["at the partner while talking, mean of speakers"]
+    assert "| - | - | no one |" in rows["partner gaze while talking, mean over speakers"]
     assert len([line for line in text.splitlines() if line.startswith("## ")]) == len(RANGES_BY_SECTION) + 1
-    assert page.status_counts(found) == f"1 in, 1 out, {len(REFERENCE_RANGES) - 2} without a figure"
+    assert page.status_counts(found) == f"1 within, 1 outside, {len(REFERENCE_RANGES) - 2} without a value"
 
 
 FEW = ("synthesize.clips=12", "synthesize.takes=2")

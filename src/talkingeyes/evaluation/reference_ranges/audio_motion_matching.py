@@ -32,13 +32,13 @@ MIN_WINDOWS = 20
 
 @dataclass(frozen=True)
 class SimilarityMatrix:
-    """Similarity of every sound with every motion, and which pairs are of one speaker but not of one sound."""
+    """Similarity of every sound with every motion, and mask of the pairs of one speaker with different sounds."""
 
     cosine: Float[ndarray, "N N"]
     negatives: Bool[ndarray, "N N"]
 
     def __add__(self, other: SimilarityMatrix) -> SimilarityMatrix:
-        """Both scores together, each in its own standard deviations."""
+        """Sum of both similarities, each divided by its standard deviation."""
         return SimilarityMatrix(self.cosine / self.cosine.std() + other.cosine / other.cosine.std(), self.negatives)
 
 
@@ -49,7 +49,7 @@ def train_similarity(
     channel_selection: ChannelSelection,
     settings: CriticSettings,
 ) -> SimilarityMatrix:
-    """Train on some recordings, compare all pairs of others."""
+    """Train a critic on recordings `train` and compare all pairs of recordings `judged`."""
     learnt = train_critic(part, train, channel_selection, settings).corr
     group = first_windows(judged, part, learnt.critic.speech_channels.numpy(), learnt.frames)
     with torch.no_grad():
@@ -58,14 +58,14 @@ def train_similarity(
 
 
 def matching_auc(similar: SimilarityMatrix) -> Measurement:
-    """AUC of right pairs against pairs of one speaker."""
+    """AUC of matched pairs against mismatched pairs of the same speaker."""
     known = similar.negatives.any(axis=1)
     right = np.diag(similar.cosine)[known]
     return measurement(float(auc(right, similar.cosine[similar.negatives])), int(known.sum()), "windows", MIN_WINDOWS)
 
 
 def permutation_p_value(similar: SimilarityMatrix, seed: int) -> Measurement:
-    """p by permutation within speakers."""
+    """p value of the mean similarity of matched pairs, by permutation within speakers."""
     rng, count = np.random.default_rng(seed), len(similar.cosine)
     same = similar.negatives | np.eye(count, dtype=bool)
     groups = [np.flatnonzero(row) for index, row in enumerate(same) if np.flatnonzero(row)[0] == index]

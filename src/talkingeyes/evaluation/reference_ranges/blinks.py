@@ -1,7 +1,7 @@
-"""Blinks: how often, how long, how fast down and up, and what they come with.
+"""Blinks: rate, duration, kinematics, and coupling to phrase ends and gaze shifts.
 
-Doughty 2001, Bentivoglio 1997 (rates), VanderWerf 2003 and Sforza 2008 (kinematics, at the highest rate), Nakano &
-Kitazawa 2010 (ends of phrases), Evinger 1994 (gaze shifts).
+Sources: Doughty 2001, Bentivoglio 1997 (rates), VanderWerf 2003 and Sforza 2008 (kinematics, measured at the highest
+frame rate), Nakano & Kitazawa 2010 (ends of phrases), Evinger 1994 (gaze shifts).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ NEAR_END_S = 0.5
 SHIFT_DEG = (20.0, 30.0)
 AT_SHIFT_S = (-0.1, 0.2)
 MIN_SPEAKER_S = 60.0
-SHUT_TOLERANCE = 0.02  # of closure: as good as shut
-STILL_PER_S = 0.15  # of closure: slower, a lid is at rest
+SHUT_TOLERANCE = 0.02  # of closure, below the largest: counts as shut
+STILL_PER_S = 0.15  # closure per second; slower lids are at rest
 
 
 def extract(speaker: str, behaviour: Behaviour, annotation: Annotation | None) -> PooledArrays:
-    """Counts, blinks near the ends of speech and amid it, and blinks at large gaze shifts."""
+    """Number of blinks, blinks near phrase ends and within phrases, and blinks at large gaze shifts."""
     found = {
         "blink.speaker": np.array([speaker]),
         **extract_gaze_shifts(behaviour),
@@ -38,7 +38,7 @@ def extract(speaker: str, behaviour: Behaviour, annotation: Annotation | None) -
 
 
 def _at_ends(behaviour: Behaviour, annotation: Annotation) -> Float[ndarray, "1 4"]:
-    """Blinks and seconds within half a second of the end of a phrase; blinks and seconds amid phrases."""
+    """Blinks and seconds within half a second of a phrase end; blinks and seconds elsewhere within phrases."""
     near = np.zeros(len(behaviour), bool)
     for span in annotation.speaking:
         low, high = (max(0, round((span.end_s + edge) * behaviour.fps)) for edge in (-NEAR_END_S, NEAR_END_S))
@@ -64,7 +64,7 @@ def extract_gaze_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
 
 
 def extract_kinematics(behaviour: Behaviour) -> PooledArrays:
-    """Course of each blink at a high rate: whole length, down, up, and the fastest closing and opening."""
+    """Kinematics of each blink at a high frame rate: duration, closing and opening time, and peak speeds of both."""
     found = behaviour.blinks
     assert behaviour.lid is not None
     lid, fps = behaviour.lid.mean(axis=1), behaviour.fps
@@ -83,7 +83,7 @@ def extract_kinematics(behaviour: Behaviour) -> PooledArrays:
 
 
 def _edges(lid: Float[ndarray, " T"], speed_per_s: Float[ndarray, " T"], first: int, last: int) -> tuple[int, int]:
-    """Out from the detector's edges, a tenth of the depth, to where the lid hardly moves."""
+    """Extend the detected onset and offset (a tenth of the depth) outwards to where the lid is at rest."""
     while first > 0 and speed_per_s[first] > STILL_PER_S and lid[first - 1] < lid[first]:
         first -= 1
     while last < len(lid) - 1 and -speed_per_s[last] > STILL_PER_S and lid[last + 1] < lid[last]:
@@ -92,14 +92,14 @@ def _edges(lid: Float[ndarray, " T"], speed_per_s: Float[ndarray, " T"], first: 
 
 
 def rates_per_min(pool: PooledArrays) -> Float[ndarray, " P"]:
-    """Blinks a minute of each speaker with a minute or more."""
+    """Blinks per minute of each speaker with at least a minute."""
     speakers, counts = pool["blink.speaker"], pool["blink.per_s"]
     totals = [counts[speakers == speaker].sum(axis=0) for speaker in np.unique(speakers)]
     return np.array([60 * blinks / seconds for blinks, seconds in totals if seconds >= MIN_SPEAKER_S])
 
 
 def rate(pool: PooledArrays) -> dict[str, Measurement]:
-    """Mean over people, and the lowest and highest of 95 % of them."""
+    """Mean of the rates over speakers, and their 2.5 % and 97.5 % quantiles (`low`, `high`)."""
     rates = rates_per_min(pool)
     if len(rates) < 5:
         few = measurement(np.nan, len(rates), "speakers with a minute", 5)
@@ -110,14 +110,14 @@ def rate(pool: PooledArrays) -> dict[str, Measurement]:
 
 
 def log_normal_p(rates: Sequence[float]) -> Measurement:
-    """p of the hypothesis that the logarithms are normal (Kolmogorov & Smirnov, with their own mean and SD)."""
+    """p value of the hypothesis that the logarithms are normal (Kolmogorov-Smirnov, with their sample mean and SD)."""
     logs = np.log(rates)
     p = stats.kstest((logs - logs.mean()) / logs.std(ddof=1), "norm").pvalue
-    return measurement(float(p), len(logs), "drawn speakers", 100)
+    return measurement(float(p), len(logs), "sampled speakers", 100)
 
 
 def phrase_end_ratio(pool: PooledArrays) -> Measurement:
-    """Blink rate within half a second of the end of a phrase over that amid phrases."""
+    """Blink rate within half a second of a phrase end divided by the rate elsewhere within phrases."""
     if "phrase.counts" not in pool:
         return measurement(np.nan, 0, "blinks", 50)
     near, near_s, amid, amid_s = pool["phrase.counts"].sum(axis=0)
@@ -126,7 +126,7 @@ def phrase_end_ratio(pool: PooledArrays) -> Measurement:
 
 
 def gaze_evoked(pool: PooledArrays) -> Measurement:
-    """Probability of a blink at gaze shifts of 20 to 30 degrees less what the law expects; chance is taken out."""
+    """Probability of a blink at gaze shifts of 20 to 30 degrees less that of the model, corrected for chance."""
     expected, blinked = pool["evoked.expected"], pool["evoked.blinked"]
     blinks, seconds = pool["blink.per_s"].sum(axis=0)
     by_chance = 1 - np.exp(-blinks / max(seconds, 1e-9) * (AT_SHIFT_S[1] - AT_SHIFT_S[0]))
@@ -135,7 +135,7 @@ def gaze_evoked(pool: PooledArrays) -> Measurement:
 
 
 def kinematics(pool: PooledArrays) -> dict[str, Measurement]:
-    """Medians in milliseconds, and how much faster lids fall than rise."""
+    """Median durations in milliseconds, and median ratio of peak closing to peak opening speed (`faster`)."""
     length = pool["course.length_s"]
     values = {
         name: 1000 * float(np.median(pool[f"course.{name}_s"])) if len(length) else np.nan

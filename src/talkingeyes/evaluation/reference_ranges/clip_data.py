@@ -1,8 +1,8 @@
-"""What the reference ranges are measured on: a clip with its annotation, and rows of numbers that pool over clips.
+"""Input of the reference ranges: a clip with its annotation, and named arrays pooled over clips.
 
-An observer turns one clip into named arrays whose first axis counts events, frames or the clip itself; pooled over
-clips they are joined along it. Figures are read off the pool (amplitudes, dwells, intervals need medians and fits, for
-which sums are not enough). Figures that the gaze benchmark already has are read from its own sums.
+An extractor turns one clip into named arrays whose first axis counts events, frames or clips; pooling concatenates them
+along it. Values are computed from the pool, since amplitudes, dwell times and intervals need medians and fits, for
+which sums are not sufficient. Values that the gaze benchmark also has are computed from its sums.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from talkingeyes.evaluation.benchmark import blinks, eye_head, movement, partner
 from talkingeyes.evaluation.benchmark.behaviour import Behaviour
 from talkingeyes.evaluation.benchmark.table import METRICS_BY_NAME
 
-# What one clip has, or many clips joined.
+# Arrays by name, of one clip or concatenated over many clips.
 PooledArrays = Mapping[str, ndarray]
-# A gap in speech shorter than this does not end an utterance; an utterance this long is one that plans ahead.
+# Shorter gaps in speech do not end an utterance; long utterances are those that need planning ahead.
 UTTERANCE_GAP_S, MIN_LONG_UTTERANCE_S = 0.5, 2.0
 EXTRACTORS = (
     saccades.OBSERVER,
@@ -40,7 +40,7 @@ EXTRACTORS = (
 
 @dataclass(frozen=True)
 class FrameProsody:
-    """Prosody at motion frames: level, and F0 (NaN where unvoiced)."""
+    """Prosody at motion frames: level and F0 (NaN where unvoiced)."""
 
     energy_dbfs: Float[ndarray, " T"]
     f0_hz: Float[ndarray, " T"]
@@ -48,10 +48,10 @@ class FrameProsody:
 
 @dataclass(frozen=True)
 class ClipData:
-    """One clip. `motion`, `annotation`, `frame_prosody` and `events` are None where nobody knows them.
+    """One clip. `motion`, `annotation`, `frame_prosody` and `events` are None where unknown.
 
-    `axis_divergence_rad`: how far the optical axes, which `gaze` is, part from the lines of sight of this person (left
-    less right yaw: twice kappa); 0 where gaze is the line of sight.
+    `axis_divergence_rad` is the divergence of the optical axes relative to the lines of sight (left less right yaw:
+    twice kappa), since `gaze` is the optical axis; 0 where `gaze` is the line of sight.
     """
 
     speaker: str
@@ -66,7 +66,7 @@ class ClipData:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A figure and how many of what it is made of; None where there is none, and why."""
+    """A value with the number of events or frames behind it; without a value (None), `reason` says why."""
 
     value: float | None
     count: int
@@ -75,21 +75,21 @@ class Measurement:
 
 
 def measurement(value: float, count: int, count_unit: str, min_count: int = 1) -> Measurement:
-    """A figure of `count` things, if they are enough and it is a number."""
+    """Measurement of `value`; without a value if `count` is below `min_count` or `value` is not finite."""
     if count < min_count:
-        return Measurement(None, count, count_unit, f"too few {count_unit}: {count}, {min_count} are needed")
+        return Measurement(None, count, count_unit, f"too few {count_unit}: got {count}, needs {min_count}")
     if not np.isfinite(value):
         return Measurement(None, count, count_unit, "undefined")
     return Measurement(float(value), count, count_unit)
 
 
 def no_measurement(reason: str) -> Measurement:
-    """No figure, and why."""
+    """Measurement without a value, with the reason."""
     return Measurement(None, 0, "", reason)
 
 
 def join_pools(pools: Iterable[PooledArrays]) -> dict[str, ndarray]:
-    """Many clips as one."""
+    """Concatenate the arrays of many clips."""
     found: dict[str, list[ndarray]] = {}
     for pool in pools:
         for name, array in pool.items():
@@ -98,7 +98,7 @@ def join_pools(pools: Iterable[PooledArrays]) -> dict[str, ndarray]:
 
 
 def benchmark_sums(behaviour: Behaviour) -> dict[str, ndarray]:
-    """The benchmark's sums of one clip, each with a first axis of 1."""
+    """Benchmark sums of one clip, each with a first axis of length 1."""
     found: dict[str, ndarray] = {}
     for extractor in EXTRACTORS:
         if all(behaviour.has(field) for field in extractor.needs):
@@ -107,7 +107,7 @@ def benchmark_sums(behaviour: Behaviour) -> dict[str, ndarray]:
 
 
 def benchmark_metric(pool: PooledArrays, name: str) -> Measurement:
-    """A figure of the gaze benchmark, read from the sums in the pool."""
+    """A metric of the gaze benchmark, computed from the sums in the pool."""
     metric = METRICS_BY_NAME[name]
     assert metric.compute is not None
     if metric.count_key not in pool:
@@ -119,7 +119,7 @@ def benchmark_metric(pool: PooledArrays, name: str) -> Measurement:
 
 
 def utterances(annotation: Annotation) -> list[Span]:
-    """Speech without its short gaps."""
+    """Speaking spans, merged across gaps shorter than UTTERANCE_GAP_S."""
     found: list[Span] = []
     for span in annotation.speaking:
         if found and span.start_s - found[-1].end_s < UTTERANCE_GAP_S:
@@ -130,7 +130,7 @@ def utterances(annotation: Annotation) -> list[Span]:
 
 
 def in_spans(spans: Sequence[Span], behaviour: Behaviour) -> Bool[ndarray, " T"]:
-    """Frames inside the spans."""
+    """Mask of the frames inside the spans."""
     inside = np.zeros(len(behaviour), bool)
     for span in spans:
         inside[max(0, round(span.start_s * behaviour.fps)) : max(0, round(span.end_s * behaviour.fps))] = True
@@ -138,7 +138,7 @@ def in_spans(spans: Sequence[Span], behaviour: Behaviour) -> Bool[ndarray, " T"]
 
 
 def speaking_turns(annotation: Annotation) -> list[Span]:
-    """From the first word of a turn to its last, pauses inside it included; listening ends a turn."""
+    """Turns from first to last word, including pauses; a turn ends where the person listens."""
     found: list[Span] = []
     for span in annotation.speaking:
         if found and not any(

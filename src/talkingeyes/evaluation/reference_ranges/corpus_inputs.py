@@ -15,7 +15,7 @@ from talkingeyes.synthesis import plan
 
 @dataclass(frozen=True)
 class CorpusInputs:
-    """Where a corpus and what was made of it lie. `settings` is None for a corpus that was not synthesised."""
+    """A corpus and the folders of its derived data. `settings` is None for a corpus that was not synthesised."""
 
     corpus: Corpus
     fit: Path
@@ -26,7 +26,7 @@ class CorpusInputs:
 
 
 def reference_motion(corpus_inputs: CorpusInputs, clip: Clip) -> Motion:
-    """The true motion, or where nobody knows it the fitted one."""
+    """The true motion, or the fitted motion of a corpus without truth."""
     if corpus_inputs.corpus.has_truth:
         return corpus_inputs.corpus.truth(clip)
     return Motion.load(shard_path(corpus_inputs.fit / "motion", clip.id, ".npz"))

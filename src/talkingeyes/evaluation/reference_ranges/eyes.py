@@ -1,8 +1,8 @@
-"""The two eyes as a pair, their range, and the head's part in gaze shifts.
+"""Range and vergence of the eyes, and head contribution and head lag of gaze shifts.
 
-Stahl 1999: the head takes part beyond a threshold of eccentricity; Guitton & Volle 1987: it starts after the eye. When
-a head movement starts cannot be seen to 20 ms in a head that never rests, so onsets are those of the events, where they
-are known; the share is read from the motion.
+Stahl 1999: the head contributes beyond a threshold of eccentricity. Guitton & Volle 1987: it starts after the eye. The
+onset of a head movement cannot be detected to within 20 ms in a head that is never still, so onsets are taken from the
+events, where known. The head contribution is measured from the motion.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, Poole
 
 YAW_DEG, PITCH_DEG = 30.0, (-30.0, 20.0)
 ROUNDING_DEG = 0.01  # of float32 files
-FOLLOWED_S = (-0.1, 0.8)  # of a saccade's onset, over which the head's part is read
+FOLLOWED_S = (-0.1, 0.8)  # from saccade onset; the interval over which head rotation is measured
 MIN_GAZE_SHIFT_DEG = 5.0
 LAG_S, ALIGNED, MIN_HEAD_MOVEMENT_DEG = (-0.12, 0.17), 0.8, 1.0
 
 
 def extract(behaviour: Behaviour, axis_divergence_rad: float) -> PooledArrays:
-    """Frames in range, vergence while looking at the partner, and eccentricity and head turn of each gaze shift."""
+    """Frames within the range, vergence at the partner, and target eccentricity and head rotation of gaze shifts."""
     angles = np.degrees(behaviour.eye_rad[behaviour.valid])
     yaw, pitch = np.abs(angles[..., 0]).max(axis=1), angles[..., 1]
     inside = (yaw < YAW_DEG + ROUNDING_DEG) & (pitch > PITCH_DEG[0] - ROUNDING_DEG).all(axis=1)
@@ -37,7 +37,7 @@ def extract(behaviour: Behaviour, axis_divergence_rad: float) -> PooledArrays:
 
 
 def extract_gaze_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
-    """Of each saccade: how far its goal was from where the head pointed, and how far the head turned towards it."""
+    """Eccentricity of the target relative to the head, and rotation of the head towards it, for each large saccade."""
     fps, found = behaviour.fps, behaviour.saccades
     first = np.round((found.onset_s + FOLLOWED_S[0]) * fps).astype(int)
     last = np.round((found.onset_s + FOLLOWED_S[1]) * fps).astype(int)
@@ -51,7 +51,7 @@ def extract_gaze_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
 
 
 def extract_events(events: Events) -> PooledArrays:
-    """Head minus eye onset, of head moves that go the way of a large saccade at about its time."""
+    """Head onset less eye onset, of head movements in the direction of a large saccade and near it in time."""
     lags = []
     for saccade in events.saccades:
         step = np.subtract(saccade.end_rad, saccade.start_rad)
@@ -68,7 +68,7 @@ def extract_events(events: Events) -> PooledArrays:
 
 
 def in_range(pool: PooledArrays) -> Measurement:
-    """Percent of frames with both eyes within the range of conversation."""
+    """Percentage of frames with both eyes within the range of conversation."""
     inside, frames = pool["range.inside"].sum(axis=0)
     return measurement(100 * inside / max(frames, 1), int(frames), "frames", 100)
 
@@ -80,14 +80,16 @@ def vergence(pool: PooledArrays) -> Measurement:
 
 
 def onset_lag_ms(pool: PooledArrays) -> Measurement:
-    """Median of head minus eye onset."""
+    """Median of head onset less eye onset, milliseconds."""
     lags = pool["lag.s"]
     return measurement(1000 * float(np.median(lags)) if len(lags) else np.nan, len(lags), "shifts with the head", 50)
 
 
 def head_contribution(pool: PooledArrays, low_deg: float, high_deg: float) -> Measurement:
-    """Share of the eccentricity that the head makes up, over shifts to goals at an eccentricity: sums, so that the
-    head's own unrest cancels."""
+    """Head rotation as a fraction of target eccentricity, over gaze shifts in a range of eccentricities.
+
+    A ratio of sums, so that unrelated head movements cancel.
+    """
     eccentricity = pool["shift.eccentricity_deg"]
     within = (eccentricity >= low_deg) & (eccentricity < high_deg)
     total = float(eccentricity[within].sum())

@@ -1,7 +1,7 @@
-"""Lids and jaw: the eye aspect ratio, lids that follow gaze and how far the Eyelid model's form fits, jaw and sound.
+"""Lids and jaw: eye aspect ratio, gain of the lids, fit of the Eyelid model, jaw motion and its relation to sound.
 
-Becker & Fuchs 1988 (gain of the upper lid), Elisei, Bailly & Casari 2007 (stage one of the Eyelid model, fitted here to
-each eye of each speaker), Munhall and others (jaw and envelope).
+Sources: Becker & Fuchs 1988 (gain of the upper lid), Elisei, Bailly & Casari 2007 (stage one of the Eyelid model,
+fitted here to each eye of each speaker), Munhall et al. (jaw and speech envelope).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ MIN_FRAMES = 200
 
 
 def extract_lids(group: str, motion: Motion) -> PooledArrays:
-    """Gaze and height of the upper lids (as an angle at the eye) in frames without blinks, every few frames.
+    """Gaze and height of the upper lids (as an angle at the eye centre) in every fourth frame, without blinks.
 
-    `group`: of what is fitted together, a person in one mood.
+    `group` names what is fitted together: one person in one emotion.
     """
     above = motion.lid.mean(axis=1) - np.median(motion.lid)
     reach = round(ROUND_BLINK_S * motion.fps)
@@ -45,7 +45,7 @@ def extract_lids(group: str, motion: Motion) -> PooledArrays:
     chosen = np.flatnonzero(motion.valid & ~blinking)[::EVERY]
     points = face.eye_landmarks(motion.gaze[chosen], motion.lid[chosen])[:, :, UPPER].mean(axis=2)
     ahead = face.eye_landmarks(np.zeros((1, 2, 3)), np.zeros((1, 2)))[:, :, UPPER].mean(axis=2) - face.EYE_CENTRES
-    # By height alone: the sculpted lids of the head do not keep to a sphere in depth.
+    # From height alone: in depth the sculpted lids of the head do not lie on a sphere.
     above_centre = (points - face.EYE_CENTRES)[..., 1] / np.hypot(ahead[..., 1], ahead[..., 2])
     height = np.degrees(np.arcsin(np.clip(above_centre, -1.0, 1.0)))
     angles = gaze_to_angles(motion.gaze[chosen])
@@ -60,7 +60,7 @@ def extract_lids(group: str, motion: Motion) -> PooledArrays:
 def extract_jaw(
     motion: Motion, behaviour: Behaviour, annotation: Annotation, frame_prosody: FrameProsody
 ) -> PooledArrays:
-    """Openings in speech, their spectrum, and the correlation with the envelope at the best of small lags."""
+    """Jaw opening in speech, its spectrum, and the largest correlation with the envelope over small lags."""
     opening = motion.jaw[:, 0]
     frames = min(len(opening), len(frame_prosody.energy_dbfs))
     power = spectrum(motion.jaw[:, :1], motion.fps, motion.valid)
@@ -82,14 +82,14 @@ def _correlation(one: Float[ndarray, " T"], other: Float[ndarray, " T"]) -> floa
 
 
 def eye_aspect_ratio(lid: float) -> float:
-    """The eye aspect ratio of the open head that looks ahead, at a closure (Soukupova & Cech 2016)."""
+    """Eye aspect ratio (Soukupova & Cech 2016) of the open head looking straight ahead, at lid closure `lid`."""
     points = face.eye_landmarks(np.zeros((1, 2, 3)), np.full((1, 2), lid))[0, 0, :, :2]
     upright = np.linalg.norm(points[1] - points[5]) + np.linalg.norm(points[2] - points[4])
     return float(upright / (2 * np.linalg.norm(points[0] - points[3])))
 
 
 def lid_gains(pool: PooledArrays) -> dict[str, Measurement]:
-    """Degrees that the upper lid turns a degree of gaze, below and above the horizon, each eye about its own mean."""
+    """Rotation of the upper lid per rotation of gaze, below and above the horizon, each eye about its mean."""
     pitch, height = np.degrees(pool["lid.angles_rad"][:, 1]), pool["lid.height_deg"]
     gains = {}
     for name, chosen in (("down", pitch < -MIN_PITCH_DEG), ("up", pitch > MIN_PITCH_DEG)):
@@ -107,7 +107,7 @@ def _about_own(values: Float[ndarray, " N"], group: ndarray) -> Float[ndarray, "
 
 
 def lid_r_squared(pool: PooledArrays) -> Measurement:
-    """Share of the variance of lid height that stage one of the Eyelid model explains, fitted to each eye."""
+    """Fraction of the variance of lid height explained by stage one of the Eyelid model, fitted to each eye."""
     inputs, height, group = predictors(pool["lid.angles_rad"]), pool["lid.height_deg"], pool["lid.whose"]
     left, total, count = 0.0, 0.0, 0
     for each in np.unique(group):
@@ -123,7 +123,7 @@ def lid_r_squared(pool: PooledArrays) -> Measurement:
 
 
 def jaw_opening_p95(pool: PooledArrays) -> Measurement:
-    """95th percentile of the opening in speech, radians."""
+    """95th percentile of jaw opening in speech, radians."""
     opening = pool["jaw.opening_rad"]
     return measurement(
         float(np.quantile(opening, 0.95)) if len(opening) else np.nan, len(opening), "frames", MIN_FRAMES
@@ -131,7 +131,7 @@ def jaw_opening_p95(pool: PooledArrays) -> Measurement:
 
 
 def jaw_peak_hz(pool: PooledArrays) -> Measurement:
-    """Where the spectrum of the jaw's velocity is highest, by a parabola through the top."""
+    """Peak frequency of the spectrum of jaw velocity, by a parabola through the three bins around the maximum."""
     frequency, power = pool["jaw.frequency_hz"][0], pool["jaw.power"].sum(axis=0)
     velocity = power * np.square(frequency)
     band = np.flatnonzero((frequency >= JAW_BAND_HZ[0]) & (frequency <= JAW_BAND_HZ[1]))
@@ -145,6 +145,6 @@ def jaw_peak_hz(pool: PooledArrays) -> Measurement:
 
 
 def jaw_envelope(pool: PooledArrays) -> Measurement:
-    """Mean over clips of the correlation of jaw and envelope."""
+    """Mean over clips of the correlation of jaw opening and envelope."""
     found = pool["jaw.r"]
     return measurement(float(found.mean()), len(found), "clips", 5)

@@ -1,7 +1,7 @@
-"""The head in speech: speed, spectrum, and how far it goes with prosody.
+"""The head in speech: speed, spectrum and correlation with prosody.
 
-Two ties to prosody, which must not be confused: the first canonical correlation of a single sentence, fitted anew for
-each (Busso et al. 2005, about .7, optimistic by construction), and the plain one over all frames, which is small.
+There are two different correlations with prosody. The first canonical correlation is fitted to each sentence (Busso et
+al. 2005: about 0.7, optimistic by construction). The plain correlation over all frames is small.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def extract(behaviour: Behaviour, annotation: Annotation, frame_prosody: FramePr
 
 
 def prosodic_features(frame_prosody: FrameProsody) -> Float[ndarray, "T 6"]:
-    """Level and log F0 (carried over what is unvoiced), with their first and second differences."""
+    """Level and log F0 (interpolated where unvoiced), with their first and second differences."""
     known = np.isfinite(frame_prosody.f0_hz)
     frames = np.arange(len(known))
     log_f0 = (
@@ -59,7 +59,7 @@ def prosodic_features(frame_prosody: FrameProsody) -> Float[ndarray, "T 6"]:
 
 
 def canonical_correlation(one: Float[ndarray, "T A"], other: Float[ndarray, "T B"]) -> float:
-    """The first canonical correlation."""
+    """First canonical correlation; NaN if either input is constant."""
     bases = []
     for each in (one, other):
         left, size, _ = np.linalg.svd(each - each.mean(axis=0), full_matrices=False)
@@ -77,13 +77,13 @@ def sentence_correlation(pool: PooledArrays) -> Measurement:
 
 
 def frame_correlation(pool: PooledArrays) -> Measurement:
-    """Absolute correlation of head pitch and level over all speaking frames, both about the clip's mean."""
+    """Absolute correlation of head pitch and level over all speaking frames, both about the mean of the clip."""
     across, level, pitch, frames = pool["tie.products"].sum(axis=0)
     return measurement(abs(across) / max(np.sqrt(level * pitch), 1e-12), int(frames), "frames", 1500)
 
 
 def fast_power_fraction(pool: PooledArrays) -> Measurement:
-    """Percent of the power of head velocity above 1.8 Hz."""
+    """Percentage of the power of head velocity above 1.8 Hz."""
     if "head.power" not in pool:
         return measurement(np.nan, 0, "segments", 1)
     velocity = pool["head.power"].sum(axis=0) * np.square(FREQUENCY_HZ)
@@ -93,7 +93,7 @@ def fast_power_fraction(pool: PooledArrays) -> Measurement:
 
 
 def speaking_speed(pool: PooledArrays) -> Measurement:
-    """Mean speed in speech, degrees a second."""
+    """Mean head speed in speech, degrees per second."""
     frames = float(pool["speech.frames"].sum()) if "speech.frames" in pool else 0.0
     return measurement(
         float(pool["speech.speed_deg_s"].sum()) / frames if frames else np.nan, int(frames), "frames", 1500

@@ -1,4 +1,4 @@
-"""Every figure of the acceptance table, by the name of its fact, from pools of clips."""
+"""All values of the table of reference ranges, by the name of the range, from pools of clips."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Measurements = dict[str, Measurement]
 
 
 def extract(clip_data: ClipData) -> PooledArrays:
-    """All that one clip at its own frame rate tells."""
+    """Pool of one clip at its own frame rate."""
     behaviour, pool = clip_data.behaviour, dict(benchmark_sums(clip_data.behaviour))
     if behaviour.head is not None and behaviour.gaze is not None:
         pool |= {**saccades.extract(behaviour), **eyes.extract(behaviour, clip_data.axis_divergence_rad)}
@@ -44,7 +44,7 @@ def extract(clip_data: ClipData) -> PooledArrays:
 
 
 def _in_mood(clip_data: ClipData) -> str:
-    """Whose lids these are: fear widens and sadness narrows one person's eyes, which is not for gaze to explain."""
+    """Group for the fit of lids: speaker and emotion, since emotions widen or narrow the eyes regardless of gaze."""
     said = clip_data.annotation
     return clip_data.speaker if said is None else f"{clip_data.speaker} {said.emotion} {said.intensity}"
 
@@ -64,7 +64,7 @@ def _style(clip_data: ClipData) -> dict[str, np.ndarray]:
 
 
 def measure_gaze(pool: PooledArrays) -> Measurements:
-    """Saccades, eyes and spectrum of gaze."""
+    """Statistics of saccades, of the eyes and of the spectrum of gaze."""
     return {
         "below_5": saccades.fraction_below(pool, 5.0),
         "below_15": saccades.fraction_below(pool, 15.0),
@@ -85,13 +85,13 @@ def measure_gaze(pool: PooledArrays) -> Measurements:
 
 
 def _slope(pool: PooledArrays, axis: str) -> Measurement:
-    """Of eye velocity on head velocity between saccades."""
+    """Slope of eye velocity on head velocity between saccades."""
     product, square = (float(pool[f"counter.{axis}{end}"].sum()) for end in ("", "_head"))
     return measurement(product / square if square else np.nan, int(pool["counter.frames"].sum()), "frames", 1500)
 
 
 def measure_main_sequence(pool: PooledArrays) -> Measurements:
-    """The main sequence at the highest rate, and what is left of its peaks at 25 frames a second."""
+    """Main sequence at the highest frame rate, and ratio of peak speeds at 25 frames per second to the true ones."""
     main_sequence_model = saccades.main_sequence_model(pool, "at500")
     return {
         "largest": saccades.largest(pool, "at500"),
@@ -108,7 +108,7 @@ def measure_main_sequence(pool: PooledArrays) -> Measurements:
 
 
 def measure_gaze_shifts(pool: PooledArrays) -> Measurements:
-    """Large gaze shifts, which are rare: the head's share of them, and blinks with them."""
+    """Head contribution to large gaze shifts, which are rare, and blinks that accompany them."""
     return {
         "share_10": eyes.head_contribution(pool, 8.0, 12.0),
         "share_25": eyes.head_contribution(pool, 21.0, 30.0),
@@ -117,12 +117,12 @@ def measure_gaze_shifts(pool: PooledArrays) -> Measurements:
 
 
 def extract_gaze_shifts(behaviour: Behaviour) -> PooledArrays:
-    """What `measure_gaze_shifts` needs of one motion."""
+    """Pool of one motion for `measure_gaze_shifts`."""
     return {**eyes.extract_gaze_shifts(behaviour), **blinks.extract_gaze_shifts(behaviour)}
 
 
 def measure_head(pool: PooledArrays) -> Measurements:
-    """Spread, speed and spectrum of the head."""
+    """Spread and spectrum of the head."""
     return {
         "head_yaw": benchmark_metric(pool, "head/sd_yaw"),
         "head_pitch": benchmark_metric(pool, "head/sd_pitch"),
@@ -133,7 +133,7 @@ def measure_head(pool: PooledArrays) -> Measurements:
 
 
 def measure_speech(pool: PooledArrays) -> Measurements:
-    """What needs the sound's annotation: looking, the head in speech, blinks at phrase ends, jaw, styles."""
+    """Statistics that need the annotation: partner gaze, the head in speech, blinks at phrase ends, styles."""
     talking, onset = partner_gaze.fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
     return {
         "look": talking["mean"],
@@ -159,7 +159,7 @@ def _complement(fraction: Measurement) -> Measurement:
 
 
 def measure_prosody(pool: PooledArrays) -> Measurements:
-    """What needs the sound itself."""
+    """Statistics that need the sound: correlation of head and jaw with prosody, jaw opening."""
     return {
         "cca": head.sentence_correlation(pool),
         "tie": head.frame_correlation(pool),
@@ -170,7 +170,7 @@ def measure_prosody(pool: PooledArrays) -> Measurements:
 
 
 def measure_blinks(pool: PooledArrays) -> Measurements:
-    """Rates over people, intervals, blinks at gaze shifts."""
+    """Blink rates over people and variation of blink intervals."""
     rate = blinks.rate(pool)
     return {
         "blink_rate": rate["mean"],
@@ -181,24 +181,24 @@ def measure_blinks(pool: PooledArrays) -> Measurements:
 
 
 def measure_blink_kinematics(pool: PooledArrays) -> Measurements:
-    """Kinematics of blinks at the highest rate."""
+    """Kinematics of blinks at the highest frame rate."""
     kinematics = blinks.kinematics(pool)
     return {f"blink_{name}": kinematics[name] for name in ("length", "down", "up", "faster")}
 
 
 def measure_lids(pool: PooledArrays) -> Measurements:
-    """Lids that follow gaze."""
+    """Gains of the upper lids and fit of the Eyelid model."""
     gains = face.lid_gains(pool)
     return {"lid_down": gains["down"], "lid_up": gains["up"], "lid_model": face.lid_r_squared(pool)}
 
 
 def measure_take_variance(pool: PooledArrays) -> Measurements:
-    """Shares of variance that a new draw makes."""
+    """Fraction of the variance of eyes, head and jaw that lies between takes."""
     return {f"seed_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head", "jaw")}
 
 
 def measure_blink_rate_draws(paper: Sequence[float], physiological: Sequence[float]) -> Measurements:
-    """Drawn blink rates: 1,000 of the profile `paper`, 500 speakers of the profile `physiological`."""
+    """Sampled blink rates: 1,000 of the profile `paper`, 500 speakers of the profile `physiological`."""
     return {
         "paper_mean": measurement(float(np.mean(paper)), len(paper), "draws"),
         "paper_sd": measurement(float(np.std(paper, ddof=1)), len(paper), "draws"),
@@ -207,12 +207,12 @@ def measure_blink_rate_draws(paper: Sequence[float], physiological: Sequence[flo
 
 
 def measure_fit(table8: Mapping[str, Any]) -> Measurements:
-    """Table VIII, as the stage `fit` has it."""
+    """Values of Table VIII from the stage `fit`."""
     rows = {row["method"]: row for row in table8["rows"]}
 
     def cell(method: str, key: str) -> Measurement:
         if key not in rows.get(method, {}):
-            return no_measurement(f"fit has no {key} of {method}")
+            return no_measurement(f"stage fit has no {key} of {method}")
         return measurement(rows[method][key], rows[method]["clips"], "clips")
 
     return {
@@ -223,12 +223,12 @@ def measure_fit(table8: Mapping[str, Any]) -> Measurements:
 
 
 def measure_onset_lag(pool: PooledArrays) -> Measurement:
-    """How much later than the eyes the head starts."""
+    """Head onset less eye onset."""
     return eyes.onset_lag_ms(pool)
 
 
 def measure_eye_aspect_ratio() -> Measurements:
-    """The eye aspect ratio of the open head."""
+    """Eye aspect ratio of the open head, lids open and shut."""
     return {
         "ear_open": measurement(face.eye_aspect_ratio(0.0), 1, "head"),
         "ear_shut": measurement(face.eye_aspect_ratio(1.0), 1, "head"),
@@ -236,7 +236,7 @@ def measure_eye_aspect_ratio() -> Measurements:
 
 
 def measure_pupils(pool: PooledArrays, projected_px: float) -> Measurements:
-    """A fitter like Gaze360, simulated, and the projection of the pupils."""
+    """Error and speed of the simulated Gaze360, and projection error of the pupils."""
     distance, distances, speed, true = pool["raw.sums"].sum(axis=0)
     count = len(pool["raw.sums"])
     return {

@@ -1,4 +1,4 @@
-"""The acceptance table for a terminal and as docs/reference_ranges.md."""
+"""The table of reference ranges as text for a terminal and as docs/reference_ranges.md."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ from talkingeyes.evaluation.reference_ranges.measurements import Measurements
 from talkingeyes.evaluation.reference_ranges.ranges import RANGES_BY_SECTION, REFERENCE_RANGES, ReferenceRange
 
 RECORDING_TITLES = {
-    "T": "eye tracking at 500 Hz of people who look at pictures and films, head on a chin rest (Andersson et al. 2017)",
-    "C": "fixations of people who speak in remote conversation, steps of a degree or more (Dembinsky et al. 2024)",
-    "V": "faces in video at 30 frames a second, by OpenFace: eye angles are rough and the head is noisy",
+    "T": "eye tracking at 500 Hz of people viewing pictures and films, head on a chin rest (Andersson et al. 2017)",
+    "C": "fixations of people speaking in remote conversation, steps of at least a degree (Dembinsky et al. 2024)",
+    "V": "faces in video at 30 frames per second, by OpenFace: eye angles are inaccurate and head pose is noisy",
 }
-# Why no recording at hand has a figure, by room of the table.
+# Why the available recordings give no value, by section of the table.
 NOT_RECORDED_REASONS = {
     "Saccades": "too few saccades of that size, or not in these recordings",
-    "Eyes": "one direction of gaze stands for both eyes; no onset of a head movement can be timed to 20 ms",
-    "Looking": "no recording says where the partner is",
-    "Head": "no recording of heads comes with its sound",
-    "Blinks": "no recording has lids",
-    "Lids and jaw": "no recording has lids or jaw",
-    "Sound and motion": "no recording of gaze comes with its sound, nor twice with the same one",
-    "Fitting": "nobody knows the true pupils of people",
+    "Eyes": "the recordings have one gaze direction for both eyes, and head onsets cannot be timed to 20 ms",
+    "Looking": "the location of the partner was not recorded",
+    "Head": "head motion was recorded without sound",
+    "Blinks": "lids were not recorded",
+    "Lids and jaw": "lids and jaw were not recorded",
+    "Sound and motion": "gaze was recorded without sound, and there are no repeated takes of a sound",
+    "Fitting": "the true pupil positions of people are unknown",
 }
 PLOT_CAPTIONS = {
-    "main-sequence": "Peak speed by amplitude at four frame rates. Dashed: the law; line: as that rate shows it.",
-    "distributions": "Amplitudes, directions, and dwells at the partner and away. Grey: people (dark C, light T).",
+    "main-sequence": "Peak speed by amplitude at four frame rates. Dashed: main sequence; line: sampled at that rate.",
+    "distributions": "Amplitudes, directions, and dwell times of both gaze states. Grey: people (dark C, light T).",
     "timeline": "One clip: sound and words, gaze in space with its states, head, blinks.",
 }
 NOT_MEASURED = no_measurement("not measured")
 
 
 def range_status(reference_range: ReferenceRange, found: Measurement) -> str:
-    """in, OUT, or a dash where there is no figure."""
+    """`in` (within the range), `OUT` (outside), or `-` without a value."""
     if found.value is None:
         return "-"
     return "in" if reference_range.contains(found.value) else "OUT"
 
 
 def status_counts(found: Measurements) -> str:
-    """How many rows are in, out, and without a figure."""
+    """How many values are within their range, outside, and missing."""
     verdicts = [
         range_status(reference_range, found.get(reference_range.name, NOT_MEASURED))
         for reference_range in REFERENCE_RANGES
     ]
-    return f"{verdicts.count('in')} in, {verdicts.count('OUT')} out, {verdicts.count('-')} without a figure"
+    return f"{verdicts.count('in')} within, {verdicts.count('OUT')} outside, {verdicts.count('-')} without a value"
 
 
 def as_text(found: Measurements, recorded: Mapping[str, Measurements]) -> str:
-    """For a terminal."""
+    """Text for a terminal."""
     lines = []
     for title, ranges in RANGES_BY_SECTION.items():
         rows = [
@@ -59,7 +59,7 @@ def as_text(found: Measurements, recorded: Mapping[str, Measurements]) -> str:
         lines += [
             "",
             title,
-            *_aligned([("", "statistic", "target", "band", "measured", "of", "people", "source"), *rows]),
+            *_aligned([("", "statistic", "published", "range", "measured", "count", "recordings", "source"), *rows]),
         ]
     return "\n".join([*lines, "", status_counts(found), *_people_lines(recorded)])
 
@@ -87,14 +87,15 @@ def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def markdown(found: Measurements, recorded: Mapping[str, Measurements], what: str, pictures: Mapping[str, str]) -> str:
-    """The page. `pictures`: names of PICTURES with their paths from the page."""
+    """The Markdown page. `what` describes the corpus; `pictures` maps keys of PLOT_CAPTIONS to relative paths."""
     lines = [
         "# Reference ranges",
         "",
-        "Written by `make reference-ranges`: how eyes, head, lids and jaw of people move in speech, the range that a"
-        " corpus must meet, and its values. A range tests the generator, not nature; where a range was changed,"
-        " the old one is in brackets with the reason. Certainty of sources: S* seen, S well known, R recalled, U a"
-        " prior, D a choice, M computed. How each value is measured: `src/talkingeyes/evaluation/reference_ranges/`.",
+        "Written by `make reference-ranges`. For each statistic of eyes, head, lids and jaw in speech, the table shows"
+        " published values of people, the range that a corpus should meet, and the measured value. A range tests the"
+        " data generator; it is not a claim about people. Where a range was changed, the previous one is in parentheses"
+        " with the reason. Certainty of a source: S* read, S well known, R recalled, U a prior only, D a choice, M"
+        " computed. Measurement: `src/talkingeyes/evaluation/reference_ranges/`.",
         "",
         f"Corpus: {what}. **{status_counts(found)}.**",
     ]
@@ -103,7 +104,7 @@ def markdown(found: Measurements, recorded: Mapping[str, Measurements], what: st
             "",
             f"## {title}",
             "",
-            "| statistic | target | band | measured | | of | people | source |",
+            "| statistic | published | range | measured | | count | recordings | source |",
             "|---|---|---|---|---|---|---|---|",
         ]
         lines += [
@@ -129,7 +130,7 @@ def label(reference_range: ReferenceRange) -> str:
 
 
 def range_text(reference_range: ReferenceRange) -> str:
-    """Its bounds in words."""
+    """The bounds of the range as text."""
     if reference_range.low == -float("inf"):
         return f"<= {reference_range.high:g}"
     if reference_range.high == float("inf"):
@@ -151,13 +152,13 @@ def _people(reference_range: ReferenceRange, recorded: Mapping[str, Measurements
 
 def _people_lines(recorded: Mapping[str, Measurements]) -> list[str]:
     if not recorded:
-        return ["No recordings of people here."]
+        return ["No recordings of people are available."]
     return [f"- {name}: {RECORDING_TITLES[name]}" for name in recorded]
 
 
 def _reasons(recorded: Mapping[str, Measurements]) -> list[str]:
-    """Where people have a dash, why."""
-    lines = ["Where people have a dash:", ""] if recorded else []
+    """Reasons for missing values of the recordings, by section."""
+    lines = ["Reasons for missing values of the recordings:", ""] if recorded else []
     for title, ranges in RANGES_BY_SECTION.items():
         if recorded and any(_people(reference_range, recorded) == "-" for reference_range in ranges):
             lines.append(f"- {title}: {NOT_RECORDED_REASONS[title]}")
@@ -165,5 +166,5 @@ def _reasons(recorded: Mapping[str, Measurements]) -> list[str]:
 
 
 def format_number(value: float) -> str:
-    """Three digits."""
+    """Number with three significant digits."""
     return f"{value:.3g}" if abs(value) >= 1e-3 or value == 0 else f"{value:.0e}"

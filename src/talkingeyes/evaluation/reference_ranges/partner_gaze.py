@@ -1,7 +1,7 @@
-"""Looking at the partner and away: how much, how long, and when in speech (Argyle & Cook 1976; Kendon 1967).
+"""Gaze at the partner and gaze aversion: amount, duration and timing in speech (Argyle & Cook 1976; Kendon 1967).
 
-Dwells that a clip cuts at its end count as censored (Kaplan & Meier 1958): leaving them out would make clips of eight
-seconds say that nobody looks for longer than four.
+Dwells that are cut off by the end of a clip are censored (Kaplan & Meier 1958). If they were left out, no dwell in
+clips of eight seconds would seem to last longer than four.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from talkingeyes.evaluation.reference_ranges.clip_data import (
     utterances,
 )
 
-# Around the start and the end of an utterance, where the state counts.
+# Windows around the start and the end of an utterance in which the gaze state is determined.
 START_S, END_S = (-0.2, 0.5), (-0.4, 0.2)
-BEFORE_S = 2.0  # an onset needs so much of the clip before it to say since when gaze was averted
+BEFORE_S = 2.0  # time of the clip before an utterance that is needed to find the onset of an aversion
 MAX_AVERSION_LAG_S = 0.5
-MIN_SPEAKER_S = 60.0  # of a speaker, for a share of looking
+MIN_SPEAKER_S = 60.0  # of a speaker, for a fraction of partner gaze
 
 
 def extract(speaker: str, behaviour: Behaviour, annotation: Annotation) -> PooledArrays:
-    """Shares, dwells, and the states at both ends of utterances."""
+    """Time looking at the partner, dwells, and gaze states at both ends of utterances."""
     states, fps = behaviour.states, behaviour.fps
     talks = in_spans(speaking_turns(annotation), behaviour) & behaviour.valid
     listens = in_spans(annotation.listening, behaviour) & behaviour.valid
@@ -52,9 +52,9 @@ def extract(speaker: str, behaviour: Behaviour, annotation: Annotation) -> Poole
 
 
 def _around_utterances(behaviour: Behaviour, annotation: Annotation) -> dict[str, ndarray]:
-    """Whether gaze is averted at both ends of long turns, and since when at the start of an utterance.
+    """Whether gaze is averted at both ends of long turns, and onsets of aversions relative to long utterances.
 
-    Kendon's utterances are turns; where an aversion begins is asked of what follows a pause as well.
+    Kendon's utterances are turns. Aversion onsets are also measured at utterances after a pause within a turn.
     """
     states, seconds = behaviour.states, len(behaviour) / behaviour.fps
     turns = [span for span in speaking_turns(annotation) if span.end_s - span.start_s >= MIN_LONG_UTTERANCE_S]
@@ -83,7 +83,7 @@ def _averted(behaviour: Behaviour, at_s: float, window_s: tuple[float, float]) -
 
 
 def by_speaker(pool: PooledArrays, what: str) -> Float[ndarray, " P"]:
-    """Share of time looking at the partner of each speaker with a minute or more."""
+    """Fraction of time looking at the partner, of each speaker with at least a minute of `what`."""
     speakers, seconds = pool["look.speaker"], pool[f"look.{what}_s"]
     shares = []
     for speaker in np.unique(speakers):
@@ -94,7 +94,7 @@ def by_speaker(pool: PooledArrays, what: str) -> Float[ndarray, " P"]:
 
 
 def fraction(pool: PooledArrays, what: str) -> dict[str, Measurement]:
-    """Mean and standard deviation over speakers."""
+    """Mean and standard deviation over speakers of the fraction of partner gaze."""
     shares = by_speaker(pool, what)
     nan = float("nan")
     return {
@@ -108,26 +108,26 @@ def fraction(pool: PooledArrays, what: str) -> dict[str, Measurement]:
 
 
 def listening_fraction(pool: PooledArrays) -> Measurement:
-    """Share of listening time spent looking at the partner, all speakers together."""
+    """Fraction of listening time with gaze at the partner, all speakers together."""
     looked, total = pool["look.listening_s"].sum(axis=0)
     return measurement(looked / total if total else np.nan, int(total), "seconds of listening", 60)
 
 
 def averted_at_utterances(pool: PooledArrays, end: str) -> Measurement:
-    """Share of long turns at whose start (or end) gaze is averted."""
+    """Fraction of long turns with gaze averted at the start (or end)."""
     found = pool[f"utterance.{end}_averted"]
     return measurement(float(found.mean()) if len(found) else np.nan, len(found), "long turns", 50)
 
 
 def dwell_median(pool: PooledArrays, averted: bool) -> Measurement:
-    """Median length of the dwells of one state, those that the clip cuts counted as at least so long."""
+    """Median duration of the dwells in one gaze state, with those cut off by the clip as censored."""
     chosen = (pool["dwell.averted"] == averted) & pool["dwell.talking"]
     length, censored = pool["dwell.s"][chosen], pool["dwell.cut"][chosen]
     return measurement(kaplan_meier_median(length, censored), len(length), "dwells", 50)
 
 
 def kaplan_meier_median(length_s: Float[ndarray, " N"], censored: Bool[ndarray, " N"]) -> float:
-    """The time that half of them survive; NaN if more than half last longer than anything that was seen whole."""
+    """Kaplan-Meier median of durations; NaN if the survival function does not reach 0.5."""
     order = np.argsort(length_s, kind="stable")
     at_risk = np.arange(len(order), 0, -1)
     alive = np.cumprod(1.0 - ~censored[order] / at_risk)
@@ -136,13 +136,13 @@ def kaplan_meier_median(length_s: Float[ndarray, " N"], censored: Bool[ndarray, 
 
 
 def aversion_lead(pool: PooledArrays) -> dict[str, Measurement]:
-    """When the aversion at the start of an utterance began: median, and distance between the quartiles."""
+    """Onset of the aversion relative to the start of the utterance: median and interquartile range."""
     found = pool["aversion.before_onset_s"]
     if len(found) < 20:
         few = measurement(np.nan, len(found), "utterances with aversion", 20)
         return {"median": few, "iqr": few}
     low, middle, high = np.quantile(found, [0.25, 0.5, 0.75], method="nearest")
-    low = max(float(low), -float(BEFORE_S))  # of those averted since before the clip no more is known
+    low = max(float(low), -float(BEFORE_S))  # for aversions from before the clip only this bound is known
     return {
         "median": measurement(float(middle), len(found), "utterances with aversion"),
         "iqr": measurement(float(high) - low, len(found), "utterances with aversion"),

@@ -1,4 +1,4 @@
-"""Plots beside the reference ranges: main sequence at four frame rates, distributions, a timeline of one clip."""
+"""Plots for the page of reference ranges: main sequence at four frame rates, distributions, timeline of one clip."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RECORDING_COLOURS = {"T": "0.7", "C": "0.35"}
 
 
 def main_sequence(pool: PooledArrays, path: Path) -> None:
-    """Write a PNG: peak speed by amplitude, a panel a frame rate."""
+    """Write a PNG: peak speed by amplitude, one panel for each frame rate."""
     figure = _figure(11.0, 3.4)
     for axis, fps in zip(figure.subplots(1, len(RATES_FPS), sharey=True), RATES_FPS, strict=True):
         amplitude, peak = pool[f"at{fps}.amplitude_deg"], pool[f"at{fps}.peak_deg_s"]
@@ -46,12 +46,12 @@ def main_sequence(pool: PooledArrays, path: Path) -> None:
         axis.set_ylim(8, 900)
         axis.grid(True, color="0.92")
         axis.tick_params(labelsize=8)
-    figure.axes[0].set_ylabel("peak speed, degrees a second", fontsize=8)
+    figure.axes[0].set_ylabel("peak speed, degrees per second", fontsize=8)
     _save(figure, path)
 
 
 def distributions(pool: PooledArrays, recorded: Mapping[str, PooledArrays], path: Path) -> None:
-    """Write a PNG: amplitudes and directions with those of recorded people, dwells of both states."""
+    """Write a PNG: amplitudes and directions, with those of recorded people, and dwell times of both gaze states."""
     figure = _figure(11.0, 3.6)
     grid = figure.add_gridspec(1, 3)
     amplitudes, dwells = figure.add_subplot(grid[0]), figure.add_subplot(grid[2])
@@ -64,20 +64,18 @@ def distributions(pool: PooledArrays, recorded: Mapping[str, PooledArrays], path
         -(np.maximum(AMPLITUDES_DEG, 1.0) - main_sequence_model.AMPLITUDE_MIN_DEG)
         / main_sequence_model.AMPLITUDE_MEAN_DEG
     )
-    amplitudes.plot(
-        AMPLITUDES_DEG, eyes_alive / (eyes_alive.sum()), ":", color="0.2", label="Eyes Alive, as a law of all"
-    )
+    amplitudes.plot(AMPLITUDES_DEG, eyes_alive / (eyes_alive.sum()), ":", color="0.2", label="Eyes Alive, exponential")
     amplitudes.set_xlabel("amplitude, degrees", fontsize=8)
-    amplitudes.set_ylabel("share a degree", fontsize=8)
+    amplitudes.set_ylabel("fraction per degree", fontsize=8)
     amplitudes.legend(fontsize=7, frameon=False)
     _rose(directions, pool["saccade.direction_rad"], OURS)
     directions.set_xticks(np.arange(8) * np.pi / 4, ["left", "", "up", "", "right", "", "down", ""], fontsize=8)
     directions.set_yticklabels([])
-    directions.set_title("directions (the subject's)", fontsize=9)
-    for averted, colour, name in ((False, OURS, "at the partner"), (True, AWAY, "away")):
+    directions.set_title("directions (subject's view)", fontsize=9)
+    for averted, colour, name in ((False, OURS, "at the partner"), (True, AWAY, "averted")):
         chosen = (pool["dwell.averted"].astype(bool) == averted) & ~pool["dwell.cut"].astype(bool)
         _density(dwells, pool["dwell.s"][chosen], DWELLS_S, colour, name)
-    dwells.set_xlabel("dwell, seconds (those that the clip does not cut)", fontsize=8)
+    dwells.set_xlabel("dwell time, seconds (uncensored)", fontsize=8)
     dwells.legend(fontsize=7, frameon=False)
     _save(figure, path)
 
@@ -99,7 +97,7 @@ def _rose(axis: Any, direction_rad: Float[ndarray, " N"], colour: str) -> None:
 
 
 def timeline(clip_data: ClipData, sound: Float[ndarray, " N"], path: Path) -> None:
-    """Write a PNG: sound and words, gaze in space over its states, head, lids, on one time scale."""
+    """Write a PNG: sound and words, gaze in space with gaze states, head and lids on one time axis."""
     behaviour = clip_data.behaviour
     assert clip_data.annotation is not None and behaviour.head is not None and behaviour.lid is not None
     figure = _figure(11.0, 6.2)
@@ -120,10 +118,10 @@ def timeline(clip_data: ClipData, sound: Float[ndarray, " N"], path: Path) -> No
         if averted:
             axes[1].axvspan(start, stop, color="#f5d9c0", linewidth=0)
     labels = (
-        "sound and words\n(grey: listens)",
+        "sound and words\n(grey: listening)",
         "gaze in space, degrees\n(shaded: averted)",
         "head, degrees",
-        "closure of\nthe lids",
+        "lid closure",
     )
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label, fontsize=8)

@@ -1,8 +1,9 @@
-"""How far motion can be told from sound, and how far takes of one sound differ: probes of the one-to-many link.
+"""Probes of the one-to-many relation of sound and motion.
 
-Ridge regression from speech features to angles and to the gaze state, always tested on speakers that it was not fitted
-to; Gram matrices a speaker are all that is kept, so memory does not grow with the corpus. Shares of variance that a new
-draw makes, over the takes of one sound. Intraclass correlation of styles between the two halves of a speaker's clips.
+- Ridge regression from speech features to angles and gaze state, always tested on speakers outside the fit. Only the
+  Gram matrices of each speaker are kept, so memory does not grow with the corpus.
+- Fraction of the variance that lies between takes of the same sound.
+- Intraclass correlation of style over segments of half a minute of each speaker.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, Poole
 
 LAGS_S = tuple(np.round(np.arange(-2.0, 2.01, 0.4), 1))
 SEGMENT_S = 30.0
-# Of the targets: (yaw, pitch) of the eyes, pitch of the head, last whether gaze is averted. What prosody moves are nods
-# (Munhall et al. 2004); yaw and roll of the head cannot be told from sound at all, and would only thin the figure.
+# Indices of the targets: (yaw, pitch) of the eyes, pitch of the head; the last is the averted state. Prosody correlates
+# with nods (Munhall et al. 2004); yaw and roll of the head cannot be predicted from sound and would only dilute R2.
 EYE, HEAD = slice(0, 2), slice(2, 3)
 RIDGE_STRENGTHS = (0.1, 1.0, 10.0, 100.0)
 
@@ -37,19 +38,19 @@ class GramMatrices:
         return GramMatrices(self.xx + other.xx, self.xy + other.xy, self.yy + other.yy, self.frames + other.frames)
 
     def weights(self, ridge: float) -> Float[ndarray, "F K"]:
-        """Of ridge regression; `ridge` is a share of the number of frames, on features of unit variance."""
+        """Weights of ridge regression; `ridge` is a multiple of the number of frames, for features of unit variance."""
         return np.asarray(np.linalg.solve(self.xx + ridge * self.frames * np.eye(len(self.xx)), self.xy))
 
     def residual_squares(self, weights: Float[ndarray, "F K"]) -> Float[ndarray, " K"]:
-        """Squares that weights leave of each target."""
+        """Residual sum of squares of each target."""
         return np.asarray(self.yy - 2 * (weights * self.xy).sum(axis=0) + (weights * (self.xx @ weights)).sum(axis=0))
 
 
 def fit_ridge(speakers: Sequence[GramMatrices]) -> Float[ndarray, "F K"]:
-    """Weights from some speakers, each target with the ridge that every other of them bears out on the rest.
+    """Ridge weights from several speakers; the ridge strength of each target is chosen by two-fold cross-validation.
 
-    Head and gaze drift for seconds, so an hour holds a few hundred independent moments: without a choice, three hundred
-    features are learnt by heart and R2 on others is below 0.
+    Head and gaze are correlated over seconds, so an hour has only a few hundred independent frames. Without
+    regularisation three hundred features overfit, and R2 on other speakers is below 0.
     """
     one, other = (sum(half[1:], half[0]) for half in (speakers[::2], speakers[1::2]))
     residual_squares = np.stack(
@@ -64,20 +65,20 @@ def fit_ridge(speakers: Sequence[GramMatrices]) -> Float[ndarray, "F K"]:
 
 
 def with_context(speech: Float[ndarray, "T C"], prosody: Sequence[int], fps: float) -> Float[ndarray, "T F"]:
-    """Features of each frame, with the channels of prosody from two seconds before to two after, and a constant."""
+    """Features of each frame, with the prosody channels from 2 s before to 2 s after, and a constant."""
     frames = np.arange(len(speech))
     around = [speech[np.clip(frames + round(lag * fps), 0, len(speech) - 1)][:, list(prosody)] for lag in LAGS_S if lag]
     return np.concatenate([speech, *around, np.ones((len(speech), 1))], axis=1)
 
 
 def gram(features: Float[ndarray, "T F"], targets: Float[ndarray, "T K"]) -> GramMatrices:
-    """Of the frames of a clip."""
+    """Gram matrices of the frames of a clip."""
     return GramMatrices(features.T @ features, features.T @ targets, np.square(targets).sum(axis=0), len(features))
 
 
 @dataclass(frozen=True)
 class ProbeScore:
-    """What weights of other speakers tell of one: squares left and there of each target, AUC of the last."""
+    """Test of weights on one speaker: residual and total sum of squares of each target, and AUC of the last."""
 
     residual_squares: Float[ndarray, " K"]
     total: Float[ndarray, " K"]
@@ -88,14 +89,14 @@ class ProbeScore:
 def score_probe(
     features: Float[ndarray, "T F"], targets: Float[ndarray, "T K"], weights: Float[ndarray, "F K"]
 ) -> ProbeScore:
-    """Test a probe on the frames of a speaker; the last target is a flag, of which the order of scores counts."""
+    """Test a probe on the frames of a speaker; the last target is binary and scored by AUC."""
     guess = features @ weights
     residual_squares, total = np.square(targets - guess).sum(axis=0), np.square(targets).sum(axis=0)
     return ProbeScore(residual_squares, total, auc(guess[:, -1], targets[:, -1] > targets[:, -1].mean()), len(features))
 
 
 def measure_probes(found: Sequence[ProbeScore]) -> dict[str, Measurement]:
-    """R2 of eye angles and of head pitch about the clip's mean, and mean AUC of the averted state within speakers."""
+    """R2 of eye angles and head pitch about the mean of the clip, and mean over speakers of the AUC of aversion."""
     frames = sum(each.frames for each in found)
     residual_squares, total = (
         np.sum([getattr(each, name) for each in found], axis=0) for name in ("residual_squares", "total")
@@ -109,12 +110,12 @@ def measure_probes(found: Sequence[ProbeScore]) -> dict[str, Measurement]:
 
 
 def r_squared(residual_squares: Float[ndarray, " K"], total: Float[ndarray, " K"]) -> float:
-    """R2 of several targets together: 1 - squares left / squares there."""
+    """R2 of several targets together: 1 - residual / total sum of squares."""
     return float(1 - residual_squares.sum() / max(float(total.sum()), 1e-12))
 
 
 def auc(score: Float[ndarray, " N"], flag: Bool[ndarray, " N"]) -> float:
-    """Chance that a flagged frame scores above another."""
+    """Probability that a flagged frame scores higher than another; NaN without both kinds."""
     order = np.argsort(score, kind="stable")
     rank = np.empty(len(order))
     rank[order] = np.arange(1, len(order) + 1)
@@ -125,9 +126,10 @@ def auc(score: Float[ndarray, " N"], flag: Bool[ndarray, " N"]) -> float:
 
 
 def between_take_variance(takes: Float[ndarray, "S T C"]) -> Float[ndarray, " 2"]:
-    """Variance between takes and variance in all, of one sound: sums over frames and channels.
+    """Variance between takes of one sound and total variance, averaged over frames and summed over channels.
 
-    Between takes is what a new draw adds at a frame; shared is the rest of the variance of the mean course over time.
+    The total adds the shared variance: that of the mean trajectory over time, less the part due to the finite number
+    of takes.
     """
     count = len(takes)
     between = float(takes.var(axis=0, ddof=1).mean(axis=0).sum())
@@ -136,14 +138,14 @@ def between_take_variance(takes: Float[ndarray, "S T C"]) -> Float[ndarray, " 2"
 
 
 def between_take_fraction(pool: PooledArrays, part: str) -> Measurement:
-    """Share of the variance that a new draw makes, over the sounds that have several takes."""
+    """Fraction of the variance that lies between takes, over the sounds with several takes."""
     found = pool.get(f"takes.{part}", np.zeros((0, 2)))
     between, total = found.sum(axis=0)
     return measurement(between / max(total, 1e-15), len(found), "sounds with several takes", 3)
 
 
 def intraclass_correlation(groups: Sequence[Float[ndarray, " _"]]) -> float:
-    """ICC(1): share of the variance of single measurements that lies between people (one-way, unequal counts)."""
+    """ICC(1): fraction of the variance of single measurements that lies between people (one-way, unequal counts)."""
     counts = np.array([len(each) for each in groups], float)
     total, people = counts.sum(), len(groups)
     means = np.array([each.mean() for each in groups])
@@ -154,7 +156,7 @@ def intraclass_correlation(groups: Sequence[Float[ndarray, " _"]]) -> float:
 
 
 def style_icc(pool: PooledArrays, what: str) -> Measurement:
-    """ICC of half minutes of a speaker: clips one after another until they make one."""
+    """ICC of segments of half a minute, made from consecutive clips of a speaker."""
     speakers, values, seconds = pool["style.speaker"], pool[f"style.{what}"], pool["style.s"]
     groups = []
     for speaker in np.unique(speakers):

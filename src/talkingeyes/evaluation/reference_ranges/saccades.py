@@ -1,8 +1,8 @@
-"""Saccades against the main sequence: peak speed and duration by amplitude, natively and as frames show them.
+"""Main sequence of saccades: peak speed and duration by amplitude, at high frame rates and as sampled at 25 fps.
 
-Bahill, Clark & Stark 1975: peak = Vmax (1 - exp(-A / c)); Collewijn, Erkelens & Steinman 1988: duration linear in
-amplitude. At 25 frames a second a five-degree saccade shows less than half its peak, so peaks are also compared one by
-one with those of the same saccade at the highest rate (FACTS, sections 0g and 10).
+Bahill, Clark & Stark 1975: peak = Vmax (1 - exp(-A / c)). Collewijn, Erkelens & Steinman 1988: duration is linear in
+amplitude. At 25 frames per second a saccade of five degrees shows less than half its peak speed, so the peak speed of
+each saccade is also compared with that of the same saccade at the highest rate (FACTS, sections 0g and 10).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from talkingeyes.evaluation.detectors.saccades import MIN_ENGBERT_KLIEGL_FPS, VE
 from talkingeyes.evaluation.detectors.scoring import match_events
 from talkingeyes.evaluation.reference_ranges.clip_data import Measurement, PooledArrays, measurement
 
-MIN_AMPLITUDE_DEG = 1.0  # smaller ones are fixational, and lost at 25 frames a second
+MIN_AMPLITUDE_DEG = 1.0  # smaller ones are fixational, and not detected at 25 fps
 MATCH_TOLERANCE_S = 0.06
 MAX_BLINK_ROTATION_DEG, ROUND_BLINK_S = 5.0, 0.05
 MIN_SACCADES, MIN_IN_BIN, ENOUGH_IN_BIN = 100, 4, 20
@@ -27,14 +27,14 @@ MIN_SACCADES, MIN_IN_BIN, ENOUGH_IN_BIN = 100, 4, 20
 
 @dataclass(frozen=True)
 class MainSequence:
-    """The exponential law of peak speed."""
+    """Parameters of the exponential main sequence of peak speed."""
 
     vmax_deg_s: float
     constant_deg: float
 
 
 def extract(behaviour: Behaviour) -> PooledArrays:
-    """Amplitudes and directions of the saccades of a clip."""
+    """Amplitudes and directions of the saccades of a clip, without small and blink-related ones."""
     found = behaviour.saccades
     counted = (found.amplitude_deg >= MIN_AMPLITUDE_DEG) & ~is_blink_related(behaviour, found)
     return {
@@ -45,7 +45,7 @@ def extract(behaviour: Behaviour) -> PooledArrays:
 
 
 def is_blink_related(behaviour: Behaviour, found: Saccades) -> Bool[ndarray, " N"]:
-    """Which are the eyes' own small turn down and in during a blink (1 to 5 degrees), which no tracker sees."""
+    """Mask of the small downward and nasal eye rotations during blinks (1 to 5 degrees), which trackers do not see."""
     if behaviour.lid is None:
         return np.zeros(len(found), bool)
     blinks = behaviour.blinks
@@ -66,10 +66,11 @@ def extract_at_rate(name: str, behaviour: Behaviour, found: Saccades) -> dict[st
 
 
 def detect_rendered(behaviour: Behaviour) -> Saccades:
-    """Saccades of rendered motion at any rate, by I-VT, which times them by the moments of their movement.
+    """Detect saccades of rendered motion at any frame rate by I-VT, with times from the moments of the movement.
 
-    It has no noise, which Engbert & Kliegl's velocity over five samples is made for; that takes a tenth off the peak of
-    a small saccade, and its threshold cuts the slow start and end off, so that durations come out too short.
+    Rendered motion has no noise, so the velocity over five samples of Engbert & Kliegl is not needed. It lowers the
+    peak of a small saccade by a tenth, and its threshold cuts off the slow start and end, so durations come out too
+    short.
     """
     if behaviour.fps < MIN_ENGBERT_KLIEGL_FPS:
         return behaviour.saccades
@@ -77,7 +78,7 @@ def detect_rendered(behaviour: Behaviour) -> Saccades:
 
 
 def match_frame_rates(name: str, fine: Saccades, coarse: Saccades) -> dict[str, ndarray]:
-    """Peaks of saccades that are found at two frame rates; amplitudes are those of the finer one."""
+    """Peak speeds of saccades detected at two frame rates; amplitudes are those of the higher rate."""
     pairs = match_events(_middle_s(coarse), _middle_s(fine), MATCH_TOLERANCE_S)
     return {
         f"{name}.amplitude_deg": fine.amplitude_deg[pairs.known],
@@ -91,7 +92,7 @@ def _middle_s(found: Saccades) -> Float[ndarray, " N"]:
 
 
 def fraction_below(pool: PooledArrays, limit_deg: float) -> Measurement:
-    """Share of amplitudes below a limit."""
+    """Fraction of amplitudes below a limit."""
     amplitude = pool["saccade.amplitude_deg"]
     return measurement(
         float((amplitude < limit_deg).mean()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES
@@ -99,19 +100,19 @@ def fraction_below(pool: PooledArrays, limit_deg: float) -> Measurement:
 
 
 def mean_amplitude(pool: PooledArrays) -> Measurement:
-    """Degrees."""
+    """Mean amplitude, degrees."""
     amplitude = pool["saccade.amplitude_deg"]
     return measurement(float(amplitude.mean()) if len(amplitude) else np.nan, len(amplitude), "saccades", MIN_SACCADES)
 
 
 def rate(pool: PooledArrays) -> Measurement:
-    """Saccades of a degree or more a second."""
+    """Saccades of at least a degree per second of time."""
     amplitude, seconds = pool["saccade.amplitude_deg"], float(pool["saccade.seconds"].sum())
     return measurement(len(amplitude) / max(seconds, 1e-9), len(amplitude), "saccades", MIN_SACCADES)
 
 
 def cardinal(pool: PooledArrays) -> Measurement:
-    """Saccades within 22.5 degrees of left, up, right or down over those that are not."""
+    """Saccades within 22.5 degrees of left, up, right or down, divided by the others."""
     sector = np.floor(pool["saccade.direction_rad"] / (np.pi / 4) + 0.5).astype(int) % 8
     level, oblique = int((sector % 2 == 0).sum()), int((sector % 2 == 1).sum())
     return measurement(level / oblique if oblique else np.nan, len(sector), "saccades", MIN_SACCADES)
@@ -124,8 +125,10 @@ def largest(pool: PooledArrays, name: str) -> Measurement:
 
 
 def main_sequence(amplitude_deg: Float[ndarray, " N"], peak_deg_s: Float[ndarray, " N"]) -> MainSequence:
-    """Fit of the exponential law to the median peak of every degree of amplitude, so that few large saccades weigh as
-    much as many small ones, which alone do not tell where the law levels off."""
+    """Fit the exponential main sequence to the median peak speed in bins of one degree of amplitude.
+
+    With bins the few large saccades weigh as much as the many small ones, which alone do not determine Vmax.
+    """
     bin_of = np.floor(amplitude_deg).astype(int)
     bins = [bin_of == each for each in np.unique(bin_of) if (bin_of == each).sum() >= MIN_IN_BIN]
     x, y = (np.array([np.median(values[each]) for each in bins]) for values in (amplitude_deg, peak_deg_s))
@@ -141,9 +144,9 @@ def main_sequence(amplitude_deg: Float[ndarray, " N"], peak_deg_s: Float[ndarray
 
 
 def log_slope(pool: PooledArrays, name: str, low_deg: float, high_deg: float) -> Measurement:
-    """Slope of log peak on log amplitude between two amplitudes, each tenth of an octave weighing the same.
+    """Slope of log peak speed on log amplitude between two amplitudes, with equal weight for each tenth of an octave.
 
-    Small saccades are many times as frequent as large ones; unweighted, the slope would be theirs alone.
+    Small saccades are much more frequent than large ones and would otherwise determine the slope alone.
     """
     amplitude, peak = pool[f"{name}.amplitude_deg"], pool[f"{name}.peak_deg_s"]
     within = (amplitude >= low_deg) & (amplitude < high_deg)
@@ -157,7 +160,7 @@ def log_slope(pool: PooledArrays, name: str, low_deg: float, high_deg: float) ->
 
 
 def main_sequence_model(pool: PooledArrays, name: str) -> dict[str, Measurement]:
-    """Vmax, its constant, slope and intercept of duration, and peak times duration over amplitude."""
+    """Vmax (`most`) and constant, slope and intercept of duration, and peak speed x duration / amplitude (`shape`)."""
     amplitude, peak, duration = (pool[f"{name}.{each}"] for each in ("amplitude_deg", "peak_deg_s", "duration_s"))
     count = len(amplitude)
     if count < MIN_SACCADES:
@@ -176,7 +179,7 @@ def main_sequence_model(pool: PooledArrays, name: str) -> dict[str, Measurement]
 
 
 def _robust_line(x: Float[ndarray, " N"], y: Float[ndarray, " N"]) -> Float[ndarray, " 2"]:
-    """Slope and intercept, outliers down-weighted."""
+    """Slope and intercept, with outliers down-weighted."""
     return np.asarray(
         least_squares(
             lambda main_sequence_model: y - main_sequence_model[0] * x - main_sequence_model[1],
@@ -188,7 +191,7 @@ def _robust_line(x: Float[ndarray, " N"], y: Float[ndarray, " N"]) -> Float[ndar
 
 
 def peak_ratio(pool: PooledArrays, name: str, low_deg: float, high_deg: float) -> Measurement:
-    """Mean share of the true peak that frames show, over saccades between two amplitudes."""
+    """Mean ratio of sampled to true peak speed, over saccades between two amplitudes."""
     amplitude = pool[f"{name}.amplitude_deg"]
     within = (amplitude >= low_deg) & (amplitude < high_deg)
     shown = pool[f"{name}.coarse_deg_s"][within] / pool[f"{name}.fine_deg_s"][within]
