@@ -122,8 +122,8 @@ def measure_towers(corpus_inputs: CorpusInputs, jobs: int) -> Measurements:
     )
     both = space + head
     return {
-        "match_space": matching_auc(space),
-        "match_gaze": matching_auc(both),
-        "match_gaze_p": permutation_p_value(both, seed=0),
-        "match_jaw": matching_auc(jaw),
+        "matching_auc_space": matching_auc(space),
+        "matching_auc_gaze": matching_auc(both),
+        "matching_p_gaze": permutation_p_value(both, seed=0),
+        "matching_auc_jaw": matching_auc(jaw),
     }

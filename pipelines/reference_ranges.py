@@ -58,7 +58,15 @@ MAX_NATIVE_CLIPS, MAX_RAW_CLIPS = 300, 100
 FURTHER_TAKES = range(1000, 1004)
 CANDIDATES = 40  # candidate clips for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
-SOUND_AND_MOTION = ("eye_r2", "averted_auc", "head_r2", "match_space", "match_gaze", "match_gaze_p", "match_jaw")
+SOUND_AND_MOTION = (
+    "eye_r2",
+    "averted_auc",
+    "head_r2",
+    "matching_auc_space",
+    "matching_auc_gaze",
+    "matching_p_gaze",
+    "matching_auc_jaw",
+)
 DRAWN_SPEAKERS, DRAWN_RATES = 500, 1000
 
 
@@ -221,7 +229,7 @@ def measure_corpus(corpus_inputs: CorpusInputs, jobs: int) -> CorpusMeasurements
             measurements.measure_gaze_shifts(more)
             | measurements.measure_main_sequence(fast)
             | measurements.measure_blink_kinematics(fast)
-            | {"lag": measurements.measure_onset_lag(pool)}
+            | {"head_onset_lag": measurements.measure_onset_lag(pool)}
         )
         pool = {**pool, **fast}
     if (corpus_inputs.embed / "embedding.json").is_file():
@@ -255,7 +263,7 @@ def measure_fit(corpus_inputs: CorpusInputs) -> Measurements:
 def measure_pupils(corpus_inputs: CorpusInputs, clips: Sequence[Clip]) -> Measurements:
     """The simulated fitter and the projection; both need the truth."""
     if not corpus_inputs.corpus.has_truth:
-        return dict.fromkeys(("raw_error", "raw_speed", "projected"), no_measurement("no true motion"))
+        return dict.fromkeys(("gaze360_error", "gaze360_speed", "projected"), no_measurement("no true motion"))
     rng, rows = np.random.default_rng(0), []
     for clip in clips[:MAX_RAW_CLIPS]:
         truth, events = corpus_inputs.corpus.truth(clip), corpus_inputs.corpus.truth_events(clip)

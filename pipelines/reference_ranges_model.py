@@ -195,7 +195,7 @@ def measure_pool(pool: PooledArrays) -> Measurements:
     """Rows for head, gaze and blinks at one rate."""
     found = measurements.measure_gaze(pool) | measurements.measure_head(pool) | measurements.measure_speech(pool)
     found |= measurements.measure_blinks(pool) | measurements.measure_gaze_shifts(pool)
-    found |= {"cca": head.sentence_correlation(pool), "tie": head.frame_correlation(pool)}
+    found |= {"prosody_cca": head.sentence_correlation(pool), "pitch_level_correlation": head.frame_correlation(pool)}
     return found
 
 
@@ -235,7 +235,7 @@ def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:
     """A value, marked if it is outside its range."""
     if found is None or found.value is None:
         return "" if found is None else f"- ({found.reason})"
-    return f"{page.format_number(found.value)}{'' if reference_range.contains(found.value) else ' **out**'}"
+    return f"{page.format_number(found.value)}{'' if reference_range.contains(found.value) else ' **outside**'}"
 
 
 if __name__ == "__main__":

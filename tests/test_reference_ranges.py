@@ -272,12 +272,12 @@ def test_the_page_tells_in_from_out_and_why_there_is_nothing():
     found = {
         "below_5": Measurement(0.5, 900, "saccades"),
         "rate": Measurement(9.0, 900, "saccades"),
-        "look": no_measurement("no one"),
+        "partner_gaze": no_measurement("no one"),
     }
     text = page.markdown(found, {"T": {"rate": Measurement(1.5, 300, "saccades")}}, "toy", {})
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if line.startswith("| ")}
     assert "| 0.5 | in |" in next(line for name, line in rows.items() if name.startswith("P(A < 5"))
-    assert "| **out** | 900 saccades | T 1.5 |" in rows["saccade rate, 1/s"]
+    assert "| **outside** | 900 saccades | T 1.5 |" in rows["saccade rate, 1/s"]
     assert "| - | - | no one |" in rows["partner gaze while talking, mean over speakers"]
     assert len([line for line in text.splitlines() if line.startswith("## ")]) == len(RANGES_BY_SECTION) + 1
     assert page.status_counts(found) == f"1 within, 1 outside, {len(REFERENCE_RANGES) - 2} without a value"

@@ -35,7 +35,7 @@ def test_half_minutes_of_a_style_are_of_several_sounds():
 def test_a_figure_out_of_its_band_is_marked():
     fact = next(each for each in REFERENCE_RANGES if each.name == "rate")
     assert reference_ranges_model.cell(fact, measurement(1.5, 40, "saccades")) == "1.5"
-    assert reference_ranges_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **out**"
+    assert reference_ranges_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **outside**"
     assert reference_ranges_model.cell(fact, no_measurement("too few")) == "- (too few)"
     found = {"rate": measurement(3.5, 40, "saccades"), "below_5": measurement(0.5, 40, "saccades")}
     assert reference_ranges_model.counts(found) == "1 are within, 1 outside"

@@ -73,7 +73,7 @@ def measure_gaze(pool: PooledArrays) -> Measurements:
         "rate": saccades.rate(pool),
         "eye_yaw": benchmark_metric(pool, "eye/sd_yaw"),
         "eye_pitch": benchmark_metric(pool, "eye/sd_pitch"),
-        "in_range": eyes.in_range(pool),
+        "oculomotor_range": eyes.in_range(pool),
         "conjugacy": benchmark_metric(pool, "eye/conjugacy"),
         "torsion": benchmark_metric(pool, "eye/torsion"),
         "vergence": eyes.vergence(pool),
@@ -96,12 +96,12 @@ def measure_main_sequence(pool: PooledArrays) -> Measurements:
     return {
         "largest": saccades.largest(pool, "at500"),
         "vmax": main_sequence_model["most"],
-        "constant": main_sequence_model["constant"],
+        "main_sequence_constant": main_sequence_model["constant"],
         "slope_10": saccades.log_slope(pool, "at500", 0.5, 10.0),
         "slope_40": saccades.log_slope(pool, "at500", 0.5, 40.0),
         "duration_slope": main_sequence_model["slope"],
         "duration_intercept": main_sequence_model["intercept"],
-        "shape": main_sequence_model["shape"],
+        "peak_shape": main_sequence_model["shape"],
         "peak_5": saccades.peak_ratio(pool, "same25", 4.0, 6.0),
         "peak_20": saccades.peak_ratio(pool, "same25", 16.0, 24.0),
     }
@@ -110,9 +110,9 @@ def measure_main_sequence(pool: PooledArrays) -> Measurements:
 def measure_gaze_shifts(pool: PooledArrays) -> Measurements:
     """Head contribution to large gaze shifts, which are rare, and blinks that accompany them."""
     return {
-        "share_10": eyes.head_contribution(pool, 8.0, 12.0),
-        "share_25": eyes.head_contribution(pool, 21.0, 30.0),
-        "evoked": blinks.gaze_evoked(pool),
+        "head_contribution_10": eyes.head_contribution(pool, 8.0, 12.0),
+        "head_contribution_25": eyes.head_contribution(pool, 21.0, 30.0),
+        "gaze_evoked_blinks": blinks.gaze_evoked(pool),
     }
 
 
@@ -136,20 +136,20 @@ def measure_speech(pool: PooledArrays) -> Measurements:
     """Statistics that need the annotation: partner gaze, the head in speech, blinks at phrase ends, styles."""
     talking, onset = partner_gaze.fraction(pool, "talking"), partner_gaze.aversion_lead(pool)
     return {
-        "look": talking["mean"],
-        "look_sd": talking["sd"],
-        "look_listening": partner_gaze.listening_fraction(pool),
+        "partner_gaze": talking["mean"],
+        "partner_gaze_sd": talking["sd"],
+        "partner_gaze_listening": partner_gaze.listening_fraction(pool),
         "start_averted": partner_gaze.averted_at_utterances(pool, "start"),
         "end_looking": _complement(partner_gaze.averted_at_utterances(pool, "end")),
-        "aversion": partner_gaze.dwell_median(pool, True),
-        "mutual": partner_gaze.dwell_median(pool, False),
-        "onset": onset["median"],
-        "onset_iqr": onset["iqr"],
+        "aversion_duration": partner_gaze.dwell_median(pool, True),
+        "partner_gaze_duration": partner_gaze.dwell_median(pool, False),
+        "aversion_lead": onset["median"],
+        "aversion_lead_iqr": onset["iqr"],
         "head_speed": head.speaking_speed(pool),
         "head_ratio": benchmark_metric(pool, "head/speech_speed_ratio"),
         "phrase_end": blinks.phrase_end_ratio(pool),
         "icc_blink": probes.style_icc(pool, "blinks"),
-        "icc_look": probes.style_icc(pool, "looked_s"),
+        "icc_partner_gaze": probes.style_icc(pool, "looked_s"),
         "icc_head": probes.style_icc(pool, "head_deg_s"),
     }
 
@@ -161,8 +161,8 @@ def _complement(fraction: Measurement) -> Measurement:
 def measure_prosody(pool: PooledArrays) -> Measurements:
     """Statistics that need the sound: correlation of head and jaw with prosody, jaw opening."""
     return {
-        "cca": head.sentence_correlation(pool),
-        "tie": head.frame_correlation(pool),
+        "prosody_cca": head.sentence_correlation(pool),
+        "pitch_level_correlation": head.frame_correlation(pool),
         "jaw_wide": face.jaw_opening_p95(pool),
         "jaw_hz": face.jaw_peak_hz(pool),
         "jaw_envelope": face.jaw_envelope(pool),
@@ -194,7 +194,7 @@ def measure_lids(pool: PooledArrays) -> Measurements:
 
 def measure_take_variance(pool: PooledArrays) -> Measurements:
     """Fraction of the variance of eyes, head and jaw that lies between takes."""
-    return {f"seed_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head", "jaw")}
+    return {f"between_take_{part}": probes.between_take_fraction(pool, part) for part in ("eye", "head", "jaw")}
 
 
 def measure_blink_rate_draws(paper: Sequence[float], physiological: Sequence[float]) -> Measurements:
@@ -240,7 +240,7 @@ def measure_pupils(pool: PooledArrays, projected_px: float) -> Measurements:
     distance, distances, speed, true = pool["raw.sums"].sum(axis=0)
     count = len(pool["raw.sums"])
     return {
-        "raw_error": measurement(distance / max(distances, 1), count, "clips"),
-        "raw_speed": measurement(speed / max(true, 1e-9), count, "clips"),
+        "gaze360_error": measurement(distance / max(distances, 1), count, "clips"),
+        "gaze360_speed": measurement(speed / max(true, 1e-9), count, "clips"),
         "projected": measurement(projected_px, 2, "pupils"),
     }

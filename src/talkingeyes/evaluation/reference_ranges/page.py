@@ -33,10 +33,10 @@ NOT_MEASURED = no_measurement("not measured")
 
 
 def range_status(reference_range: ReferenceRange, found: Measurement) -> str:
-    """`in` (within the range), `OUT` (outside), or `-` without a value."""
+    """`within` or `outside` the range, or `-` without a value."""
     if found.value is None:
         return "-"
-    return "in" if reference_range.contains(found.value) else "OUT"
+    return "within" if reference_range.contains(found.value) else "outside"
 
 
 def status_counts(found: Measurements) -> str:
@@ -45,7 +45,9 @@ def status_counts(found: Measurements) -> str:
         range_status(reference_range, found.get(reference_range.name, NOT_MEASURED))
         for reference_range in REFERENCE_RANGES
     ]
-    return f"{verdicts.count('in')} within, {verdicts.count('OUT')} outside, {verdicts.count('-')} without a value"
+    return (
+        f"{verdicts.count('within')} within, {verdicts.count('outside')} outside, {verdicts.count('-')} without a value"
+    )
 
 
 def as_text(found: Measurements, recorded: Mapping[str, Measurements]) -> str:
@@ -120,7 +122,7 @@ def _row(reference_range: ReferenceRange, found: Measurement, recorded: Mapping[
     state, *cells = (cell.replace("|", "\\|") for cell in _cells(reference_range, found, recorded))
     statistic, published, bounds, measurement, of, people, source = cells
     bounds = f"{bounds} ({reference_range.previous_range})" if reference_range.previous_range else bounds
-    state = "**out**" if state == "OUT" else state
+    state = "**outside**" if state == "outside" else state
     return f"| {statistic} | {published} | {bounds} | {measurement} | {state} | {of} | {people} | {source} |"
 
 

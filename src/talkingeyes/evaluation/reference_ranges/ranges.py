@@ -44,7 +44,7 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange("rate", "saccade rate", "1-2.5", 0.8, 2.8, "U", "1/s"),
         ReferenceRange("vmax", "main sequence, 500 fps: Vmax", "500", 450, 600, "Bahill 1975, Collewijn 1988", "deg/s"),
         ReferenceRange(
-            "constant",
+            "main_sequence_constant",
             "main sequence, 500 fps: constant c",
             "9-14",
             7.5,
@@ -63,7 +63,7 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange(
             "duration_intercept", "duration: intercept, 500 fps", "20-30", 18, 32, "Lee 2002 S* (secondary)", "ms"
         ),
-        ReferenceRange("shape", "peak speed x duration / amplitude, 500 fps", "1.65", 1.5, 1.8, "R"),
+        ReferenceRange("peak_shape", "peak speed x duration / amplitude, 500 fps", "1.65", 1.5, 1.8, "R"),
         ReferenceRange("peak_5", "peak at 25 fps / true peak, A about 5 deg", "0.47", 0.40, 0.55, "M"),
         ReferenceRange("peak_20", "peak at 25 fps / true peak, A about 20 deg", "0.77", 0.70, 0.85, "M"),
     ),
@@ -71,16 +71,20 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange("eye_yaw", "eye-in-head within a clip: yaw SD", "4-7", 3, 8, "D", "deg"),
         ReferenceRange("eye_pitch", "eye-in-head within a clip: pitch SD", "3-5", 2, 6, "D", "deg"),
         ReferenceRange(
-            "in_range", "frames with |yaw| < 30, pitch -30 to 20 deg", "all", 100, 100, "D, Stahl 1999", "%"
+            "oculomotor_range", "frames with |yaw| < 30, pitch -30 to 20 deg", "all", 100, 100, "D, Stahl 1999", "%"
         ),
         ReferenceRange("conjugacy", "left / right correlation of yaw velocity", "0.99", 0.97, 1, "D"),
         ReferenceRange("torsion", "Listing's law: torsion, RMS", "0", 0, 1, "S", "deg"),
         ReferenceRange("vergence", "vergence at the partner, 1 m", "2.5", 1.5, 4, "M, Malinov 2000", "deg"),
         ReferenceRange("vor_yaw", "VOR: slope of eye on head in fixation, yaw", "-0.95 to -1", -1.05, -0.90, "S"),
         ReferenceRange("vor_pitch", "VOR: slope of eye on head in fixation, pitch", "-0.95 to -1", -1.05, -0.90, "S"),
-        ReferenceRange("lag", "head onset - eye onset, median", "20-50", 10, 60, "R", "ms"),
-        ReferenceRange("share_10", "head contribution at 10 deg eccentricity", "< 0.3", 0, 0.4, "Stahl 1999 R"),
-        ReferenceRange("share_25", "head contribution at 25 deg eccentricity", "0.3-0.6", 0.2, 0.75, "Stahl 1999 R"),
+        ReferenceRange("head_onset_lag", "head onset - eye onset, median", "20-50", 10, 60, "R", "ms"),
+        ReferenceRange(
+            "head_contribution_10", "head contribution at 10 deg eccentricity", "< 0.3", 0, 0.4, "Stahl 1999 R"
+        ),
+        ReferenceRange(
+            "head_contribution_25", "head contribution at 25 deg eccentricity", "0.3-0.6", 0.2, 0.75, "Stahl 1999 R"
+        ),
         ReferenceRange(
             "speed", "mean speed of eye-in-head, 25 fps", "-", 12, 20, "M (the paper's 16.2 is in pixels)", "deg/s"
         ),
@@ -88,10 +92,17 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
     ),
     "Looking": (
         ReferenceRange(
-            "look", "partner gaze while talking, mean over speakers", "0.41-0.77", 0.45, 0.70, "Argyle, Lee 2002"
+            "partner_gaze",
+            "partner gaze while talking, mean over speakers",
+            "0.41-0.77",
+            0.45,
+            0.70,
+            "Argyle, Lee 2002",
         ),
-        ReferenceRange("look_sd", "partner gaze while talking, SD over speakers", "-", 0.10, 0.25, "D"),
-        ReferenceRange("look_listening", "partner gaze while listening", "0.75-0.95", 0.70, 0.95, "Argyle, Lee 2002"),
+        ReferenceRange("partner_gaze_sd", "partner gaze while talking, SD over speakers", "-", 0.10, 0.25, "D"),
+        ReferenceRange(
+            "partner_gaze_listening", "partner gaze while listening", "0.75-0.95", 0.70, 0.95, "Argyle, Lee 2002"
+        ),
         ReferenceRange(
             "start_averted",
             "long turns that start with gaze averted",
@@ -108,12 +119,30 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
             0.80,
             "Kendon via Rutter 1978 S*",
         ),
-        ReferenceRange("aversion", "aversion duration, median", "0.9-3.5", 0.8, 2.5, "Lee 2002, Andrist 2013 R", "s"),
-        ReferenceRange("mutual", "dwell time at the partner, median", "2-5", 1.5, 4.5, "Lee 2002, Andrist 2013 R", "s"),
         ReferenceRange(
-            "onset", "aversion onset - utterance onset, median", "-1.3 to -1.0", -1.5, -0.2, "Andrist 2013 R", "s"
+            "aversion_duration", "aversion duration, median", "0.9-3.5", 0.8, 2.5, "Lee 2002, Andrist 2013 R", "s"
         ),
-        ReferenceRange("onset_iqr", "aversion onset - utterance onset, IQR", "-", 0.8, INF, "Andrist 2013 R", "s"),
+        ReferenceRange(
+            "partner_gaze_duration",
+            "dwell time at the partner, median",
+            "2-5",
+            1.5,
+            4.5,
+            "Lee 2002, Andrist 2013 R",
+            "s",
+        ),
+        ReferenceRange(
+            "aversion_lead",
+            "aversion onset - utterance onset, median",
+            "-1.3 to -1.0",
+            -1.5,
+            -0.2,
+            "Andrist 2013 R",
+            "s",
+        ),
+        ReferenceRange(
+            "aversion_lead_iqr", "aversion onset - utterance onset, IQR", "-", 0.8, INF, "Andrist 2013 R", "s"
+        ),
     ),
     "Head": (
         ReferenceRange("head_yaw", "head within a clip: yaw SD", "4.5", 3, 6.5, "U", "deg"),
@@ -126,9 +155,11 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange("head_fast", "head velocity power above 1.8 Hz", "some", 3, 20, "Hadar 1983 R", "%"),
         ReferenceRange("psd_head", "spectral slope of the head, 0.5-5 Hz", "-3", -4.2, -2.3, "M, U"),
         ReferenceRange(
-            "cca", "canonical correlation of head and prosody, per sentence", "0.7", 0.45, 0.80, "Busso 2005 R"
+            "prosody_cca", "canonical correlation of head and prosody, per sentence", "0.7", 0.45, 0.80, "Busso 2005 R"
         ),
-        ReferenceRange("tie", "|r| of head pitch and level, all frames", "0.1-0.3", 0.05, 0.35, "D"),
+        ReferenceRange(
+            "pitch_level_correlation", "|r| of head pitch and level, all frames", "0.1-0.3", 0.05, 0.35, "D"
+        ),
     ),
     "Blinks": (
         ReferenceRange(
@@ -159,7 +190,12 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
             "phrase_end", "blink rate within 0.5 s of phrase ends / elsewhere", "> 1", 1.5, 4, "Nakano 2010 S*, D"
         ),
         ReferenceRange(
-            "evoked", "P(blink) at gaze shifts of 20-30 deg less model", "0", -0.12, 0.12, "Evinger 1994 S*, D"
+            "gaze_evoked_blinks",
+            "P(blink) at gaze shifts of 20-30 deg less model",
+            "0",
+            -0.12,
+            0.12,
+            "Evinger 1994 S*, D",
         ),
     ),
     "Lids and jaw": (
@@ -176,19 +212,21 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ReferenceRange("eye_r2", "sound to eye angles, unseen speakers: R2", "0", -INF, 0.05, "D"),
         ReferenceRange("averted_auc", "sound to averted state, unseen speakers: AUC", "weak", 0.56, 0.68, "D"),
         ReferenceRange("head_r2", "sound to head pitch, unseen speakers: R2", "low", 0.03, 0.20, "D"),
-        ReferenceRange("seed_eye", "variance between takes / total, same sound: eye", "high", 0.85, 1, "D"),
-        ReferenceRange("seed_head", "variance between takes / total, same sound: head", "high", 0.70, 1, "D"),
-        ReferenceRange("seed_jaw", "variance between takes / total, same sound: jaw", "low", 0, 0.15, "D"),
+        ReferenceRange("between_take_eye", "variance between takes / total, same sound: eye", "high", 0.85, 1, "D"),
+        ReferenceRange("between_take_head", "variance between takes / total, same sound: head", "high", 0.70, 1, "D"),
+        ReferenceRange("between_take_jaw", "variance between takes / total, same sound: jaw", "low", 0, 0.15, "D"),
         ReferenceRange(
             "icc_blink", "style, ICC over half minutes: blink rate", "stable", 0.5, 0.9, "Rogers 2018 S*, D"
         ),
         ReferenceRange(
-            "icc_look", "style, ICC over half minutes: partner gaze", "stable", 0.5, 0.9, "Rogers 2018 S*, D"
+            "icc_partner_gaze", "style, ICC over half minutes: partner gaze", "stable", 0.5, 0.9, "Rogers 2018 S*, D"
         ),
         ReferenceRange("icc_head", "style, ICC over half minutes: head SD", "stable", 0.5, 0.9, "Rogers 2018 S*, D"),
-        ReferenceRange("match_space", "matched / mismatched sound, gaze in space, 8 s: AUC", "> 0.5", 0.55, 0.75, "D"),
         ReferenceRange(
-            "match_gaze",
+            "matching_auc_space", "matched / mismatched sound, gaze in space, 8 s: AUC", "> 0.5", 0.55, 0.75, "D"
+        ),
+        ReferenceRange(
+            "matching_auc_gaze",
             "matched / mismatched sound, gaze and head, 8 s: AUC",
             "> 0.5",
             0.55,
@@ -199,15 +237,15 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
             previous_range="0.55 to 0.75, D: contradicts the range of head speed in speech / in pauses;"
             " with 1.4 the head alone gives 0.85",
         ),
-        ReferenceRange("match_gaze_p", "matched / mismatched, gaze and head: permutation p", "small", 0, 0.01, "D"),
-        ReferenceRange("match_jaw", "matched / mismatched sound, jaw, 8 s: AUC", "high", 0.95, 1, "D"),
+        ReferenceRange("matching_p_gaze", "matched / mismatched, gaze and head: permutation p", "small", 0, 0.01, "D"),
+        ReferenceRange("matching_auc_jaw", "matched / mismatched sound, jaw, 8 s: AUC", "high", 0.95, 1, "D"),
     ),
     "Fitting": (
         ReferenceRange("fit_error", "LightGazeFit: error", "0.73", 0, 0.95, "paper", "px"),
         ReferenceRange("fit_peak", "LightGazeFit: saccade peak speed / truth", "1", 0.8, INF, "D"),
         ReferenceRange("fit_speed", "LightGazeFit: speed / truth", "1.14", 1.0, 1.25, "paper"),
-        ReferenceRange("raw_error", "Gaze360-like: error", "1.40", 1.1, 1.8, "paper", "px"),
-        ReferenceRange("raw_speed", "Gaze360-like: speed / truth", "1.29", 1.2, 1.5, "paper"),
+        ReferenceRange("gaze360_error", "Gaze360-like: error", "1.40", 1.1, 1.8, "paper", "px"),
+        ReferenceRange("gaze360_speed", "Gaze360-like: speed / truth", "1.29", 1.2, 1.5, "paper"),
         ReferenceRange("projected", "pupil projection error, straight ahead, no noise", "exact", 0, 1e-4, "M", "px"),
     ),
 }

@@ -22,12 +22,12 @@ EYE_TRACKING_STATISTICS = ("below_5", "below_15", "amplitude", "cardinal", "rate
 MAIN_SEQUENCE_STATISTICS = (
     "largest",
     "vmax",
-    "constant",
+    "main_sequence_constant",
     "slope_10",
     "slope_40",
     "duration_slope",
     "duration_intercept",
-    "shape",
+    "peak_shape",
 )
 VIDEO_STATISTICS = (
     "eye_yaw",
