@@ -110,7 +110,7 @@ def test_a_batch_that_cannot_be_shared_and_a_stage_that_cannot_are_refused(
     with pytest.raises(InputError, match=r"^loop.batch: should be a multiple of the 3 processes, got 8$"):
         context.distribute(torch.nn.Linear(1, 1), lambda step: {}, 8)
     monkeypatch.setitem(os.environ, "WORLD_SIZE", "3")
-    with pytest.raises(InputError, match=r"^torchrun: .*one process.*got 3$"):
+    with pytest.raises(InputError, match=r"^torchrun: .*single process.*got 3$"):
         ExecutionContext.single_process({"device": "cpu", "precision": "float32"})
 
 

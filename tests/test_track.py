@@ -152,7 +152,7 @@ def test_a_video_that_breaks_off_again_and_again_is_left_alone(videos: Path, tmp
 
 
 def test_mistakes_are_one_line(videos: Path, corpus: Path, tmp_path: Path):
-    with pytest.raises(InputError, match=r"^[^\n]*other settings[^\n]*$"):
+    with pytest.raises(InputError, match=r"^[^\n]*same settings[^\n]*$"):
         track([videos], corpus, settings(fps=30.0))
     with pytest.raises(InputError, match=r"^[^\n]*got none kept of 1 videos[^\n]*$"):
         track([videos / "blank.mp4"], tmp_path / "none", settings(thumbnails=False))

@@ -80,7 +80,7 @@ def test_windows_are_cut_anywhere_and_short_clips_are_refused() -> None:
     starts = {int(np.flatnonzero((c.head == window[0].numpy()).all(1))[0]) for window in drawn.head for c in clips
               if (c.head == window[0].numpy()).all(1).any()}  # fmt: skip
     assert len(starts) > 20
-    with pytest.raises(InputError, match="longest has 210"):
+    with pytest.raises(InputError, match="at most 210"):
         MotionWindowDataset(clips, WindowSettings(frames=500, mirror=False), seed=0)
 
 
