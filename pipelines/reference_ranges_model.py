@@ -228,7 +228,7 @@ def counts(found: Measurements) -> str:
         for reference_range in REFERENCE_RANGES
         if reference_range.name in found
     ]
-    return f"{verdicts.count('in')} are within, {verdicts.count('OUT')} outside"
+    return f"{verdicts.count('within')} are within, {verdicts.count('outside')} outside"
 
 
 def cell(reference_range: ReferenceRange, found: Measurement | None) -> str:

@@ -276,7 +276,7 @@ def test_the_page_tells_in_from_out_and_why_there_is_nothing():
     }
     text = page.markdown(found, {"T": {"rate": Measurement(1.5, 300, "saccades")}}, "toy", {})
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if line.startswith("| ")}
-    assert "| 0.5 | in |" in next(line for name, line in rows.items() if name.startswith("P(A < 5"))
+    assert "| 0.5 | within |" in next(line for name, line in rows.items() if name.startswith("P(A < 5"))
     assert "| **outside** | 900 saccades | T 1.5 |" in rows["saccade rate, 1/s"]
     assert "| - | - | no one |" in rows["partner gaze while talking, mean over speakers"]
     assert len([line for line in text.splitlines() if line.startswith("## ")]) == len(RANGES_BY_SECTION) + 1
@@ -323,7 +323,7 @@ def test_a_take_that_is_not_the_corpus_s_own_is_refused(tiny):
     path = next((tiny / "data/synthesize/truth").rglob(f"{clip.id}.events.json"))
     whole = path.read_text()
     path.write_text(json.dumps({**json.loads(whole), "blinks": []}))
-    with pytest.raises(InputError, match="drawn again it has other events"):
+    with pytest.raises(InputError, match="should have the regenerated events"):
         reference_ranges.reproduce_take(source, clip)
     path.write_text(whole)
 

@@ -18,7 +18,7 @@ def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, c
     slow, _, _, truth = rows["mean speed of eye-in-head, 25 fps, deg/s"]
     assert slow.split()[0] != truth.split()[0], "an untrained model is not the truth"
     # The same motion at two rates: the head is as wide.
-    wide = rows["within a clip of speech: yaw SD, deg"]
+    wide = rows["head within a clip: yaw SD, deg"]
     assert float(wide[0].split()[0]) == pytest.approx(float(wide[1].split()[0]), rel=0.05)
     assert any(row.startswith("style") for row in rows)
     assert not any(row.startswith("jaw") for row in rows)
