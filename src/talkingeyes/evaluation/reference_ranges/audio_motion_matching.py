@@ -1,4 +1,4 @@
-"""Whether matched sound can be discriminated from another sound of the same speaker, over windows of 8 s.
+"""Discrimination of matched sound from other sounds of the same speaker, over windows of 8 s.
 
 The critic's two towers (evaluation/critic/contrastive_training.py) are trained on the true motion of the train split
 (gaze in space, head, jaw) and tested on unseen sounds and speakers. Gaze and head are combined by the sum of their
@@ -49,7 +49,7 @@ def train_similarity(
     channel_selection: ChannelSelection,
     settings: CriticSettings,
 ) -> SimilarityMatrix:
-    """Train a critic on recordings `train` and compare all pairs of recordings `judged`."""
+    """Train a critic on `train` and compute the similarity of all pairs of recordings in `judged`."""
     learnt = train_critic(part, train, channel_selection, settings).corr
     group = first_windows(judged, part, learnt.critic.speech_channels.numpy(), learnt.frames)
     with torch.no_grad():

@@ -50,7 +50,7 @@ def _at_ends(behaviour: Behaviour, annotation: Annotation) -> Float[ndarray, "1 
 
 
 def extract_gaze_shifts(behaviour: Behaviour) -> dict[str, ndarray]:
-    """Blinks, seconds; of each shift of 20 to 30 degrees what Evinger's law expects, and whether there is a blink."""
+    """Number of blinks and seconds; expected and observed blinks at each gaze shift of 20 to 30 degrees."""
     shifts, onsets = behaviour.saccades, behaviour.blinks.onset_s
     size = shifts.amplitude_deg
     large = (size >= SHIFT_DEG[0]) & (size < SHIFT_DEG[1])
