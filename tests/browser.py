@@ -1,6 +1,6 @@
-"""Headless Chromium for tests of pages, driven over its pipe (the DevTools protocol, a JSON a message, NUL between).
+"""Headless Chromium for tests of pages, controlled over its pipe (DevTools protocol: JSON messages separated by NUL).
 
-Debian has it in the package chromium. WebGL is drawn by SwiftShader on the CPU.
+The Debian package is chromium. WebGL is rendered by SwiftShader on the CPU.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FLAGS = (
 
 
 class Browser:
-    """One page of a browser that runs."""
+    """A page in a running browser."""
 
     def __init__(self, commands: int, answers: int) -> None:
         self.commands, self.answers = commands, answers
@@ -43,7 +43,7 @@ class Browser:
         self.call("Page.enable")
 
     def call(self, method: str, **params: Any) -> Any:
-        """The result of a command; what the browser says meanwhile is passed over."""
+        """Send a command and return its result; other messages of the browser are ignored."""
         self.calls += 1
         message = {"id": self.calls, "method": method, "params": params}
         if self.session is not None:
@@ -59,18 +59,18 @@ class Browser:
                 return answer["result"]
 
     def open(self, address: str) -> None:
-        """Go to a page; back when it is loaded."""
+        """Navigate to a page and wait until it is loaded."""
         self.call("Page.navigate", url=address)
         self.wait_for("document.readyState == 'complete'")
 
     def value(self, expression: str) -> Any:
-        """What an expression of JavaScript is in the page; a promise is awaited."""
+        """Value of a JavaScript expression in the page; promises are awaited."""
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
     def wait_for(self, expression: str, seconds: float = 60.0) -> Any:
-        """The value of an expression as soon as it is true."""
+        """Wait until an expression is true and return its value."""
         for _ in range(int(seconds / 0.1)):
             found = self.value(expression)
             if found:
@@ -81,18 +81,18 @@ class Browser:
         )
 
     def screenshot(self, path: Path) -> None:
-        """What the page looks like, as PNG."""
+        """Save a screenshot of the page as PNG."""
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
 
 
 @contextmanager
 def open_browser(profile: Path, width: int = 1400, height: int = 1000) -> Iterator[Browser]:
-    """A browser with an empty profile in a folder; ended at the end."""
+    """A browser with an empty profile in a folder; closed on exit."""
     assert CHROMIUM is not None
     to_browser, from_us = os.pipe()
     to_us, from_browser = os.pipe()
 
-    def wired() -> None:  # Chromium reads at 3 and writes at 4
+    def wired() -> None:  # Chromium reads from file descriptor 3 and writes to 4
         read, write = os.dup(to_browser), os.dup(from_browser)
         os.dup2(read, 3)
         os.dup2(write, 4)

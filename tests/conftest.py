@@ -1,4 +1,4 @@
-"""What all tests share: one thread, no telemetry, no display, examples of hypothesis that repeat."""
+"""Common setup of all tests: one thread, no telemetry, no display, reproducible hypothesis examples."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ from talkingeyes.orchestration.run import configure_environment
 configure_environment()
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HF_HUB_OFFLINE"] = "1"
-# Processes that tests start in other folders find this checkout: the package, the stages (not installed), these tests.
+# Lets processes started in other folders import this checkout: the package, the stages (not installed), these tests.
 ROOT = Path(__file__).resolve().parents[1]
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / folder) for folder in ("src", ".", "tests"))
 
@@ -24,20 +24,20 @@ settings.load_profile("repeatable")
 
 @pytest.fixture(scope="session")
 def repository() -> Path:
-    """The root of the repository."""
+    """Root of the repository."""
     return ROOT
 
 
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of this test run that all its processes share."""
+    """A folder shared by all processes of this test run."""
     own = tmp_path_factory.getbasetemp()
     return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="session")
 def tiny(repository: Path, shared_folder: Path) -> Path:
-    """A workspace in which the whole chain has run on the tiny corpus, once for all processes of a test run."""
+    """A workspace with the output of the whole chain on the tiny corpus, run once for all processes of a test run."""
     root = shared_folder / "tiny"
     with FileLock(root.with_suffix(".lock")):
         if not (root / "data" / "report" / "table3.md").exists():

@@ -1,4 +1,4 @@
-"""What the pages of the docs say to type: their `sh` blocks, and what follows `$ ` in other blocks."""
+"""Commands on the pages of the docs: their `sh` blocks, and lines after `$ ` in other blocks."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def name_of(page: Path) -> str:
-    """As docs/tutorial.md."""
+    """Path relative to the repository, such as docs/tutorial.md."""
     return page.relative_to(REPOSITORY).as_posix()
 
 
 def lines(page: Path) -> list[str]:
-    """The lines of a page that a shell would read, in order: comments dropped, continued lines joined."""
+    """The shell commands of a page in order, without comments and with continued lines joined."""
     found = []
     for language, text in BLOCK.findall(page.read_text()):
         joined = text.replace("\\\n", " ").splitlines()

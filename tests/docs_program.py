@@ -1,7 +1,7 @@
-"""A program as the docs call it, made small: python docs_program.py BIN PROGRAM WORDS... runs BIN/PROGRAM.
+"""Runs a program of the docs with smaller settings: python docs_program.py BIN PROGRAM WORDS... runs BIN/PROGRAM.
 
-SMALL says what changes: what takes minutes or hours gets the settings of `experiment=tiny`. SERVERS run until they
-answer, and are then interrupted. Everything else runs as it is written. tests/test_docs_run.py puts it on the path.
+SMALL has the changes: commands that take minutes or hours get the settings of `experiment=tiny`. SERVERS run until they
+answer and are then interrupted. Other commands run unchanged. tests/test_docs_run.py puts this program on the path.
 """
 
 import os
@@ -15,7 +15,7 @@ import time
 import urllib.request
 
 STEPS = "{0}.loop.steps=4 {0}.loop.batch=4 {0}.loop.validate_every=2"
-# A part of a command line, and what takes its place; all that fit, in this order.
+# Parts of a command line and their replacements; all that match are applied, in this order.
 SUBSTITUTIONS = [
     (r"^(python -m pipelines\.params\b.*)", r"\1 experiment=tiny"),
     (r"^(python -m pipelines\.experiment -m\b.*)", r"\1 experiment=smoke_test"),
@@ -36,21 +36,21 @@ SUBSTITUTIONS = [
     (r"^(talkingeyes animate (?!.*--samples).*)", r"\1 --samples 1"),
     (r"^(talkingeyes study make .*)", r"\1 --allow-fewer --size 64 --condition ours=ONE_CLIP"),
     (r"^(talkingeyes .*)--jobs 8", r"\1--jobs 2"),
-    (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes make the same file
+    (r"^(talkingeyes export .*)", r"\1 --force"),  # two recipes write the same file
 ]
 SERVERS = r"^(talkingeyes (view|serve|study run)|mlflow ui)\b"
 TIMEOUT_S = 120
 
 
 def shortened(line: str) -> str:
-    """The command line that is run in the place of this one."""
+    """The command line that is run instead of this one."""
     for pattern, instead in SUBSTITUTIONS:
         line = re.sub(pattern, instead, line)
     return line
 
 
 def run_server(words: list[str]) -> int:
-    """Run a server on a free port until its page answers, then interrupt it. The status: 0 if it answered."""
+    """Run a server on a free port until its page answers, then interrupt it. Returns 0 if it answered."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -74,7 +74,7 @@ def run_server(words: list[str]) -> int:
 
 
 def main() -> None:
-    """Run what the arguments say."""
+    """Run the program given by the arguments."""
     programs, name, *given = sys.argv[1:]
     line = shlex.join([name, *given])
     words = shlex.split(shortened(line))

@@ -1,7 +1,8 @@
-"""A copy of the project for the commands of the docs: what git has, a finished tiny chain, files with the docs' names.
+"""A copy of the project for the commands of the docs: tracked files, a finished tiny chain, files named in the docs.
 
-Its .venv holds the programs of this environment, each called through docs_program.py. What the docs name and nobody has
-(SPEECH.wav, VIDEOS, a FLAME file) is made by STAND_INS, with the project's own commands where there are some.
+Its .venv has the programs of this environment, each run through docs_program.py. Files that are named in the docs but
+do not exist (SPEECH.wav, VIDEOS, a FLAME file) are made by PLACEHOLDER_COMMANDS, with commands of the project where
+possible.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from docs_pages import REPOSITORY
 
 WRAPPED_PROGRAMS = ("python", "talkingeyes", "mlflow")
 PROGRAM = '#!/bin/sh\nexec {python} -SE {root}/tests/docs_program.py {bin} {name} "$@"\n'
-# Names that no file can have, and what is written in their place.
+# Placeholders that cannot be file names, and their replacements.
 SUBSTITUTIONS = [
     (r"(?<=\s|=)/shared/", "shared/"),
     (r"data/sample/talkingeyes/0/CLIP\.npz", "$(find data/sample/talkingeyes -name '*.npz' | sort | head -n 1)"),
@@ -46,18 +47,18 @@ mkdir ONE_CLIP && cp "$(find data/sample/talkingeyes -name '*.npz' | sort | head
 
 
 def copy_project(root: Path, tiny: Path) -> Path:
-    """The project under `root`, ready for any page."""
+    """Copy the project to `root` and prepare it for the commands of any page."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, check=True, capture_output=True).stdout
     for name in listed.decode().split("\0"):
         if name and (REPOSITORY / name).is_file():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(REPOSITORY / name, root / name)
     _programs(root / ".venv" / "bin", root)
-    (root / ".venv" / ".stamp").touch()  # set up
+    (root / ".venv" / ".stamp").touch()  # marks the environment as set up
     for folder in tiny.joinpath("data").iterdir():
         shutil.copytree(folder, root / "data" / folder.name, dirs_exist_ok=True)
     shutil.copy(tiny / "mlflow.db", root)
-    for workspace in ("tiny", "experiment", "smoke_test", "posegan", "sweep"):  # what was made once is found by all
+    for workspace in ("tiny", "experiment", "smoke_test", "posegan", "sweep"):  # all workspaces share one store
         (root / "build" / workspace).mkdir(parents=True)
         (root / "build" / workspace / "store").symlink_to(tiny / "store")
     said = run_bash(DATA + PLACEHOLDER_COMMANDS, root)
@@ -79,7 +80,7 @@ def _programs(folder: Path, root: Path) -> None:
 
 
 def run_bash(text: str, root: Path) -> subprocess.CompletedProcess[str]:
-    """What bash says to these lines in the copy; it stops at the first that fails, and names it."""
+    """Run lines with bash in the copy; stops at the first that fails and names it."""
     for pattern, instead in SUBSTITUTIONS:
         text = re.sub(pattern, instead, text)
     environment = {**os.environ, "PATH": f"{root}/.venv/bin:{os.environ['PATH']}", "PYTHONPATH": f"{root}/src:{root}"}

@@ -1,8 +1,7 @@
-"""A card that is not there: all is computed on the CPU, but tensors know where they were put and refuse to be mixed.
+"""A simulated GPU: all computation is on the CPU, but tensors have a device and mixing devices is an error.
 
-What torch refuses on a machine with a card is refused here: an operation on tensors of both places, numpy of a tensor
-on the card, the CPU's generator for noise there. Gradients are not looked at, nor is speed, nor what a card computes
-otherwise.
+It rejects what torch rejects with a real GPU: operations on tensors of different devices, numpy of a GPU tensor, and
+the CPU generator for noise on the GPU. Gradients, speed and numerical differences of a GPU are not simulated.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from torch.utils._device import _device_constructors
 from torch.utils._pytree import tree_leaves
 
 CPU, GPU = torch.device("cpu"), torch.device("cuda", 0)
-# What may be asked of tensors of both places: a copy, and an index on the CPU for a tensor on the card.
+# Functions that accept tensors on both devices: copying, and indexing a GPU tensor with a CPU index.
 MIXED_DEVICE_FUNCTIONS = {"copy_", "__getitem__", "_has_compatible_shallow_copy_type"}
 
 
 def device_of(tensor: Tensor) -> torch.device | None:
-    """Where it was put; None if nobody has said."""
+    """Device of a tensor; None if unknown."""
     return tensor.__dict__.get("put")
 
 
@@ -36,7 +35,7 @@ def put(found: Any, where: torch.device | None) -> Any:
 
 
 def device_named(value: Any) -> torch.device | None:
-    """The place that an argument names."""
+    """Device given by an argument, or None."""
     if isinstance(value, Tensor):
         return device_of(value)
     if isinstance(value, str | torch.device) and str(value).split(":")[0] in ("cpu", "cuda"):
@@ -45,7 +44,7 @@ def device_named(value: Any) -> torch.device | None:
 
 
 class DeviceCheckMode(TorchFunctionMode):
-    """Every call of torch, with the places of what goes in and comes out."""
+    """Intercepts all torch functions and tracks the devices of inputs and outputs."""
 
     def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
@@ -65,7 +64,7 @@ class DeviceCheckMode(TorchFunctionMode):
 
 
 def _refuse_mixed(name: str, args: Any, leaves: list[Any]) -> None:
-    """Numbers alone (no dimension) may be anywhere."""
+    """Raise RuntimeError for tensors on different devices; zero-dimensional tensors may be on any device."""
     places = {device_of(each) for each in leaves if isinstance(each, Tensor) and each.dim()} - {None}
     if len(places) > 1 and (
         name not in MIXED_DEVICE_FUNCTIONS or (name == "__getitem__" and device_of(args[0]) == CPU)
@@ -74,7 +73,7 @@ def _refuse_mixed(name: str, args: Any, leaves: list[Any]) -> None:
 
 
 def _moved(tensor: Tensor, *asked: Any) -> Tensor:
-    """As `Tensor.to` has it: another place, another type, or both."""
+    """`Tensor.to`: another device, another dtype, or both."""
     where = next((each for each in map(device_named, asked) if each), device_of(tensor))
     dtypes = [each.dtype if isinstance(each, Tensor) else each for each in asked]
     dtype = next((each for each in dtypes if isinstance(each, torch.dtype)), tensor.dtype)
@@ -94,7 +93,7 @@ def _numpy(tensor: Tensor, *asked: Any) -> Any:
     return tensor.__array__(*asked)
 
 
-# Functions of one tensor that ask for its place or change it.
+# Functions of one tensor that return or change its device.
 SINGLE_TENSOR_FUNCTIONS: dict[Any, Any] = {
     Tensor.device.__get__: lambda tensor: device_of(tensor) or CPU,
     Tensor.is_cuda.__get__: lambda tensor: device_of(tensor) == GPU,
@@ -111,7 +110,7 @@ SINGLE_TENSOR_FUNCTIONS: dict[Any, Any] = {
 
 @contextmanager
 def fake_gpu() -> Iterator[None]:
-    """A machine whose one card is pretended."""
+    """Context of a machine with one simulated GPU."""
     autocast, from_numpy, as_tensor = torch.autocast, torch.from_numpy, torch.as_tensor
     with pytest.MonkeyPatch.context() as patch, DeviceCheckMode():
         patch.setattr(torch.cuda, "is_available", lambda: True)

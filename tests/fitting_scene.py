@@ -1,4 +1,4 @@
-"""A small scene for tests of fitting: known motion, and what a camera sees of it with the noise of FACTS section 8."""
+"""A small scene for tests of fitting: known motion and a simulated observation with the noise of FACTS, section 8."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from talkingeyes.physiology import saccades as main_sequence_model
 
 FPS = 25.0
 CAMERA = Camera(focal_px=1154 * 0.925, centre_px=(112.0, 120.0), distance_m=1.0, width=224, height=224)  # 1.154 px/mm
-KAPPA_RAD = np.radians([[4.5, 0.0], [-4.5, 0.0]])  # optical axes turn outwards
+KAPPA_RAD = np.radians([[4.5, 0.0], [-4.5, 0.0]])  # optical axes diverge
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A true motion with its events, and an observation of it."""
+    """A true motion with its events, and its observation."""
 
     motion: Motion
     events: Events
@@ -30,7 +30,7 @@ class Scene:
 
 
 def scene(seed: int, frames: int = 220, noise: float = 1.0, blinks: bool = True) -> Scene:
-    """Conversational gaze of `frames` frames; `noise` scales the detectors' errors, 0 gives exact observations."""
+    """Conversational gaze of `frames` frames; `noise` scales the detector errors, 0 gives exact observations."""
     rng = np.random.default_rng(seed)
     seconds = frames / FPS
     times_s = np.arange(frames) / FPS
@@ -51,7 +51,7 @@ def scene(seed: int, frames: int = 220, noise: float = 1.0, blinks: bool = True)
 
 
 def observe(motion: Motion, rng: np.random.Generator, noise: float) -> Observation:
-    """Landmarks and pupils in pixels; a pupil is hidden while its eye is open by less than .35."""
+    """Landmarks and pupils in pixels; a pupil is hidden while its eye is open by less than 0.35."""
     points = landmarks(motion.gaze, motion.lid, motion.jaw)
     marks = CAMERA.project(head_to_scene(points, motion.head, motion.translation))
     exact = CAMERA.project(head_to_scene(pupils(motion.gaze), motion.head, motion.translation))
@@ -62,7 +62,7 @@ def observe(motion: Motion, rng: np.random.Generator, noise: float) -> Observati
 
 
 def pupil_error(exact: Float[ndarray, "T 2 2"], motion: Motion, rng: np.random.Generator) -> Float[ndarray, "T 2 2"]:
-    """The raw detector of FACTS section 8: bias, slow error, white error, gain below 1, rare bursts."""
+    """The raw detector of FACTS, section 8: bias, slow error, white noise, gain below 1, rare bursts."""
     frames = len(exact)
     shared, own = rng.normal(size=(1, 1, 2)), rng.normal(size=(1, 2, 2))
     bias = 0.35 * (np.sqrt(0.6) * shared + np.sqrt(0.4) * own)
@@ -83,7 +83,7 @@ def pupil_error(exact: Float[ndarray, "T 2 2"], motion: Motion, rng: np.random.G
 
 
 def draw_saccades(seconds: float, rng: np.random.Generator) -> tuple[Saccade, ...]:
-    """About 1.5 saccades a second between directions within some 15 degrees."""
+    """About 1.5 saccades per second between directions within about 15 degrees."""
     shifts: list[Saccade] = []
     onset, here = rng.uniform(0.2, 0.6), np.zeros(2)
     while onset < seconds - 0.2:
@@ -94,7 +94,7 @@ def draw_saccades(seconds: float, rng: np.random.Generator) -> tuple[Saccade, ..
 
 
 def sample_blinks(seconds: float, rng: np.random.Generator) -> tuple[Blink, ...]:
-    """About 24 a minute."""
+    """Blinks at about 24 per minute."""
     found: list[Blink] = []
     onset = rng.uniform(0.3, 2.0)
     while onset < seconds - 0.5:
@@ -114,14 +114,14 @@ def closure(blinks: tuple[Blink, ...], times_s: Float[ndarray, " T"]) -> Float[n
 
 
 def blink_frames(scene_: Scene) -> Bool[ndarray, " T"]:
-    """Frames with any true closure."""
+    """Mask of frames with any true closure."""
     return np.asarray(scene_.motion.lid.max(axis=1) > 0.02)
 
 
 def head_sway(
     times_s: Float[ndarray, " T"], size: Float[ndarray, " C"], rng: np.random.Generator
 ) -> Float[ndarray, "T C"]:
-    """Slow sway and some nods: sinusoids from .1 to 2 Hz of falling size."""
+    """Slow sway and some nods: sinusoids from 0.1 to 2 Hz of decreasing amplitude."""
     rate = np.array([0.1, 0.23, 0.5, 1.1, 2.0])[:, None, None]
     phase = rng.uniform(0, 2 * np.pi, (5, 1, len(size)))
     waves = np.sin(2 * np.pi * rate * times_s[:, None] + phase) / (1 + 3 * rate)

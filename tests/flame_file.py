@@ -1,7 +1,7 @@
-"""A file of FLAME's layout with random numbers in it: pickled chumpy values and a sparse matrix, no FLAME data.
+"""A file with the layout of FLAME and random content: pickled chumpy values and a sparse matrix, no FLAME data.
 
-chumpy is not needed: its class is named by a module made here, as in the real file. The skin is the front of an egg
-with two openings before two proper eyeballs, so that what is geometric (rings of the iris, lids) has something to find.
+chumpy is not needed: a module made here provides its class name, as in the real file. The skin is the front of an egg
+with two openings in front of two proper eyeballs, so that geometric code (rings of the iris, lids) works.
 """
 
 import pickle
@@ -16,7 +16,7 @@ SKIN, BALL, EYES = 3931, 546, np.array([[0.03145, 0.215, 0.0375], [-0.03145, 0.2
 
 
 def eyeball(centre: np.ndarray) -> np.ndarray:
-    """17 rings of 32 vertices around +z, and two poles: the first vertex after the rings is the apex."""
+    """Vertices of an eyeball: 17 rings of 32 vertices around +z, and two poles, the first of which is the apex."""
     polar = np.radians(np.arange(1, 18) * 7.05)[:, None]
     around = np.linspace(0, 2 * np.pi, 32, endpoint=False)
     unit = np.stack(
@@ -27,17 +27,17 @@ def eyeball(centre: np.ndarray) -> np.ndarray:
 
 
 def eyeball_faces() -> np.ndarray:
-    """1,088 triangles, as many as FLAME's eyeballs have."""
+    """Triangles of an eyeball: 1,088, as in FLAME."""
     ring = np.arange(32)
     after = np.roll(ring, -1)
     rows = [[ring + 32 * k, after + 32 * k, ring + 32 * k + 32] for k in range(16)]
     rows += [[after + 32 * k, after + 32 * k + 32, ring + 32 * k + 32] for k in range(16)]
     rows += [[np.full(32, 544), after, ring], [np.full(32, 545), ring + 512, after + 512]]
-    return np.concatenate([np.stack(row[::-1], axis=-1) for row in rows])  # turned outwards
+    return np.concatenate([np.stack(row[::-1], axis=-1) for row in rows])  # oriented outwards
 
 
 def skin() -> tuple[np.ndarray, np.ndarray]:
-    """The front of an egg, with almond openings before the eyes; the list of triangles is filled up to 7,800."""
+    """Front of an egg with almond-shaped openings at the eyes; the list of triangles is padded to 7,800."""
     x, y = np.meshgrid(np.linspace(-0.07, 0.07, 63), np.linspace(0.11, 0.29, 62), indexing="ij")
     z = -0.03 + 0.095 * np.sqrt(np.maximum(1 - (x / 0.075) ** 2 - ((y - 0.2) / 0.11) ** 2, 0.0))
     points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -53,7 +53,7 @@ def skin() -> tuple[np.ndarray, np.ndarray]:
 
 
 def arrays(seed: int = 0) -> dict[str, np.ndarray]:
-    """The arrays of the layout, plain. The pupil's vertex stands where FLAME has it."""
+    """The arrays of the layout, as plain arrays. The pupil vertex has FLAME's index."""
     rng = np.random.default_rng(seed)
     surface, triangles = skin()
     template = np.concatenate([surface, *map(eyeball, EYES)])
@@ -83,7 +83,7 @@ def arrays(seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def write(path: Path, content: dict[str, np.ndarray], protocol: int = 2) -> None:
-    """As FLAME's authors did: template and directions as chumpy values, the regressor sparse."""
+    """Write the file as the authors of FLAME do: template and directions as chumpy values, the regressor sparse."""
     module = types.ModuleType("chumpy.ch")
     Ch = type("Ch", (), {"__module__": "chumpy.ch", "__qualname__": "Ch"})
     module.Ch = Ch  # type: ignore[attr-defined]
@@ -103,7 +103,7 @@ def write(path: Path, content: dict[str, np.ndarray], protocol: int = 2) -> None
 
 
 def write_embedding(path: Path, seed: int = 0) -> dict[str, np.ndarray]:
-    """A landmark embedding: an array of objects that holds a dictionary."""
+    """Write a landmark embedding: an object array that contains a dictionary."""
     rng = np.random.default_rng(seed)
     content = {
         "full_lmk_faces_idx": rng.integers(0, 7800, (1, 68)),

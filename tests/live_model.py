@@ -1,6 +1,6 @@
-"""A model for streams as the stage `train` leaves it, untrained: conf/model/talkingeyes_live.yaml, all of its parts.
+"""An untrained streaming model in the format of the stage `train`: conf/model/talkingeyes_live.yaml with all its parts.
 
-`CODES` samples codes of frames instead, as conf/model/talkingeyes_categorical.yaml does, but has no lookahead.
+`CODES` samples codes of frames instead, as conf/model/talkingeyes_categorical.yaml does, but without lookahead.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CODES = {
 
 
 def codebook() -> GazeVQVAE:
-    """Codes of four frames of gaze in space, untrained."""
+    """Untrained codebook of four frames of gaze in space."""
     settings = GazeVQVAESettings.model_validate(content("pretrain", "gaze_patches.yaml")["network"])
     network = GazeVQVAE(settings)
     network.normalise_by(torch.zeros_like(network.mean), 0.2)
@@ -45,14 +45,14 @@ def codebook() -> GazeVQVAE:
 
 
 def embedding_settings() -> EmbedSettings:
-    """The default section with the encoder that needs no weights."""
+    """The default section `embed` with the encoder that needs no weights."""
     node = {**content("embed", "default.yaml"), "encoder": content("embed", "encoder", "logmel.yaml")}
     node.pop("defaults")
     return EmbedSettings.model_validate(node)
 
 
 def write_live_model(folder: Path, speakers: Sequence[str] = (), **changes: Any) -> Path:
-    """Write one with other values at the top of its section, trained on these speakers."""
+    """Write a model with changed top-level settings and these training speakers."""
     torch.manual_seed(3)
     settings = MotionTaskSettings.model_validate(content("model", "talkingeyes_live.yaml") | changes)
     embedding = embedding_settings()

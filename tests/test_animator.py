@@ -1,4 +1,4 @@
-"""Frames to events and back: saccades found where they are, fast at any frame rate; blinks hold gaze."""
+"""Conversion of frames to events and back: saccades are detected and rendered at any frame rate; blinks hold gaze."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ from talkingeyes.physiology.frame_saccades import find_saccades
 
 
 def scene(onsets_s: list[float], amplitude_deg: float, fps: float, seconds: float = 4.0) -> tuple[Any, Any]:
-    """Saccades to and fro, point-sampled at `fps`; the law's duration and skew."""
+    """Saccades back and forth, point-sampled at `fps`, with the duration and skew of the main sequence."""
     amplitude = np.radians(amplitude_deg)
     ends = [(amplitude if index % 2 == 0 else 0.0, 0.0) for index in range(len(onsets_s))]
     starts = [(0.0, 0.0), *ends[:-1]]
@@ -44,7 +44,7 @@ def test_saccades_are_found_with_onset_and_amplitude(amplitude_deg: float) -> No
 
 
 def test_drift_before_a_saccade_does_not_make_it_early() -> None:
-    """Eyes at the end of their range are taken along by the head, slower than a saccade but not by much."""
+    """Eyes at the limit of their range are carried by the head, not much slower than a saccade."""
     times = np.arange(50) / 25.0
     jump = saccades.saccade(1.0, np.zeros(2), np.radians([24.0, 7.0]), np.random.default_rng(0))
     drift = np.radians(0.3) * 25.0 * np.clip(times - 0.7, 0.0, 0.3)
@@ -139,7 +139,7 @@ def test_profiles_blink_at_their_rates() -> None:
 
 
 def test_blinks_come_where_phrases_end_but_not_those_of_the_paper() -> None:
-    """Two seconds of noise and one of silence, by turns; a blink is late when it begins with the silence."""
+    """Sound alternates two seconds of noise and one of silence; `late` counts blinks near the onset of silence."""
     at_s = np.arange(16_000 * 120) / 16_000
     sound = np.where(at_s % 3 < 2, 0.1, 1e-4) * np.random.default_rng(0).standard_normal(len(at_s))
     late = {}

@@ -1,4 +1,4 @@
-"""Jaw and lips: what each sound asks for, co-articulation, loudness, any frame rate; faces of emotions, and brows."""
+"""Jaw and lips: targets of phonemes, co-articulation, loudness, any frame rate; facial emotions and brows."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ STEP_S = 0.12
 
 
 def said(symbols, stressed="aouiE", loudness=1.0):
-    """Phonemes in a row and the time of each one's apex."""
+    """Consecutive phonemes and the apex times."""
     phonemes = [
         Phoneme(i * STEP_S, (i + 1) * STEP_S, symbol, symbol in stressed, loudness=loudness)
         for i, symbol in enumerate(symbols)
@@ -73,7 +73,7 @@ def test_the_jaw_opens_for_vowels_and_closes_in_silence():
 
 @pytest.mark.parametrize("symbol", ["p", "b", "m"])
 def test_lips_meet_between_any_vowels(symbol):
-    """Resting lips touch: closed is no wider than that, though the jaw hangs between two open vowels."""
+    """Resting lips touch: closed lips have no larger gap, even between two open vowels."""
     rest_m = lip_gap_m(Motion.of(25.0, np.zeros((1, 3)), np.zeros((1, 2, 3))))[0]
     motion = shown(["a", symbol, "a"])
     gap_m = lip_gap_m(motion)
@@ -101,7 +101,7 @@ def test_teeth_meet_the_lower_lip():
 
 
 def test_sounds_show_through_each_other():
-    """The t before a round vowel is rounder than before a spread one, and rounding starts earlier than the jaw."""
+    """The t before a rounded vowel is rounder than before a spread one, and rounding starts earlier than the jaw."""
     pucker = FACE_SHAPES.index("mouthPucker")
     before_u, before_i = (shown(["i", "t", vowel]).expression[1, pucker] for vowel in ("u", "i"))
     assert before_u > before_i + 0.2
@@ -145,7 +145,7 @@ def test_any_speech_stays_a_mouth(symbols):
 
 
 def test_a_moment_does_not_depend_on_the_others():
-    """Any frame rate, any cut: the nearest phonemes alone decide, and those left out would not have been seen."""
+    """The output depends only on the nearest phonemes, at any frame rate; more distant ones have no visible effect."""
     phonemes, _ = said(["t", "a", "m", "u"] * 30)
     times = np.arange(0, 14, 0.01)
     whole = mouth(phonemes, times, USUAL)

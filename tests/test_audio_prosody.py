@@ -1,4 +1,4 @@
-"""Energy and F0 against sounds whose energy and F0 are known."""
+"""Energy and F0 of sounds with known energy and F0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SETTINGS = ProsodySettings(f0_min_hz=60, f0_max_hz=450, yin_threshold=0.25, ener
 
 
 def voice(f0_hz: np.ndarray) -> np.ndarray:
-    """A buzz of 12 harmonics below 4 kHz with the given F0 a sample."""
+    """A buzz of 12 harmonics below 4 kHz with the given F0 at each sample."""
     phase = 2 * np.pi * np.cumsum(f0_hz) / 16_000
     return np.asarray(sum(np.sin(k * phase) / k for k in range(1, 9)) * 0.1, np.float32)
 
@@ -58,7 +58,7 @@ def test_energy_is_the_level_at_the_frame_and_has_a_floor() -> None:
 
 
 def test_blocks_leave_no_seam() -> None:
-    """30 s are 3,000 steps of 10 ms, more than a block; the second half alone gives the same away from its ends."""
+    """30 s are 3,000 steps of 10 ms, more than a block; the second half alone gives the same except near its ends."""
     rng = np.random.default_rng(2)
     f0_hz = 150 + 50 * np.sin(np.arange(480_000) / 16_000)
     sound = voice(f0_hz) * np.repeat(rng.uniform(0, 1, 300), 1600).astype(np.float32)

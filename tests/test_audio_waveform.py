@@ -1,4 +1,4 @@
-"""Reading speech: formats by content, and one clear line for what cannot be read."""
+"""Reading speech: formats are recognised by content, and unreadable files give a one-line error."""
 
 from __future__ import annotations
 

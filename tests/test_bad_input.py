@@ -1,4 +1,4 @@
-"""Bad input to every command: one clear line on stderr, exit status 2, nothing half-written."""
+"""Bad input to every command: a one-line error on stderr, exit status 2, no partial output."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 
 @pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "motion"])
 def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: str) -> None:
-    """Cut anywhere, or with some bytes changed."""
+    """Truncated, or with some bytes changed."""
     good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"
     shown = toy_motions.flame_motion().cut(0, 12) if format == "flame" else toy_motions.motion().cut(0, 12)
     shown.save(good) if format == "motion" else convert.write(shown, None, format, good)
@@ -154,8 +154,8 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: s
 
 def test_every_command_is_tried() -> None:
     tried = {words.split()[0] for words, _ in CASES if words}
-    assert set(COMMANDS) - tried <= {"serve"}  # which tells what is wrong over the wire (test_service)
+    assert set(COMMANDS) - tried <= {"serve"}  # which reports errors over its connection (test_service)
 
 
 def test_an_edit_of_a_good_file_is_still_read(place: Path) -> None:
-    assert Motion.load(place / "good.npz").seconds == 1.0  # the cases above touched nothing
+    assert Motion.load(place / "good.npz").seconds == 1.0  # the cases above changed nothing

@@ -1,4 +1,4 @@
-"""Many sounds at once: resumable, the same bytes whatever the jobs, a table that says what became of each."""
+"""Batch animation: resumable, output independent of the number of jobs, and a table with the status of each sound."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> N
         ("d.wav", "made"),
     ]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    sound_file(place / "lines" / "b.wav", seed=9)  # spoken again
+    sound_file(place / "lines" / "b.wav", seed=9)  # the sound has changed
     assert [line.status for line in animate_all(["lines"], "out", ORDER)] == ["kept", "failed", "kept", "kept"]
     assert files(place / "out" / "b") == before
     assert [line.status for line in animate_all(["lines"], "out", ORDER, force=True)] == [

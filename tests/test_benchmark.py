@@ -1,4 +1,4 @@
-"""The benchmark: measures find what was put in, know what they cannot tell, and count the same in any grouping."""
+"""The benchmark: metrics recover known properties, report missing values, and do not depend on grouping of clips."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_the_truth_keeps_the_law_at_every_rate(fps):
     found = rows([person.at(fps) for person in people(30)], counted([ToyPerson(1).at(fps)], fps))
     assert found["main_sequence/peak_speed_ratio"].value.value == pytest.approx(1, abs=0.06)
     native = np.degrees(peak_speed(np.radians(5.0)))
-    assert native > 200  # of which 25 frames a second show less than half
+    assert native > 200  # of which 25 frames per second show less than half
     assert (found["saccades/duration"].value is None) == (fps < 60)
 
 

@@ -1,4 +1,4 @@
-"""`talkingeyes animate`, with a performer that needs no training."""
+"""`talkingeyes animate`, with a model that needs no training."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from talkingeyes.rendering import traces
 
 
 class ToyPerformer:
-    """Motions that depend on seed, sample and the length of the sound."""
+    """Generator of motions that depend on seed, sample and length of the sound."""
 
     @classmethod
     def load(cls, model: Path) -> ToyPerformer:

@@ -1,4 +1,4 @@
-"""Finite scalar and residual codes, top-p, annealing and free bits, as mathematics."""
+"""Finite scalar and residual quantisation, top-p sampling, annealing and free bits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every head generator moves every gaze decoder, by configuration alone: trained together, or one after the other."""
+"""Every head generator can be combined with every gaze decoder by configuration: trained jointly or in sequence."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SPEECH = {"channels": None, "width": 16, "layers": 1, "dropout": 0.0, "channel_d
 
 
 def sections(part: str) -> dict[str, dict[str, Any]]:
-    """By kind, the first model of conf/ that has such a part."""
+    """The first model of conf/ with each kind of the part, by kind."""
     found: dict[str, dict[str, Any]] = {}
     for path in sorted((CONFIG_DIR / "model").glob("*.yaml")):
         node = content(path)
@@ -45,7 +45,7 @@ WITH_HEAD, WITH_GAZE = sections("head"), sections("gaze")
 
 
 def joint(head: str, gaze: str) -> SpeechToMotion:
-    """The head of one model of conf/ and the gaze of another in one, untrained."""
+    """An untrained model with the head of one model of conf/ and the gaze of another."""
     weights = {
         name: weight
         for part, of in (("head_", WITH_HEAD[head]), ("gaze_", WITH_GAZE[gaze]))
@@ -88,7 +88,7 @@ def test_trained_together(head: str, gaze: str) -> None:
 
 @pytest.fixture(scope="module")
 def gazes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Models with each gaze decoder, in folders as `train` leaves them."""
+    """Models with each gaze decoder, in folders in the format of `train`."""
     found = {}
     for gaze in WITH_GAZE:
         made = joint("vae", gaze)
@@ -99,7 +99,7 @@ def gazes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def made_codebook(made: SpeechToMotion) -> Any:
-    """What the gaze decoder decodes with, if anything."""
+    """The codebook of the gaze decoder, if any."""
     return getattr(made.gaze, "codebook", None)
 
 

@@ -1,4 +1,4 @@
-"""What a model is told besides its speech: who moves, a reference of a style, the partner; and where it starts from."""
+"""Conditioning besides speech: speaker, style reference, partner; and the initial pose."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ KNOWN = ConditioningSpec(NAMES, ("a", "b"))
 
 
 def conditioner(kind: str) -> Any:
-    """One of each kind, with the statistics of toy motions."""
+    """One conditioner of each kind, with the statistics of toy motions."""
     torch.manual_seed(0)
     made = CONDITIONERS.build(CONDITIONERS.parse({"kind": kind, **KINDS[kind]}), 12, KNOWN)
     motions = [torch.from_numpy(motion_array(each.head, each.gaze)) for each in recordings(6, seed=1)]
@@ -53,7 +53,7 @@ def conditioner(kind: str) -> Any:
 
 
 def told(rows: int, frames: int = 40) -> ConditioningInputs:
-    """Something of everything; the last window is told nothing."""
+    """Conditioning inputs of all kinds; the last window has the null condition."""
     torch.manual_seed(2)
     reference, partner = 0.1 * torch.randn(rows, 30, 9), torch.randn(rows, frames, CHANNELS)
     reference[-1], partner[-1] = torch.nan, torch.nan
@@ -96,7 +96,7 @@ def test_a_hidden_speaker_is_nobody() -> None:
 
 
 def people(count: int, seed: int) -> list[Recording]:
-    """Two speakers, of whom `b` holds the head turned aside."""
+    """Two speakers; `b` holds the head turned aside."""
     found = []
     for index, each in enumerate(recordings(count, seed)):
         aside_rad, who = (0.0, "a") if index % 2 else (0.2, "b")
@@ -107,13 +107,13 @@ def people(count: int, seed: int) -> list[Recording]:
 
 def task_of(condition: dict[str, Any], beside: ConditioningPaths | None = None, **changes: Any) -> MotionTask:
     node = translation("vae", **changes).model_dump(mode="json") | {"conditions": [condition]}
-    node["weights"]["head_kl"] = 3.0  # with a weak one the codes say all and the condition nothing
+    node["weights"]["head_kl"] = 3.0  # with a weak weight the codes carry all information and the condition none
     settings = MotionTaskSettings.model_validate(node)
     return MotionTask(settings, 0, people(12, seed=1), people(3, seed=2), NORMALISER, None, beside)
 
 
 def aside_rad(task: MotionTask, one: ConditioningInputs) -> float:
-    """Where the heads of some samples rest."""
+    """Mean head pose of several samples."""
     speech = torch.from_numpy(recordings(1, seed=9)[0].speech)
     return float(task.module.generate(speech, list(range(6)), 1.0, one).head[..., 1].mean())
 
@@ -205,7 +205,7 @@ def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
 
 
 def conversation(root: Path) -> ConditioningPaths:
-    """The partner's embedding beside every second clip of `people`."""
+    """The partner's speech features for every second clip of `people`."""
     rng = np.random.default_rng(5)
     for seed, count in ((1, 12), (2, 3)):
         for index, each in enumerate(people(count, seed)):

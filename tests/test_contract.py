@@ -1,4 +1,4 @@
-"""Every part that conf/ names is held to the contract of its role, also one that somebody adds (docs/extend.md)."""
+"""Every part named in conf/ satisfies the contract of its role, including added ones (docs/extend.md)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FAMILIES = [path.stem for path in sorted((CONFIG_DIR / "embed" / "encoder").glob
 
 
 def codebook(tokenizer: str | None) -> GazeVQVAE | None:
-    """The codebook that a model needs, untrained."""
+    """The untrained codebook that a model needs."""
     if tokenizer is None:
         return None
     network = GazeVQVAE(
@@ -57,7 +57,7 @@ def codebook(tokenizer: str | None) -> GazeVQVAE | None:
 
 
 def network(name: str) -> SpeechToMotion:
-    """A model of conf/model/, untrained."""
+    """An untrained model of conf/model/."""
     settings = MotionTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     names = [*(settings.speech.channels or ()), *(str(index) for index in range(CHANNELS))]
@@ -95,7 +95,7 @@ def test_codes_that_are_decoded_need_the_weight_that_they_learn_by() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 class TestModel:
-    """Head and gaze generators, as their model joins them."""
+    """Contract of head and gaze generators, as combined by their model."""
 
     def test_terms_are_finite_cover_the_weights_and_reach_the_speech(self, name: str) -> None:
         made = network(name).train()
@@ -117,7 +117,7 @@ class TestModel:
 
     def test_a_seed_is_the_same_alone_and_in_a_batch_and_another_differs(self, name: str) -> None:
         made, speech = network(name), torch.randn(40, CHANNELS)
-        # At temperature 0 a decoder may give the same gaze for all seeds.
+        # At temperature 0 a decoder can give the same gaze for all seeds.
         many, one = made.generate(speech, [3, 4], 1.0), made.generate(speech, [4], 1.0)
         torch.testing.assert_close(many.head[1], one.head[0], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(many.gaze[1], one.gaze[0], atol=1e-5, rtol=1e-4)
@@ -139,7 +139,7 @@ class TestModel:
 
 
 def face_network(name: str) -> SpeechToFace:
-    """A model of the face of conf/model/, with its motion autoencoder, both untrained."""
+    """A face model of conf/model/ with its motion autoencoder, both untrained."""
     settings = FaceTaskSettings.model_validate(content(CONFIG_DIR / "model" / f"{name}.yaml"))
     torch.manual_seed(0)
     tokenizer = None
@@ -156,7 +156,7 @@ def face_network(name: str) -> SpeechToFace:
 
 @pytest.mark.parametrize("name", FACES)
 class TestFaceModel:
-    """Face generators, on a head of two shapes."""
+    """Contract of face generators, on a head with two blend shapes."""
 
     def test_it_learns_one_batch_through_speech_and_style(self, name: str) -> None:
         made = face_network(name).train()
@@ -192,7 +192,7 @@ class TestFaceModel:
 
 @pytest.mark.parametrize("name", FAMILIES)
 class TestEncoder:
-    """Speech encoders. One whose weights are not on this machine is held to it in tests/test_encoder_contract.py."""
+    """Contract of speech encoders. Those without local weights are tested in tests/test_encoder_contract.py."""
 
     def encoder(self, name: str) -> SpeechEncoder:
         node = {

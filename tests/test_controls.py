@@ -1,4 +1,4 @@
-"""What is asked of a performance is done: eye contact, liveliness, manner; nothing asked, nothing changed."""
+"""Controls of an animation take effect: eye contact, liveliness, style; without controls nothing changes."""
 
 from __future__ import annotations
 
@@ -87,14 +87,14 @@ def test_dials_rise_with_what_they_name() -> None:
 
 
 def course_of(shifts: int, *amplitudes_deg: float) -> GazeTrajectory:
-    """2,000 seconds of a still head, with shifts of gaze every ten, of these sizes in turn."""
+    """2,000 seconds of a still head with a gaze shift every ten seconds, of these sizes in turn."""
     rng, to = np.random.default_rng(0), np.radians([[size, 0.0] for size in amplitudes_deg])
     made = [saccades.saccade(10.0 * k, np.zeros(2), to[k % len(to)], rng) for k in range(shifts)]
     return GazeTrajectory(25.0, np.zeros((50_000, 3)), np.zeros((50_000, 2, 2)), tuple(made))
 
 
 def test_large_shifts_of_gaze_bring_blinks() -> None:
-    """By Evinger: .69 of those of 25 degrees; no small ones, none where none are asked for, none by the paper."""
+    """Evinger et al.: 0.69 of shifts of 25 degrees evoke blinks; small ones none; none if off or with profile paper."""
     rng = np.random.default_rng(0)
     brought = gaze_evoked_blinks(course_of(200, 25.0), 20.0, CONTEXT, rng)
     assert len(brought) / 200 == pytest.approx(0.69, abs=0.1)
@@ -106,7 +106,7 @@ def test_large_shifts_of_gaze_bring_blinks() -> None:
 
 
 def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
-    """Gaze goes 25 degrees aside and back every two seconds, of somebody who blinks much."""
+    """Gaze shifts by 25 degrees and back every two seconds, for a speaker with a high blink rate."""
 
     class Aside:
         def generate(self, embedding: Any, seeds: list[int], fps: float, conditioning: Any = None) -> Samples:
@@ -126,7 +126,7 @@ def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
 
 
 def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
-    """By Evinger 69 and 17 of 100 each would, of 67 that there are, a quarter of them without a shift: 50."""
+    """Evinger et al. expect 69 and 17 of 100 each; of 67 blinks in all a quarter occur without a shift: 50 remain."""
     rng, trajectory = np.random.default_rng(2), course_of(200, 25.0, 10.0)
     brought = [blink.onset_s for _ in range(10) for blink in gaze_evoked_blinks(trajectory, 2.0, CONTEXT, rng)]
     large = np.round(np.array(brought) / 10.0) % 2 == 0
@@ -136,7 +136,7 @@ def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
 
 @pytest.mark.parametrize("rate", [3.0, 20.0])
 def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: float) -> None:
-    """However many the shifts would bring: here 4 a minute."""
+    """The blink rate is kept even if shifts would evoke more: here 4 per minute."""
     trajectory, rng = course_of(200, 25.0), np.random.default_rng(1)
     brought = gaze_evoked_blinks(trajectory, rate, CONTEXT, rng)
     assert len(brought) <= 0.9 * rate * trajectory.seconds / 60

@@ -1,4 +1,4 @@
-"""Talking and listening by turns: looking, nods and blinks of a listener, causes of aversions, moods, the distance."""
+"""Conversation turns: partner gaze, nods and blinks of a listener, causes of aversions, emotions, partner distance."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ SECONDS = 2 * TURN_S * TURNS
 
 
 def by_turns() -> Annotation:
-    """Eight seconds of one's own speech and eight of the partner's, in phrases of two seconds."""
+    """Eight seconds of own speech and eight of the partner's, in phrases of two seconds."""
     phrases = [tuple(Span(at + 2.0 * k, at + 2.0 * k + 1.6) for k in range(4)) for at in TURN_S * np.arange(2 * TURNS)]
     own, others = (tuple(span for turn in phrases[first::2] for span in turn) for first in (0, 1))
     onsets = [span.start_s + 0.2 * k for span in own for k in range(8)]
@@ -41,7 +41,7 @@ def styles():
 
 
 def share(states, spans):
-    """Share of the time of the spans spent looking at the partner."""
+    """Fraction of the time in the spans with gaze at the partner."""
     times = np.arange(0.0, SECONDS, 0.05)
     aversions = np.any([(times >= s.start_s) & (times < s.end_s) for s in states if s.averted], axis=0)
     inside = np.any([(times >= s.start_s) & (times < s.end_s) for s in spans], axis=0)
@@ -88,7 +88,7 @@ def test_aversions_have_causes_and_go_where_those_go(annotation, styles):
 
 
 def test_aversions_lead_the_turn(annotation, styles):
-    """People start to speak with gaze averted, and have looked away a second before."""
+    """Speakers begin with gaze averted, and look away about a second before."""
     before = []
     for seed, style in enumerate(styles):
         for look in gaze_intervals(annotation, style, SECONDS, np.random.default_rng(seed)):

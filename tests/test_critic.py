@@ -1,4 +1,4 @@
-"""The critic learns a coupling of sound and motion, and only that."""
+"""The critic learns the coupling of sound and motion, and nothing else."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from talkingeyes.orchestration.config import compose
 from talkingeyes.training.loop import LoopSettings, train
 
 FPS = 25.0
-ENCODER = EncoderSettings.model_validate(compose()["critic"]["encoder"])  # not looked at here
+ENCODER = EncoderSettings.model_validate(compose()["critic"]["encoder"])  # unused here
 SETTINGS = CriticSettings(
     seed=0,
     channels=["loud"],
@@ -53,7 +53,7 @@ HEARING = ChannelSelection(np.arange(6), np.zeros(6, np.float32), np.ones(6, np.
 
 
 def toy(coupled: bool, speakers: int = 12, sounds: int = 8) -> list[Recording]:
-    """Noise with a loudness that the head's speed follows where `coupled`; every speaker has a voice and a posture."""
+    """Noise whose loudness determines head speed if `coupled`; every speaker has a voice and a posture."""
     rng = np.random.default_rng(1)
     found = []
     for speaker in range(speakers):
@@ -156,14 +156,14 @@ def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> Non
     task, history = learnt(lonely)
     assert task.time_shifts_only
     assert not learnt(toy(coupled=True, speakers=4, sounds=4))[0].time_shifts_only
-    assert max(row["validation_score"] for row in history) > 0.7  # the planted coupling, by time alone
+    assert max(row["validation_score"] for row in history) > 0.7  # the simulated coupling, by time shifts alone
     with pytest.raises(InputError, match=r"critic.time_shifted_negatives"):
         silent = SETTINGS.model_copy(update={"time_shifted_negatives": 0})
         ContrastiveTask("head", task.critic, lonely, split_speakers(lonely, silent), FPS, silent)
 
 
 def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None:
-    """Clips of a second: `integers` would be asked for a number between 25 and 0 otherwise."""
+    """Clips of a second; without a limit on the shift, `integers` would get the empty interval from 25 to 0."""
     short = [
         Recording(each.clip, each.speech[:25], each.head[:25], each.gaze[:25], each.valid[:25])
         for each in toy(coupled=True, speakers=3, sounds=2)

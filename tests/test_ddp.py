@@ -1,7 +1,7 @@
-"""Two processes under torchrun learn what one does; bfloat16; a card that is not there.
+"""Training with two processes under torchrun equals that with one; bfloat16; a missing GPU.
 
-Tolerance: losses of every validation agree to 1e-4 of their value, weights to 1e-4 of theirs or 1e-4 absolutely. What
-differs is the order in which float32 numbers are added.
+Tolerance: the losses of every validation agree to a relative error of 1e-4, weights to a relative or absolute error of
+1e-4. The only difference is the order in which float32 numbers are added.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def torchrun(root: Path, world_size: int, *arguments: str) -> subprocess.Complet
 
 
 def stage_script(root: Path, stage: str) -> str:
-    """The stage without a record in MLflow, as a file that torchrun can start."""
+    """A script for torchrun that runs the stage without logging to MLflow."""
     path = root / f"run_{stage}.py"
     path.write_text(RUN.format(stage=stage))
     return str(path)
@@ -64,7 +64,7 @@ def assert_agree(one: Path, two: Path, *names: str) -> None:
 
 
 def test_two_processes_learn_what_one_does_with_dropout_and_draws(tmp_path: Path) -> None:
-    """The codebook's moving averages and restarts, masked means, dropout and draws of latent codes among it."""
+    """Covers moving averages and restarts of the codebook, masked means, dropout and sampling of latent codes."""
     one, two = (toy_training(tmp_path / name, dropout=0.1, **STEPS) for name in ("one", "two"))
     pretrain.run(one, "codes")
     train_stage.run(one, "joint")
@@ -78,13 +78,13 @@ def test_two_processes_learn_what_one_does_with_dropout_and_draws(tmp_path: Path
 
 
 def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each process's noise is its rows of what one process draws; under no_grad all draw alike."""
+    """Each process has its rows of the noise of a single process; under no_grad all processes have the same noise."""
     rows, modules = torch.ones(6, 5, 7), [torch.nn.Dropout(0.5), torch.nn.Dropout1d(0.5)]
 
     def drawn(x: torch.Tensor) -> list[torch.Tensor]:
         torch.manual_seed(0)
         made = [module(x) for module in modules]
-        made.append(modules[0](x.transpose(1, 2)))  # other order in memory
+        made.append(modules[0](x.transpose(1, 2)))  # another memory layout
         return [*made, torch.randn_like(x), torch.rand(len(x)), torch.rand(x.shape[:2]), torch.rand_like(x)]
 
     whole = drawn(rows)
@@ -146,7 +146,7 @@ def test_machine_gpu_without_a_card_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.gpu
 def test_a_card_learns_what_the_cpu_does(tmp_path: Path) -> None:
-    """To within what float32 on another device gives; then in bfloat16."""
+    """Equal within the float32 accuracy of different devices; then bfloat16."""
     results: list[Any] = []
     for device, precision in (("cpu", "float32"), ("cuda", "float32"), ("cuda", "bfloat16")):
         workspace = toy_training(tmp_path / f"{device}-{precision}", **STEPS)

@@ -1,4 +1,4 @@
-"""Detectors find the events that a motion was rendered from, at every frame rate, and refuse what they cannot judge."""
+"""Detectors find the events of rendered motion at every frame rate, and reject unusable input."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ SECONDS = 30.0
 
 
 def chain(seed=0, min_deg=2.0, seconds=SECONDS):
-    """Saccades of two degrees or more through a clip, half a second or so apart."""
+    """Saccades of at least two degrees, about half a second apart."""
     rng = np.random.default_rng(seed)
     made, place, time_s = [], np.zeros(2), 0.3
     while time_s < seconds - 0.5:
@@ -260,7 +260,7 @@ def test_gaze_states():
     partner, away = np.radians([2.0, -1.0]), np.radians([14.0, 5.0])
     states = np.repeat([False, True, False, True, False], [100, 50, 80, 60, 90])
     gaze = np.where(states[:, None], away, partner) + np.radians(0.8) * rng.standard_normal((380, 2))
-    gaze[40:41] = away  # a glance of a frame
+    gaze[40:41] = away  # a glance of one frame
     found = detect_gaze_states(gaze, 25.0)
     assert np.array_equal(found.averted, states)
     assert np.degrees(np.hypot(*(found.partner_rad - partner))) < 0.3

@@ -1,4 +1,4 @@
-"""Two people talk: who has the turn is heard, whoever listens looks at the speaker, nods and blinks at phrase ends."""
+"""Dialogues: turns are detected in the sounds; the listener looks at the speaker, nods, and blinks at phrase ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TALK = ((0.0, 6.0, 0), (6.4, 12.0, 1), (12.5, 18.0, 0), (18.3, 26.0, 1), (26.5, 
 
 
 def talk() -> tuple[np.ndarray, np.ndarray]:
-    """Noise by turns, in phrases of 1.6 s and gaps of .4 s."""
+    """Alternating noise, in phrases of 1.6 s and gaps of 0.4 s."""
     rng = np.random.default_rng(0)
     sounds = np.zeros((2, 30 * RATE), np.float32)
     for start, end, who in TALK:
@@ -45,7 +45,7 @@ def test_turns_are_heard() -> None:
 
 
 def looks(made: Animation, who: int) -> float:
-    """Contact while the other has the turn."""
+    """Partner gaze during the other's turn."""
     times = np.arange(len(made.motion)) / 25
     listens = np.any([(times >= start + 0.3) & (times < end) for start, end, each in TALK if each != who], axis=0)
     head, space = made.motion.head, rotation.gaze_in_space(made.motion.head, made.motion.gaze)
@@ -93,7 +93,7 @@ def test_whoever_answers_in_a_word_does_not_take_the_turn() -> None:
 
 
 def test_listeners_blink_at_the_ends_of_phrases() -> None:
-    """Gaze is calm here: shifts of it beyond 5 degrees would bring most blinks."""
+    """Gaze is calm here, since most blinks would otherwise be evoked by gaze shifts above 5 degrees."""
     sounds, calm = talk(), Controls(liveliness=Liveliness(gaze=0.1))
     pairs = animate_dialogue(PERFORMER, sounds, 24, 0, 25.0, (calm, calm))
     alone = PERFORMER.perform(sounds[0], 24, 0, 25.0, calm)

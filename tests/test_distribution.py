@@ -1,4 +1,4 @@
-"""Distances between distributions against closed forms, against scipy, and against what they must not do."""
+"""Distances between distributions, compared with closed forms and scipy, and their required invariances."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FPS = 25.0
 
 
 def normal(seed: int, *shape: int) -> np.ndarray:
-    """Standard normal numbers."""
+    """Standard normal samples."""
     return np.random.default_rng(seed).standard_normal(shape)
 
 
@@ -24,7 +24,7 @@ def test_wasserstein_agrees_with_scipy_in_units_of_the_references_spread(seed: i
     ours, theirs = normal(seed, n) * 3, normal(seed + 1, m) + 1
     expected = stats.wasserstein_distance(ours, theirs) / theirs.std()
     assert wasserstein.wasserstein(ours, theirs) == pytest.approx(expected)
-    assert wasserstein.wasserstein(ours * 7 + 2, theirs * 7 + 2) == pytest.approx(expected)  # no unit
+    assert wasserstein.wasserstein(ours * 7 + 2, theirs * 7 + 2) == pytest.approx(expected)  # independent of the unit
 
 
 def test_wasserstein_of_drawn_clips_is_that_of_their_pool() -> None:
@@ -94,7 +94,7 @@ def test_halves_of_one_set_are_nearer_than_another_set() -> None:
 
 
 def clustered(seed: int, clips: int, shift: float = 0.0, own: float = 1.0) -> list[np.ndarray]:
-    """Windows of clips that have each a place of their own."""
+    """Windows of clips, each clip with its own centre."""
     return [normal(seed + index, 1, 3) * own + normal(seed + 500 + index, 6, 3) * 0.3 + shift for index in range(clips)]
 
 
@@ -115,7 +115,7 @@ def test_truth_against_itself_is_no_better_than_against_other_truth() -> None:
 
 
 def test_permutation_test_deals_whole_clips() -> None:
-    """Windows of a clip are alike: a test that shuffled windows would reject nearly always."""
+    """Windows of a clip are similar: a test that permuted windows would nearly always reject."""
     below = []
     for seed in range(0, 60_000, 1500):
         one, other = (mmd.sample_windows(clustered(s, 12), 72, 0) for s in (seed, seed + 700))
@@ -140,7 +140,7 @@ def test_energy_score_by_hand_and_against_the_integral_of_crps() -> None:
     assert energy.energy_score(samples, np.array([1.0])) == pytest.approx((1 + 1 + 3) / 3 - (2 + 4 + 2) / 3 / 2)
     assert np.isnan(energy.energy_score(samples[:1], np.array([1.0])))
     drawn = normal(0, 4000, 1)
-    expected = np.mean(np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))  # CRPS of N(0, 1) at 0 is .2337
+    expected = np.mean(np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))  # the CRPS of N(0, 1) at 0 is 0.2337
     assert energy.energy_score(drawn[:2000], np.zeros(1)) == pytest.approx(expected, abs=0.02)
 
 
@@ -196,7 +196,9 @@ def test_balls_reach_beyond_their_own_clip() -> None:
     near = mmd.sample_windows([np.full((1, 2), 240.0)], 1, 0)
     assert coverage.precision_coverage(near, truth, 2).precise.mean() == 1
     assert coverage.precision_coverage(near, truth, 2).covered.mean() == pytest.approx(2 / 12)
-    copy = mmd.sample_windows([np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0)  # only of the first clip
+    copy = mmd.sample_windows(
+        [np.full((1, 2), 5.0)] + [np.full((1, 2), 1e6)] * 11, 12, 0
+    )  # windows of the first clip alone
     assert coverage.precision_coverage(copy, truth, 2).covered.mean() == pytest.approx(2 / 12)
     assert coverage.precision_coverage(copy, truth, 2, paired=True).covered.mean() == pytest.approx(1 / 12)
 

@@ -1,4 +1,4 @@
-"""The pages of the docs: every command in them is one that exists, with options that exist; links; the site.
+"""Pages of the docs: all commands and options exist; links; the site.
 
 That the commands run: test_docs_run.py.
 """
@@ -24,12 +24,12 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
-ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are looked at, not called
+ELSEWHERE = {"ray", "torchrun", "dvc", "git", "blender", "npm", "python3"}  # programs that are checked, not run
 SHELL = {".", "cd", "cp", "mkdir", "for", "do", "done", "echo", "cat"}
 
 
 def commands(page: Path) -> list[str]:
-    """The commands of a page, those around && and ; and | alone."""
+    """The single commands of a page, split at && and ; and |."""
     return [part for line in lines(page) for part in _parts(_without_substitutions(line))]
 
 
@@ -41,7 +41,7 @@ def _parts(line: str) -> list[str]:
 
 
 def _without_substitutions(line: str) -> str:
-    """$(...) as one word: what stands in it runs with the tutorial."""
+    """$(...) as one word; its contents are run by the tutorial."""
     while (start := line.find("$(")) >= 0:
         depth, end = 1, start + 2
         while depth:
@@ -52,7 +52,7 @@ def _without_substitutions(line: str) -> str:
 
 
 def checked(command: str) -> str | None:
-    """What is wrong with a command; None if nothing is."""
+    """Error in a command, or None."""
     words = shlex.split(command)
     while words and re.fullmatch(r"[A-Z_]+=.*", words[0]):
         words = words[1:]
@@ -88,12 +88,15 @@ def _python(words: list[str]) -> str | None:
         if find_spec(module.split(".")[0]) is None or find_spec(module) is None:
             return f"no such module: {module}"
         return _composes(words[2:]) if module == "pipelines.experiment" else None
-    exists = (REPOSITORY / words[0]).is_file() or words[0] in ("-c", "local_viewer.py")  # the last: GaussianAvatars'
+    exists = (REPOSITORY / words[0]).is_file() or words[0] in (
+        "-c",
+        "local_viewer.py",
+    )  # the last is of GaussianAvatars
     return None if exists else f"no such script: {words[0]}"
 
 
 def _composes(words: list[str]) -> str | None:
-    """Whether conf/ has what is set; of the values of a sweep the first. What docs/extend.md adds, test_extend runs."""
+    """Whether conf/ has the overridden key; of a sweep the first value is used. test_extend covers docs/extend.md."""
     own = {"sway", "crossings"}
     wanted = [word.split(",")[0] for word in words if "=" in word and not word.startswith("hydra")]
     if any(name in word for word in wanted for name in own):
@@ -170,7 +173,7 @@ def test_the_site_is_built(tmp_path: Path) -> None:
     )
     assert built.returncode == 0, built.stderr
     assert "Motion" in (tmp_path / "api.html").read_text()
-    for page in tmp_path.glob("*.html"):  # nothing is loaded from elsewhere
+    for page in tmp_path.glob("*.html"):  # nothing is loaded from other sites
         assert not re.search(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//(?!example)', page.read_text()), (
             page
         )

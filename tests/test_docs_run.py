@@ -1,8 +1,8 @@
-"""The commands of the docs run: page by page, in order, in a copy of the project with a tiny chain.
+"""Runs the commands of the docs: page by page, in order, in a copy of the project with a tiny chain.
 
 Run     pytest -n 0 -m slow tests/test_docs_run.py [-k tutorial]     (all pages: see docs/tutorial.md for the time)
 
-docs_program.py lists what is made small on the way; docs_project.py makes the files that the docs name and nobody has.
+docs_program.py lists the reduced settings; docs_project.py makes files that are named in the docs but do not exist.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from docs_pages import PAGES, REPOSITORY, lines, name_of
 from docs_program import SUBSTITUTIONS, shortened
 from docs_project import copy_project, run_bash
 
-# Lines that cannot run on any machine that tests this: they need other people's programs, other machines or a card.
+# Commands that cannot run on test machines: they need other programs, other machines or a GPU.
 ELSEWHERE = {
     "ray start --head --port=6379 --include-dashboard=false": "a cluster (Ray on one machine: test_launchers.py)",
     "ray start --address=HEAD:6379": "a cluster",
@@ -30,13 +30,13 @@ ELSEWHERE = {
     "-b 127.0.0.1": "npm",
     "python local_viewer.py --point_path AVATAR/point_cloud.ply --motion_path motion.npz": "GaussianAvatars",
 }
-OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the page tells to write
+OF_ITS_OWN = {"docs/extend.md": "test_extend.py"}  # its commands need files that the reader writes
 RUN = [page for page in PAGES if lines(page) and name_of(page) not in OF_ITS_OWN]
 
 
 @pytest.fixture(scope="module")
 def project(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One copy for all pages: what one page made, the next finds."""
+    """One copy for all pages, so that pages can use the output of earlier ones."""
     return copy_project(tmp_path_factory.mktemp("docs"), tiny)
 
 
@@ -65,7 +65,7 @@ def test_what_does_not_run_is_in_the_docs_and_in_one_list() -> None:
 
 
 def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
-    """A wrong command anywhere in a page, in a pipe or a substitution, makes it fail; the lines after it do not run."""
+    """A failing command anywhere, also in a pipe or a substitution, fails the page; later lines are not run."""
     for wrong in ("false", "no_such_program x", "false | cat", "A=$(false)", "cp NO_FILE there"):
         said = run_bash(f"echo before\n{wrong}\necho after", tmp_path)
         assert said.returncode != 0, wrong

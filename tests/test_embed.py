@@ -1,4 +1,4 @@
-"""The stage `embed` on a small corpus made by hand."""
+"""The stage `embed` on a small artificial corpus."""
 
 from __future__ import annotations
 

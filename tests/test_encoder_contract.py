@@ -1,4 +1,4 @@
-"""What every speech encoder must do: packaged Moonshine, wav2vec 2.0, HuBERT (random weights on disk), log-mel."""
+"""Contract of speech encoders: packaged Moonshine, wav2vec 2.0, HuBERT (random weights on disk), log-mel."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def section(encoder: dict[str, Any]) -> EmbedSettings:
 
 @pytest.fixture(scope="module")
 def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Small models with random weights, saved as a user would bring them."""
+    """Small models with random weights, saved in the format that users provide."""
     import torch
     from transformers import HubertConfig, HubertModel, Wav2Vec2Config, Wav2Vec2Model
 
@@ -106,7 +106,7 @@ def test_the_same_sound_gives_the_same_features(
 
 
 def test_level_does_not_matter(encoder: SpeechEncoder, speech: np.ndarray) -> None:
-    """The packaged model is quantised on the fly, so rounding shows; everything else is all but equal."""
+    """The packaged model is quantised dynamically, so it has rounding differences; all others are nearly equal."""
     features, quiet = (encoder(sound, 25.0) for sound in (speech[:48_000], speech[:48_000] * 0.05))
     np.testing.assert_allclose(quiet[:, -3:], features[:, -3:], atol=1e-3)
     assert np.corrcoef(quiet[:, :-3].ravel(), features[:, :-3].ravel())[0, 1] > 0.999
@@ -117,7 +117,7 @@ def test_digital_silence_is_finite(encoder: SpeechEncoder) -> None:
 
 
 def test_features_speak_of_their_own_time(encoder: SpeechEncoder, speech: np.ndarray) -> None:
-    """A linear reading of the energy at some lag is best at lag 0, to within a frame of 20 ms, on sound not fitted."""
+    """Linear prediction of the energy at a lag is best at lag 0, to within a frame of 20 ms, on held-out sound."""
     fps = 50.0
     features = encoder(speech, fps)[:, :-3]
     features = (features - features.mean(axis=0)) / (features.std(axis=0) + 1e-6)
@@ -137,9 +137,9 @@ def test_features_speak_of_their_own_time(encoder: SpeechEncoder, speech: np.nda
 def test_long_sound_is_like_short_sound(
     encoder: SpeechEncoder, name: str, checkpoints: dict[str, str], speech: np.ndarray
 ) -> None:
-    """60 s in windows against the longest windows there are, and no jump where windows meet.
+    """60 s in windows compared with the longest possible windows, and no jump between windows.
 
-    A transformer says something else of a frame when it hears more around it; log-mel does not.
+    The features of a transformer depend on the context of a frame; log-mel does not.
     """
     sound = np.concatenate([speech, speech])[: 60 * 16_000]
     short, long = encoder(sound, 25.0), family(name, checkpoints, window_s=30.0)(sound, 25.0)

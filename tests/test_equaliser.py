@@ -1,4 +1,4 @@
-"""The filter that gives drawn motion the spectrum of true motion."""
+"""The equaliser, which gives sampled motion the spectrum of true motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from talkingeyes.models.layers.equaliser import Equaliser
 
 
 def swaying(pole: float, seed: int, clips: int = 24, frames: int = 250) -> list[Float[ndarray, "T 2"]]:
-    """Noise through one pole: the nearer it is to 1, the slower."""
+    """Noise through a one-pole filter; a pole nearer to 1 gives slower motion."""
     rng = np.random.default_rng(seed)
     return [lfilter([1.0], [1.0, -pole], rng.standard_normal((frames, 2)), axis=0) for _ in range(clips)]
 
@@ -38,7 +38,7 @@ def test_until_it_has_learnt_nothing_changes() -> None:
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
     equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
     assert np.abs(equaliser(motion) - motion).max() > 0.1
-    np.testing.assert_allclose(equaliser(np.full((1, 40, 2), 3.0)), 3.0, atol=1e-9)  # a mean pose stays
+    np.testing.assert_allclose(equaliser(np.full((1, 40, 2), 3.0)), 3.0, atol=1e-9)  # a constant pose is unchanged
     equaliser.reset()
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
 

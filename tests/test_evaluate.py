@@ -1,4 +1,4 @@
-"""The stages `critic` and `evaluate` on a hand-made workspace, and the figures of one clip."""
+"""The stages `critic` and `evaluate` on an artificial workspace, and the metrics of one clip."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_a_model_without_samples_is_named(workspace):
 
 def test_takes_of_the_sound_itself_count_from_the_second_in_l2():
     head = np.zeros((3, FRAMES, 3))
-    head[1] += 0.1  # norm .1 sqrt 3
+    head[1] += 0.1  # norm 0.1 sqrt 3
     head[2] += 0.3
     takes = Samples(25.0, head, np.zeros((3, FRAMES, 2, 3)))
     seen = np.ones(FRAMES, bool)

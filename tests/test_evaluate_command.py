@@ -1,4 +1,4 @@
-"""`talkingeyes evaluate`: names of files, what it writes, and what it says of bad input."""
+"""`talkingeyes evaluate`: file names, output, and errors for bad input."""
 
 from __future__ import annotations
 

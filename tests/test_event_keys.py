@@ -1,4 +1,4 @@
-"""Keys of saccades and blinks: edited, played again; and motion at any frame rate."""
+"""Keys of saccades and blinks: editing and rendering; motion at any frame rate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def space_deg(motion: Motion) -> np.ndarray:
 
 @pytest.fixture
 def keys(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
-    """A file of keys, and what is in it."""
+    """A file of keys and its content."""
     save_keys(tmp_path / "a.json", toy_motions.events(), 25.0)
     return tmp_path / "a.json", json.loads((tmp_path / "a.json").read_text())
 
@@ -55,9 +55,11 @@ def test_a_saccade_that_is_taken_out_is_not_seen(keys: tuple[Path, dict[str, Any
     before, after = times < 1.05, times > 1.8
     np.testing.assert_allclose(now[before], was[before], atol=1e-9)
     between = (times > 1.2) & (times < 1.7)
-    np.testing.assert_allclose(now[between], was[between] + [18.0, -4.0], atol=0.3)  # it stays where it was
-    np.testing.assert_allclose(now[after], was[after], atol=0.3)  # and the next one lands where it did
-    assert np.abs(np.diff(now[(times > 0.7) & (times < 1.68)], axis=0)).max() * fps < 8  # degrees a second: drift alone
+    np.testing.assert_allclose(now[between], was[between] + [18.0, -4.0], atol=0.3)  # gaze keeps its previous location
+    np.testing.assert_allclose(now[after], was[after], atol=0.3)  # and the next saccade lands at the same location
+    assert (
+        np.abs(np.diff(now[(times > 0.7) & (times < 1.68)], axis=0)).max() * fps < 8
+    )  # degrees per second: only drift
 
 
 def test_a_saccade_goes_where_it_is_sent_by_the_law(keys: tuple[Path, dict[str, Any]]) -> None:
@@ -66,7 +68,7 @@ def test_a_saccade_goes_where_it_is_sent_by_the_law(keys: tuple[Path, dict[str, 
     now = space_deg(play(motion, path, content))
     np.testing.assert_allclose(now[-20:].mean(axis=0), [-15.0, 0.0], atol=0.3)
     speed = np.linalg.norm(np.diff(now, axis=0), axis=1).max() * 120
-    assert 380 < speed < 560  # of 19.7 degrees, by the main sequence
+    assert 380 < speed < 560  # main sequence for 19.7 degrees
 
 
 def test_blinks_come_and_go(keys: tuple[Path, dict[str, Any]]) -> None:
@@ -106,7 +108,7 @@ def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     motion = toy_motions.motion(seconds=1.0)
     motion.save(tmp_path / "a.npz")
-    Events(blinks=toy_motions.BLINKS[:1]).save(tmp_path / "a.events.json")  # as `animate` leaves them beside
+    Events(blinks=toy_motions.BLINKS[:1]).save(tmp_path / "a.events.json")  # written by `animate` with the motion
     convert.export("a.npz", "a.keys.json", format="events")
     content = json.loads((tmp_path / "a.keys.json").read_text())
     assert [key["onset_s"] for key in content["blinks"]] == [0.8]
@@ -120,9 +122,9 @@ def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.Monke
         assert not left.value.code
     plain, blinked = (pictures(tmp_path / name) for name in ("plain.mp4", "edited.mp4"))
     apart = np.abs(plain - blinked).mean(axis=(1, 2))
-    between = np.median(apart[8:20])  # nothing differs there but what the codec made of it
-    assert apart[2:6].max() > 2 * between  # it blinks at .04 s now,
-    assert apart[20:].max() > 2 * between  # and no more at .8 s
+    between = np.median(apart[8:20])  # these frames differ only by compression artefacts
+    assert apart[2:6].max() > 2 * between  # a blink at 0.04 s,
+    assert apart[20:].max() > 2 * between  # and no blink at 0.8 s
 
 
 def pictures(path: Path) -> np.ndarray:
@@ -151,7 +153,7 @@ def test_half_a_second_and_a_frame_have_keys_and_rates() -> None:
 
 @pytest.mark.parametrize("fps", [24.0, 29.97, 60.0, 120.0, 240.0])
 def test_saccades_keep_the_main_sequence_at_any_rate(fps: float) -> None:
-    """From 25 frames a second: as fast as when they are rendered at that rate; interpolated they are not."""
+    """Upsampled from 25 frames per second they are as fast as if rendered at the new rate, unlike interpolated ones."""
     motion, law = toy_motions.motion(25.0), toy_motions.motion(fps)
     played = resample_motion(motion, detect_events(motion), fps)
     assert (played.fps, len(played)) == (fps, int(75 * fps / 25 + 1e-9))
@@ -163,7 +165,7 @@ def test_saccades_keep_the_main_sequence_at_any_rate(fps: float) -> None:
             assert 0.85 < ours / true < 1.15, (fps, key)
         if fps >= 120:
             assert plain < 0.85 * true, (fps, key)
-    inside = slice(0, len(played) - int(0.05 * fps) - 1)  # the end of the last frame is held
+    inside = slice(0, len(played) - int(0.05 * fps) - 1)  # beyond the last frame the motion is held
     np.testing.assert_allclose(played.head[inside], law.head[: len(played)][inside], atol=2e-3)
     known = resample_motion(motion, toy_motions.events(), fps)
     np.testing.assert_allclose(known.lid[inside], law.lid[: len(played)][inside], atol=1e-6)

@@ -1,4 +1,4 @@
-"""Gaze as fixations and heads as strokes: what is shown is found again, and moves as eyes and heads do."""
+"""Gaze as fixations and head motion as segments: rendering and detection are consistent, with realistic dynamics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
 def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
-    """At 120 frames a second the peak is the law's; at 25 it is what is left of it between two frames."""
+    """At 120 fps the peak speed is that of the main sequence; at 25 fps steps between frames show a part of it."""
     for degrees in (2.0, 5.0, 10.0, 20.0):
         amplitude = np.radians(degrees)
         locations = np.array([[0.0, 0.0, 0.0], [amplitude, 0.0, 0.0]])
@@ -51,13 +51,13 @@ def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
 def test_a_saccade_waits_for_the_one_before() -> None:
     locations = np.array([[0.0, 0.0, 0.02], [0.3, 0.0, 0.02], [-0.3, 0.0, 0.03]])
     signal = render_row(np.array([0.0, 0.5, 0.51]), locations, np.arange(0, 1, 0.002))
-    assert signal[:, 0].max() > 0.3  # it arrives before it leaves again
+    assert signal[:, 0].max() > 0.3  # it reaches the target before the next saccade
     np.testing.assert_allclose(signal[-1], [-0.27, 0.0, -0.33, 0.0], atol=1e-9)
-    assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and never jumps
+    assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and has no jumps
 
 
 def test_strokes_give_a_smooth_head_back() -> None:
-    """Poses at the dips of speed and cubics keep most of a motion of several waves (of fitted heads: .4 degrees)."""
+    """Poses at speed minima with cubic interpolation preserve a sum of waves (error for fitted heads: 0.4 degrees)."""
     times = np.arange(500) / FPS
     rng = np.random.default_rng(0)
     waves = [(rng.uniform(0.02, 0.06, 3), rng.uniform(0.2, 0.9, 3), rng.uniform(0, 6, 3)) for _ in range(3)]
@@ -71,7 +71,7 @@ def test_strokes_give_a_smooth_head_back() -> None:
 
 
 def test_each_head_of_several_is_as_it_is_alone() -> None:
-    """And begins and ends at rest, at the first pose and the last, however long it has held."""
+    """It also starts and ends at rest, at the first and the last pose, even after a long hold."""
     rng = np.random.default_rng(1)
     event, location = rng.random((3, 40)) < 0.3, rng.normal(size=(3, 40, 3))
     event[:, 0], event[2, 1:] = True, False

@@ -1,4 +1,4 @@
-"""Video with sound, read back; the plot of traces."""
+"""Video with sound, read back; the trace plot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from talkingeyes.rendering.video import write_video
 
 
 def flashes(frames: int, every: int, height: int = 64, width: int = 64) -> Iterator[np.ndarray]:
-    """Black pictures, every n-th white."""
+    """Black pictures, every n-th one white."""
     for frame in range(frames):
         yield np.full((height, width, 3), 255 if frame % every == 0 else 0, np.uint8)
 

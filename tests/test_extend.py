@@ -1,4 +1,4 @@
-"""docs/extend.md, followed literally in a copy of the project: its files are written, its commands run."""
+"""Follows docs/extend.md literally in a copy of the project: writes its files and runs its commands."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run(arguments: list[str], root: Path, project: Path | None = None) -> str:
 
 
 def test_every_part_of_the_page_keeps_its_contract(repository: Path, copy: Path) -> None:
-    """The commands of the page, in one process instead of three."""
+    """Run the commands of the page, in one process instead of three."""
     wanted = [each[each.index("-k") + 1] for each in commands(repository, "pytest")]
     assert tuple(wanted) == NAMES
     said = run([*commands(repository, "pytest")[0][:-1], " or ".join(NAMES)], copy)
@@ -60,7 +60,7 @@ def test_every_part_of_the_page_keeps_its_contract(repository: Path, copy: Path)
 
 
 def test_a_model_of_the_page_trains_and_animates(copy: Path, tmp_path: Path) -> None:
-    """Both new generators in one model on toy recordings; then it is loaded and samples."""
+    """Train a model with both new generators on toy recordings, load it and sample from it."""
     workspace = toy_training(tmp_path, steps=4, validate_every=2, batch=4)
     joint = workspace.params["model"]["joint"]
     joint["tokenizer"] = None

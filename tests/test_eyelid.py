@@ -1,4 +1,4 @@
-"""Curves, construction, drive and controller of the Eyelid model."""
+"""The Eyelid model: curves, construction, evaluation and gaze controller."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_gaze_and_radius_come_out_of_the_iris_contour(yaw: float, pitch: float, 
     gaze = angles_to_direction(np.array([yaw, pitch]))
     side = np.cross(gaze, [0.3, 0.9, 0.1])
     side /= np.linalg.norm(side)
-    around = np.linspace(0, 4.5, 11)[:, None]  # three quarters of the circle are seen
+    around = np.linspace(0, 4.5, 11)[:, None]  # three quarters of the circle are visible
     contour = 0.01 * gaze + radius * (np.cos(around) * side + np.sin(around) * np.cross(gaze, side))
     circle = fit_circle(contour)
     np.testing.assert_allclose(circle.angles_rad, [yaw, pitch], atol=1e-8)
@@ -38,7 +38,7 @@ def test_gaze_and_radius_come_out_of_the_iris_contour(yaw: float, pitch: float, 
 
 
 def of_the_models_form(count: int, rng: np.random.Generator, noise: float = 0.0) -> LabelledPostures:
-    """Postures that the model can show exactly: lids that follow the predictors, and one blink component."""
+    """Postures that the model represents exactly: lids linear in the predictors, and one blink component."""
     angles = rng.uniform(-0.4, 0.4, (count, 2))
     lid = np.where(rng.random(count) < 0.3, rng.random(count), 0.0)
     lid[:3] = 1.0
@@ -57,7 +57,7 @@ def test_what_has_the_models_form_is_explained_whole():
     labels = of_the_models_form(200, rng)
     shares = explained_variance(fit_eyelid_model(labels), labels)
     assert shares.stage_one < 0.9
-    assert shares.both_stages > 0.98  # not 1: in a finite sample stage one takes a little of the blinks for gaze
+    assert shares.both_stages > 0.98  # not 1: in a finite sample stage one attributes a little of the blinks to gaze
 
 
 def test_the_third_parameter_is_zero_when_held_and_one_when_the_lids_meet():
@@ -133,7 +133,7 @@ def test_homogeneous_coordinates_of_one_point_are_one_target():
 
 
 def test_vergence_is_that_of_the_facts_and_its_gain_scales_it():
-    """6.0 degrees at .6 m and 3.6 at 1 m with 63 mm between the pupils; people reach about .7 of it."""
+    """6.0 degrees at 0.6 m and 3.6 at 1 m with a pupil distance of 63 mm; people reach about 0.7 of it."""
     still, centred = np.zeros(3), EYES * [1, 0, 0]
     for distance_m, degrees in ((0.6, 6.0), (1.0, 3.6)):
         target = np.array([0.0, 0.0, distance_m, 1.0])

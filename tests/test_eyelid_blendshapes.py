@@ -1,4 +1,4 @@
-"""Lids on heads: the open head and one of FLAME's layout have the same lids as far as gaze and closure go."""
+"""Lids on head models: the open head and one with FLAME's layout have the same lids for gaze and closure."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def head(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def points_at(head: HeadModel, yaw_deg: float, pitch_deg: float, lid: tuple[float, float]) -> dict[str, np.ndarray]:
-    """The lid landmarks of a posture of both eyes, metres, without the rotations."""
+    """Lid landmarks for a posture of both eyes, in metres, without head rotation."""
     gaze = np.repeat(angles_to_gaze(np.radians([[yaw_deg, pitch_deg]]))[:, None], 2, axis=1)
     motion = Motion.of(25.0, np.zeros((1, 3)), gaze, lid=np.array([lid]))
     pose: Pose = motion_to_pose(head, motion)
@@ -68,7 +68,7 @@ def test_closure_is_the_share_of_the_opening_that_is_shut(head: HeadModel, gaze_
 
 
 def test_lids_follow_gaze_up_and_down_the_lower_less(head: HeadModel):
-    """At 20 degrees the eye's surface moves 4.4 mm; the upper lid nearly so, the lower about a third."""
+    """At 20 degrees the surface of the eye moves by 4.4 mm; the upper lid nearly as much, the lower about a third."""
     ahead, down, up = (points_at(head, 0, pitch, (0.0, 0.0)) for pitch in (0, -20, 12))
     for side in ("left", "right"):
         upper, lower = f"{side}_eye_upper_inner", f"{side}_eye_lower_inner"
@@ -127,7 +127,7 @@ def test_most_but_not_all_of_real_lids_is_explained_on_held_out_gazes(eye: int):
     held_out = held_out_postures(lids_of, labels.angles_rad, 150, rng)
     nearest = np.linalg.norm(held_out.angles_rad[:, None] - labels.angles_rad, axis=-1).min()
     assert len(labels.curves) == 34
-    assert nearest > np.radians(0.8)  # both are read from drawn irises
+    assert nearest > np.radians(0.8)  # both are measured on rendered irises
     shares = explained_variance(fit_eyelid_model(labels), held_out)
     assert shares.stage_one < shares.both_stages - 0.3
     assert 0.85 < shares.both_stages < 0.95

@@ -1,4 +1,4 @@
-"""Measures of a talking face against cases made by hand: each has an answer known beforehand, and can fail."""
+"""Metrics of a talking face on artificial cases with known results."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def surface():
 
 
 def faces(*samples, jaw_rad=0.0, frames=FRAMES):
-    """A sample for each mapping of shapes to weights (a number, or one a frame)."""
+    """A sample for each mapping of blend shapes to weights (constant or per frame)."""
     expression = np.zeros((len(samples), frames, len(NAMES)))
     for sample, weights in enumerate(samples):
         for name, weight in weights.items():
@@ -44,7 +44,7 @@ def faces(*samples, jaw_rad=0.0, frames=FRAMES):
 
 
 def moved_mm(surface, name, region):
-    """How far a shape at weight 1 moves each vertex of a region."""
+    """Displacement of each vertex of a region by a blend shape at weight 1."""
     head = surface.model
     return 1000 * np.linalg.norm(head.expression[head.shape(name)][surface.regions[region]], axis=-1)
 
@@ -146,7 +146,7 @@ def test_diversity_pairs_two_halves(surface):
     assert split_half_diversity(surface, faces({}, {"mouthPucker": 0.3}), rng) == pytest.approx(0.3 * reach, rel=1e-3)
     assert split_half_diversity(surface, faces(*[{"mouthPucker": 0.3}] * 10), rng) == 0.0
     assert np.isnan(split_half_diversity(surface, faces({}), rng))
-    # Of three equal samples and one other, one of two pairs differs, however they are dealt.
+    # With three equal samples and a different one, one of two pairs differs in every split.
     odd = faces({}, {}, {}, {"mouthPucker": 1.0})
     assert split_half_diversity(surface, odd, rng) == pytest.approx(reach / 2, rel=1e-3)
 
@@ -155,7 +155,7 @@ ANNOTATION = Annotation(phonemes=(Phoneme(0.2, 0.3, "b"), Phoneme(0.6, 0.8, "aa"
 
 
 def opened(*closed_s):
-    """A jaw that is open, with lips closed around some moments."""
+    """An open jaw, with lips closed around some times."""
     times_s = np.arange(FRAMES) / FPS
     closes = np.max([np.abs(times_s - moment) < 0.05 for moment in closed_s], axis=0) if closed_s else np.zeros(FRAMES)
     return faces({"mouthClose": 0.2 / anny_head().jaw_open_rad * closes}, jaw_rad=0.2)
@@ -182,7 +182,7 @@ def test_the_jaw_follows_the_envelope_with_a_lag():
 
 
 def felt(emotion, count, seed):
-    """Faces that raise their brows or smile, more or less."""
+    """Faces that raise their brows or smile, with varying strength."""
     rng = np.random.default_rng(seed)
     names = {"surprised": ("browInnerUp", "browOuterUpLeft"), "happy": ("mouthSmileLeft", "mouthSmileRight")}[emotion]
     return faces(*[dict.fromkeys(names, rng.uniform(0.3, 0.9)) | {"mouthPucker": rng.uniform()} for _ in range(count)])

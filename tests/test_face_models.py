@@ -1,4 +1,4 @@
-"""Models of the face: style, codes over frames or channels, draws, both stages, what they are compared with."""
+"""Face models: style, codes over frames or channels, sampling, both training stages, baselines."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_style_changes_along_a_clip() -> None:
     np.testing.assert_allclose(course[55], (known.style_vector(HAPPY) + known.style_vector(ANGRY)) / 2, atol=1e-6)
 
 
-# The numbers of a face
+# Face parameters
 
 
 def test_a_face_in_a_mirror_changes_sides_and_comes_back() -> None:
@@ -178,12 +178,12 @@ def test_pieces_are_put_together_again(layout: Any) -> None:
 
 @pytest.mark.parametrize(("layout", "changed"), [("frames", 2), ("channels", 2 * 8)])
 def test_what_one_frame_changes(layout: Any, changed: int) -> None:
-    """Frame-wise, a frame has codes of its own; in the released layout it is in every code of a clip."""
+    """In the layout `frames` a frame has its own codes; in the released layout it affects every code of a clip."""
     settings = prior_settings(layout=layout).network
     assert isinstance(settings, FaceVQVAESettings)
     latents = torch.randn(1, 8, 16, generator=torch.Generator().manual_seed(0))
     other = latents.clone()
-    other[:, 3] *= -5.0  # far enough for another code, whatever the weights
+    other[:, 3] *= -5.0  # far enough to change the code for any weights
     before, after = (split_codes(each, layout, settings.quantiser.width) for each in (latents, other))
     assert int((before != after).any(-1).sum()) == changed
     network = FaceVQVAE(settings, BASIS.numbers).eval()
@@ -355,7 +355,7 @@ def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
     settings = model_settings("latent", loop=LOOP | {"steps": 4, "validate_every": 2})
 
     class Killed(Exception):
-        """As a signal would end it."""
+        """Simulates termination by a signal."""
 
     def kill(step: int, _: dict[str, float]) -> None:
         if step == 2:
@@ -425,7 +425,7 @@ def test_baselines_take_the_mean_or_a_piece_of_one_clip(tmp_path: Path) -> None:
     assert len({each.tobytes() for each in random.expression}) > 3
 
 
-# What is chosen by
+# Model selection
 
 
 def test_the_energy_score_is_least_for_the_true_distribution() -> None:

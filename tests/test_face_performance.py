@@ -1,4 +1,4 @@
-"""The face in a performance: joined with blinks and lids at any rate, replaced, switched off; what is refused."""
+"""The face in an animation: combined with blinks and lids at any rate, replaced, switched off; rejected input."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ SOUND = np.zeros(16000 * FRAMES // 25, np.float32)
 
 
 class Encoder:
-    """Embeds silence."""
+    """Speech encoder that returns the features of silence."""
 
     channels = ("one",)
 
@@ -36,7 +36,7 @@ class Encoder:
 
 
 class Heads:
-    """Heads and eyes that wander, by their seeds."""
+    """Generator of drifting heads and eyes, by seed."""
 
     def generate(self, embedding, seeds, fps, conditioning=None):
         frames = len(embedding)
@@ -48,7 +48,7 @@ class Heads:
 
 
 class Faces:
-    """Faces of noise, by their seeds; squinting all the while."""
+    """Generator of noise faces by seed, with a constant squint."""
 
     basis = FaceBasis("anny", NAMES)
     vocabulary = StyleVocabulary(("ann", "ben"))
@@ -100,7 +100,7 @@ def test_a_blink_closes_lids_that_squint_or_are_raised():
     assert shut.any(), "raised lids still close"
     squint = motion.expression[:, NAMES.index("eyeSquintLeft")]
     assert squint[shut].max() < 0.01
-    quiet = np.isclose(motion.lid, -0.18).all(axis=1)  # as the law has it for a strong surprise
+    quiet = np.isclose(motion.lid, -0.18).all(axis=1)  # the rule for strong surprise
     assert quiet.mean() > 0.5
     assert np.allclose(squint[quiet], 0.4)
     brows = motion.expression[:, NAMES.index("browInnerUp")]
@@ -149,7 +149,7 @@ def test_long_speech_is_made_of_pieces_without_seams(monkeypatch):
 
 
 def faced_over(one, other):
-    """The jaw where one piece becomes another, from frame 20 on, over an overlap of 20 frames."""
+    """Cross-fade of the jaw between two pieces, from frame 20, over an overlap of 20 frames."""
     return faces_of.crossfade(one, other, 20, 20).jaw[0, :, 0]
 
 
@@ -177,7 +177,7 @@ def test_parts_are_taken_from_other_motions():
     for name in ("jaw", "expression", "lid"):
         assert np.array_equal(getattr(recast.motion, name), getattr(donor, name)), name
     space, own_space = (rotation.gaze_in_space(each.head, each.gaze) for each in (recast.motion, own.motion))
-    # Blinks hold gaze, and the model's are not drawn here: elsewhere it is the same gaze.
+    # Blinks hold gaze, and those of the model are not sampled here: in other frames gaze is the same.
     open_eyes = own.motion.lid.max(axis=1) == 0
     assert np.allclose(space[open_eyes], own_space[open_eyes], atol=1e-6)
     eyes = perform(Controls(parts=PartOverrides(replacements={"gaze": donor})))[0]

@@ -1,4 +1,4 @@
-"""The face's row of `evaluate` on a hand-made workspace, its page, and what the table of faces is asked."""
+"""Face metrics of `evaluate` on an artificial workspace, their page, and options of the table of faces."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHAPES = ("browInnerUp", "mouthFunnel")
 
 
 def faced(motion, rng):
-    """A motion with a face that moves."""
+    """A motion with a moving face."""
     return replace(
         motion,
         jaw=np.stack([rng.uniform(0, 0.2, FRAMES), *np.zeros((2, FRAMES))], axis=1),
@@ -39,7 +39,7 @@ def faced(motion, rng):
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
-    """Truth and fit have faces; the model `copy` gives the truth's own, `noise` others."""
+    """Truth and fitted motion have faces; model `copy` returns those of the truth, `noise` others."""
     made, rng = toy_workspace(tmp_path_factory.mktemp("workspace")), np.random.default_rng(0)
     corpus = Corpus(made.corpus)
     for clip in corpus.clips:
@@ -119,7 +119,7 @@ def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):
 def test_heat_is_the_way_from_frame_to_frame():
     surface, frames = FaceSurface(anny_head()), 200
     expression = np.zeros((1, frames, 1))
-    expression[0, ::2] = 0.5  # to and fro, as far each time
+    expression[0, ::2] = 0.5  # back and forth, by the same amount each time
     steady = heat_map(surface, FaceSamples(FPS, np.zeros((1, frames, 3)), expression, ("mouthFunnel",), "anny"))
     shape = surface.model.expression[surface.model.shape("mouthFunnel")][surface.regions["face"]]
     assert np.allclose(steady.mean_mm, 500 * np.linalg.norm(shape, axis=1), atol=1e-3)

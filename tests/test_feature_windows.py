@@ -1,4 +1,4 @@
-"""Windows of long sound, with an encoder whose right answer is known: the mean time of what it hears."""
+"""Windows of long sound, with an encoder of known output: the mean time of its receptive field."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STRIDE = FrameGrid.of_convolutions((127, 7, 3), (64, 3, 2))
 
 
 def hear(sound: np.ndarray) -> np.ndarray:
-    """Mean over each receptive field."""
+    """Encoder that returns the mean over each receptive field."""
     starts = np.arange(0, len(sound) - STRIDE.receptive_field + 1, STRIDE.samples)
     return np.stack([sound[start : start + STRIDE.receptive_field].mean() for start in starts])[:, None].astype(
         np.float32
@@ -34,7 +34,7 @@ def test_stride_of_wav2vec2() -> None:
 @pytest.mark.parametrize("fps", [25.0, 29.97, 120.0])
 @pytest.mark.parametrize("seconds", [0.3, 5.0, 9.999, 10.0, 10.1, 17.3, 60.0])
 def test_a_ramp_in_time_comes_back_at_frame_times(fps: float, seconds: float) -> None:
-    """Windows, fades and interpolation are all linear: where a window is not at its end, the answer is exact."""
+    """Windows, cross-fades and interpolation are linear, so the result is exact away from the ends of windows."""
     times_s = np.arange(round(seconds * 16_000)) / 16_000
     heard = encode_in_windows(times_s, fps, hear, STRIDE, 10.0, 2.0)[:, 0]
     expected = np.arange(len(heard)) / fps

@@ -23,7 +23,7 @@ GOOD, BAD = 3, 1
 
 
 def make_corpus(root: Path, truth: bool = True, bad: int = BAD, good: int = GOOD) -> Corpus:
-    """Clips of scenes; the last `bad` ones show no face."""
+    """Clips of scenes; the last `bad` clips have no visible face."""
     corpus, clips = Corpus(root), []
     root.mkdir(parents=True)
     for index in range(good + bad):
@@ -41,7 +41,7 @@ def make_corpus(root: Path, truth: bool = True, bad: int = BAD, good: int = GOOD
 
 
 def workspace(root: Path, repository: Path, adam_clips: int = 1) -> Workspace:
-    """A workspace whose fit section is the default with few Adam clips that stop early."""
+    """A workspace with the default section `fit`, except for few clips with Adam that stop early."""
     section = compose()["fit"]
     section["method_comparison"]["adam_clips"] = adam_clips
     section["lightgazefit"]["adam"]["steps"] = 30

@@ -1,4 +1,4 @@
-"""LightGazeFit, head pose, blinks and smoothing against scenes whose truth is known."""
+"""LightGazeFit, head pose, blinks and smoothing on scenes with known truth."""
 
 from dataclasses import replace
 
@@ -37,12 +37,12 @@ SMALL = st.floats(-0.6, 0.6)
 
 @pytest.fixture(scope="module")
 def settings() -> FitSettings:
-    """The defaults."""
+    """Default settings."""
     return FitSettings.model_validate(compose()["fit"])
 
 
 def variant(*overrides: str) -> FitSettings:
-    """The settings with some of them changed."""
+    """Settings with some of them changed."""
     return FitSettings.model_validate(compose([*overrides])["fit"])
 
 
@@ -113,7 +113,7 @@ def test_eyes_stay_in_their_range(settings: FitSettings):
 
 
 def test_gain_of_the_pupils_is_found_where_a_head_turns(settings: FitSettings):
-    """Eyes that counter-rotate a shaking head, seen at .7 of their turn."""
+    """Eyes that counter-rotate to a shaking head, observed with a gain of 0.7."""
     rng = np.random.default_rng(4)
     head = np.zeros((400, 3))
     head[:, :2] = np.radians(8.0) * np.sin(2 * np.pi * np.array([0.4, 0.5]) * np.arange(400)[:, None] / FPS)
@@ -126,11 +126,13 @@ def test_gain_of_the_pupils_is_found_where_a_head_turns(settings: FitSettings):
     stubborn = eye_calibration(seen, head, known, FPS, believing.model_copy(update={"gain_sd": 0.0}))
     assert stubborn.gain == pytest.approx([1.0, 1.0])
     still = eye_calibration(seen[:100], 0 * head[:100], known[:100], FPS, believing)
-    assert still.gain == pytest.approx([1.0, 1.0], abs=0.1)  # a head that rests says nothing
+    assert still.gain == pytest.approx([1.0, 1.0], abs=0.1)  # a still head gives no information
 
 
 def test_axes_of_the_eyes_lie_between_what_is_seen_and_their_prior(settings: FitSettings):
-    gaze = angles_to_gaze(np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1)))  # 6 degrees apart, 2 of level
+    gaze = angles_to_gaze(
+        np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1))
+    )  # divergence of 6 degrees, vertical difference of 2
     known = np.ones((50, 2), bool)
     plain = settings.eye_calibration.model_copy(update={"gain_sd": 0.0, "gain_yaw": 1.0, "gain_pitch": 1.0})
     found = gaze_to_angles(eye_calibration(gaze, np.zeros((50, 3)), known, FPS, plain).apply(gaze, known[:, 0]))[0]
@@ -154,10 +156,10 @@ def test_eyes_that_drift_apart_are_believed_by_the_prior_alone(settings: FitSett
     )[..., 0]
     share = doubting.vergence_sd_rad**2 / (doubting.vergence_sd_rad**2 + 0.04**2)
     assert np.ptp(found[:250, 0] - found[:250, 1]) == pytest.approx(share * np.radians(16.0), rel=0.02)
-    np.testing.assert_allclose(found[:250].mean(axis=1), 0.0, atol=1e-9)  # what both share stays
+    np.testing.assert_allclose(found[:250].mean(axis=1), 0.0, atol=1e-9)  # the common part is kept
     np.testing.assert_allclose(
         np.diff(found[250:, 0]), np.diff(drift[250:, 0]), atol=1e-9
-    )  # one eye says nothing of it
+    )  # one eye gives no information about it
 
 
 def test_jaw_and_brows_are_found(settings: FitSettings):
@@ -252,7 +254,7 @@ def test_hidden_eye_follows_the_other_and_hidden_frames_say_nothing(settings: Fi
 
 def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitSettings):
     moving = scene(5, noise=0.0).motion
-    silent = replace(moving, jaw=np.zeros_like(moving.jaw))  # the jaw pulls at the nose by some tenths of a millimetre
+    silent = replace(moving, jaw=np.zeros_like(moving.jaw))  # the jaw moves the nose by some tenths of a millimetre
     marks = observe(silent, np.random.default_rng(5), 0.0).landmarks
     marks[10:14] = np.nan
     marks[20, :5] = np.nan
@@ -268,7 +270,7 @@ def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitS
 
 
 def test_another_persons_head_is_not_turned(settings: FitSettings):
-    """A face with a longer nose and another outline is a person, not a turn of the head."""
+    """A longer nose and another outline are attributed to identity, not to head rotation."""
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
     rng, errors = np.random.default_rng(0), []
     for seed in range(4):
@@ -318,7 +320,7 @@ def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
     lid[80:84] = np.array([0.6, 1.0, 0.8, 0.4])[:, None]
     seen = observe(Motion.of(FPS, np.zeros((100, 3)), gaze, lid=lid), np.random.default_rng(0), 0.0)
     ratio = eye_aspect_ratio(seen.landmarks)
-    assert ratio[45].max() < 0.85 * ratio[0].min()  # the aspect ratio alone would take the look for a falling lid
+    assert ratio[45].max() < 0.85 * ratio[0].min()  # the aspect ratio alone would take downward gaze for a closing lid
     fit = fit_clip(seen, settings)
     assert fit.lids.blinks == ((80, 84),)
     np.testing.assert_allclose(fit.motion.lid, lid, atol=0.1)
@@ -326,7 +328,7 @@ def test_looking_down_is_no_blink_and_a_blink_is_one(settings: FitSettings):
 
 @pytest.mark.parametrize("smoothing", ["none", "steps", "saccades"])
 def test_gaze_is_held_over_blinks(smoothing: str):
-    """`saccades` lets it go elsewhere within the first two frames of a blink, and holds it there."""
+    """`saccades` shifts gaze within the first two frames of a blink and holds it there."""
     fit = fit_clip(scene(6).observation, variant(f"fit/smoothing={smoothing}"))
     space = gaze_in_space(fit.motion.head, fit.motion.gaze)
     assert fit.lids.blinks
@@ -338,7 +340,7 @@ def test_gaze_is_held_over_blinks(smoothing: str):
 
 
 def test_a_shift_under_a_blink_comes_with_its_beginning(settings: FitSettings):
-    """The paper's way, holding gaze, would put it at the blink's end."""
+    """Holding gaze, as in the paper, would place the shift at the end of the blink."""
     track = np.zeros((100, 2))
     track[54:, 0] = np.radians(12.0)
     known = np.ones(100, bool)
@@ -358,7 +360,7 @@ def test_shut_for_long_is_no_blink(settings: FitSettings):
 
 
 def opening_of(*blinks: tuple[int, float], frames: int = 150) -> np.ndarray:
-    """Opening of both eyes, 1 but for dips of five frames at (frame, depth)."""
+    """Opening of both eyes: 1, except for dips of five frames at (frame, depth)."""
     opening = np.ones((frames, 2))
     for frame, depth in blinks:
         opening[frame - 2 : frame + 3] -= depth * np.array([0.4, 0.9, 1.0, 0.7, 0.3])[:, None]
@@ -369,7 +371,7 @@ def test_two_blinks_in_a_row_are_two_and_a_blink_of_lowered_lids_is_one(settings
     running = opening_of((30, 0.9), (34, 0.9))
     assert find_blinks(running, FPS, settings.blink) == ((28, 31), (31, 37))
     lowered = opening_of((90, 0.6))
-    lowered[60:] -= 0.35  # and stays: no blink of its own
+    lowered[60:] -= 0.35  # a lasting change is not a blink
     assert find_blinks(lowered, FPS, settings.blink) == ((88, 93),)
 
 
@@ -400,7 +402,7 @@ def test_a_step_survives_smoothing_and_a_burst_does_not():
 
 
 def test_saccades_are_laid_where_they_were(settings: FitSettings):
-    """A saccade of 5 degrees takes 37 ms: mostly two steps of frames, which noise hides and one step makes steeper."""
+    """A saccade of 5 degrees takes 37 ms, mostly two steps between frames; a single step would be too fast."""
     rng = np.random.default_rng(1)
     sharp, fitted, true = [], [], []
     for onset_s in np.arange(2.0, 2.04, 0.004):
@@ -421,7 +423,7 @@ def test_saccades_are_laid_where_they_were(settings: FitSettings):
 def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
     rng = np.random.default_rng(2)
     space = np.zeros((200, 2, 2))
-    space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step of frames
+    space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step between frames
     noisy = space + np.radians(0.2) * rng.normal(size=space.shape)
     smooth = smooth_gaze(noisy, np.ones((200, 2), bool), FPS, variant(f"fit/smoothing={kind}").smoothing)
     speed = np.abs(np.diff(smooth[:, 0, 0]))
@@ -468,7 +470,7 @@ def test_noisy_scenes_stay_inside_the_bands_of_table_8(settings: FitSettings):
     assert whole.truth_distance_px / whole.truth_distances <= 0.95
     assert 1.0 <= whole.speed_px_s / true.speed_px_s <= 1.25
     assert whole.peak_px_s / true.peak_px_s >= 0.8
-    assert raw.speed_px_s / true.speed_px_s > 3  # what the smoothing is for
+    assert raw.speed_px_s / true.speed_px_s > 3  # why smoothing is needed
     assert true.truth_distance_px == 0
     assert true.input_distance_px > 0
     matches = [v.match for v in evaluations if v.match is not None]
@@ -489,14 +491,14 @@ def test_without_truth_there_is_no_error_but_a_speed(settings: FitSettings):
 
 
 def test_speed_is_that_of_the_eye_alone():
-    """A face that slides with its eyes at rest moves the pupils in the picture, but not relative to the eyes."""
+    """A translating face with still eyes moves the pupils in the picture, but not relative to the eyes."""
     frames = 50
     motion = Motion.of(FPS, np.zeros((frames, 3)), np.zeros((frames, 2, 3)))
     sliding = replace(motion, translation=np.linspace(0, 0.02, frames)[:, None] * np.array([1.0, 0.0, 0.0]))
     pupils = np.full((frames, 2, 2), np.nan)
     reference = FitReference(pupils, CAMERA, np.ones(frames, bool), sliding, sliding)
     error_sums = reference.error_sums(sliding)
-    assert error_sums.speed_px_s / error_sums.speeds < 0.2  # the face slides by 12 px/s; what is left is perspective
+    assert error_sums.speed_px_s / error_sums.speeds < 0.2  # the face moves at 12 px/s; the remainder is perspective
 
 
 @pytest.mark.parametrize(

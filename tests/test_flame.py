@@ -1,4 +1,4 @@
-"""FLAME's file: read without chumpy and without running anything; skinned as FLAME is; a bad file says so."""
+"""The FLAME file: read without chumpy and without executing code; skinning; errors for bad files."""
 
 import os
 import pickle
@@ -39,7 +39,7 @@ def test_every_array_comes_out_of_the_pickle_without_chumpy(
     content: dict[str, np.ndarray], tmp_path: Path, protocol: int
 ):
     small = {**content, "shapedirs": np.broadcast_to(np.float32(0.5), (5023, 3, 400))}
-    if protocol == 0:  # text: one number is enough, the others are tested by the binary forms
+    if protocol == 0:  # the text protocol is slow; one array is enough, the others are tested with the binary protocols
         small = {"v_template": content["v_template"]}
     flame_file.write(tmp_path / "a.pkl", small, protocol)
     if protocol == 0:
@@ -54,7 +54,7 @@ def test_every_array_comes_out_of_the_pickle_without_chumpy(
 
 
 def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.ndarray, expression: np.ndarray):
-    """FLAME's skinning as the paper writes it: 4 x 4 matrices along the chain, one vertex sum; origin of the file."""
+    """Reference skinning as in the FLAME paper: 4 x 4 matrices along the kinematic chain; origin of the file."""
     directions = content["shapedirs"].astype(float)
     shaped = content["v_template"] + directions[..., :300] @ shape
     joints = content["J_regressor"] @ shaped
@@ -76,7 +76,7 @@ def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.nd
 def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], head: HeadModel):
     rng = np.random.default_rng(1)
     pose = rng.normal(0, 0.3, 15)
-    pose[:3] = 0  # the head turns about the neck; the root stays
+    pose[:3] = 0  # the head rotates about the neck; the root is fixed
     shape, expression, moved = rng.normal(size=300), rng.normal(size=100), rng.normal(0, 0.1, 3)
     tensors = {
         "expression": np.concatenate([expression, np.zeros(10)])[None],
@@ -108,7 +108,7 @@ def test_pupils_irises_and_sides_are_flames(content: dict[str, np.ndarray], head
 def test_landmarks_come_from_the_embedding(path: Path, tmp_path: Path, content: dict[str, np.ndarray]):
     embedding = flame_file.write_embedding(tmp_path / "landmark_embedding.npy")
     head = load_flame(path, tmp_path / "landmark_embedding.npy")
-    place = head.landmarks.names.index("left_eye_outer")  # number 45 of the 68
+    place = head.landmarks.names.index("left_eye_outer")  # landmark 45 of 68
     corners = content["v_template"][content["f"][embedding["full_lmk_faces_idx"][0, 45]]]
     expected = embedding["full_lmk_bary_coords"][0, 45] @ corners - content["J_regressor"][1] @ content["v_template"]
     np.testing.assert_allclose(head.landmarks.of(head.template)[place], expected)
@@ -116,7 +116,7 @@ def test_landmarks_come_from_the_embedding(path: Path, tmp_path: Path, content: 
 
 
 class Command:
-    """Runs a command when it is unpickled without care."""
+    """Runs a command when it is unpickled without restrictions."""
 
     def __init__(self, command: str) -> None:
         self.command = command
@@ -139,12 +139,12 @@ def test_a_pickle_that_names_anything_else_is_refused_and_not_run(payload: type[
         load_flame(file)
     assert "\n" not in str(refused.value)
     assert not target.exists()
-    pickle.loads(file.read_bytes())  # the same bytes do run where nobody looks
+    pickle.loads(file.read_bytes())  # the same bytes are executed by the unrestricted unpickler
     assert target.exists()
 
 
 def test_a_hostile_file_cannot_reach_through_what_is_allowed(tmp_path: Path):
-    """Dotted names and attributes of allowed modules are names of their own, and refused."""
+    """Dotted names and attributes of allowed modules are separate names, and rejected."""
     for text in (b"cnumpy\ntestsuite\n.", b"cnumpy\nload\n.", b"\x80\x04\x8c\x05numpy\x8c\x0ddtype.__new__\x93."):
         (tmp_path / "a.pkl").write_bytes(text)
         with pytest.raises(InputError, match="not on the list"):

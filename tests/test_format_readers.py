@@ -1,4 +1,4 @@
-"""Files of others, made here in their layouts, and real tables of face trackers where there are any."""
+"""Readers of other formats, on files written here in their layouts and on real face tracker tables where available."""
 
 from __future__ import annotations
 
@@ -135,13 +135,13 @@ def test_metrical_tracker_turns_its_camera(tmp_path: Path) -> None:
 
 
 def openface(path: Path, vectors: bool) -> np.ndarray:
-    """A table whose subject looks 10 degrees to the own left, eyes converged by 4, head turned 20 to the left."""
+    """A table with gaze 10 degrees to the subject's left, eyes converged by 4, head turned 20 to the left."""
     yaw = np.radians([12.0 - 4.0, 12.0])  # left eye, right eye, in space
     columns = {"frame": np.arange(1, 6), "timestamp": np.arange(5) / 30, "confidence": np.full(5, 0.98)}
     columns |= {"success": np.ones(5), "gaze_angle_x": np.full(5, yaw.mean()), "gaze_angle_y": np.zeros(5)}
     columns |= {"pose_Rx": np.zeros(5), "pose_Ry": np.full(5, -np.radians(20)), "pose_Rz": np.zeros(5)}
     columns |= {"AU45_r": np.array([0, 0, 5.0, 0, 0])}
-    if vectors:  # eye 0 is on the left of the picture: the subject's right; z runs away from the camera
+    if vectors:  # eye 0 is on the left of the picture, the subject's right; z points away from the camera
         for eye, angle in ((0, yaw[1]), (1, yaw[0])):
             columns |= {f"gaze_{eye}_x": np.full(5, np.sin(angle)), f"gaze_{eye}_y": np.zeros(5)}
             columns |= {f"gaze_{eye}_z": np.full(5, -np.cos(angle))}
@@ -171,7 +171,7 @@ def test_openface_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
 
 
 def test_live_link_headers_differ_and_times_have_holes(tmp_path: Path) -> None:
-    """As in other recordings: another order of columns, capital letters, a frame missing, a time of day."""
+    """Variants in other recordings: order of columns, capital letters, a missing frame, a time of day."""
     made = toy_motions.motion(60.0, 2.5)
     conversion_rows(made, tmp_path / "a.csv")
     lines = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
@@ -190,7 +190,7 @@ def test_live_link_headers_differ_and_times_have_holes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("factor", "zero"), [(-1.0, False), (180 / np.pi, False), (1.0, True)])
 def test_live_link_angles_follow_the_looks(tmp_path: Path, factor: float, zero: bool) -> None:
-    """Other programs write the other sign, or degrees, or nothing."""
+    """Other programs write the opposite sign, degrees, or zeros."""
     made = toy_motions.motion(60.0, 2.5)
     conversion_rows(made, tmp_path / "a.csv")
     lines = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
@@ -258,7 +258,7 @@ def rotation_turns(vectors: np.ndarray) -> np.ndarray:
 
 
 def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
-    """x to the right: a turn to the left is the other way round there, one down is not."""
+    """With x to the right, a rotation to the left has the opposite sign; one downwards does not."""
     (tmp_path / "map.yaml").write_text("fps: 25\nhead: {key: h, axis_signs: [-1, 1, 1]}\n")
     np.savez(tmp_path / "a.npz", h=np.tile([[0.1, -0.2, -0.3]], (4, 1)))
     motion = read_motion(tmp_path / "a.npz", None, load_key_map(tmp_path / "map.yaml")).motion
@@ -386,7 +386,7 @@ def test_real_tables_of_trackers_become_motions(tmp_path: Path) -> None:
     read = read_motion(REAL / "openface_head_test.csv.gz").motion
     yaw = rotation.gaze_to_angles(read.head)[:, 0]
     look = rotation.gaze_to_angles(read.gaze).mean(axis=1)
-    assert np.corrcoef(yaw, look[:, 0])[0, 1] < -0.3  # the eyes stay on the camera while the head turns
+    assert np.corrcoef(yaw, look[:, 0])[0, 1] < -0.3  # gaze stays on the camera while the head turns
     for path in sorted(REAL.glob("pyfeat_*.csv.gz")):
         motion = read_motion(path, 29.97).motion
         assert motion.fps == pytest.approx(29.97 / 2)

@@ -1,4 +1,4 @@
-"""Exports, each read by a reader that is not ours, and compared with the motion; import is the inverse."""
+"""Writers of other formats: output is read by independent readers and compared with the motion; import inverts it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FRAMES = (0, 13, 52)  # at rest, in a saccade, in a blink
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a motion for each head."""
+    """A folder with a motion for each head model."""
     folder = tmp_path_factory.mktemp("made")
     toy_motions.motion().save(folder / "anny.npz")
     toy_motions.flame_motion().save(folder / "flame.npz")
@@ -47,7 +47,7 @@ def exported(made: Path, tmp_path: Path, format: str, source: str = "anny") -> P
 
 @pytest.fixture(scope="module")
 def vertices() -> np.ndarray:
-    """The posed open head at FRAMES."""
+    """Posed vertices of the open head at FRAMES."""
     moved = toy_motions.motion()
     return np.concatenate(
         [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]
@@ -141,7 +141,7 @@ def test_arkit_json_names_its_columns(made: Path, tmp_path: Path) -> None:
 
 
 def accessor(gltf, index: int) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """An accessor as pygltflib has it, sparse or dense."""
+    """Values of a pygltflib accessor, sparse or dense."""
     found = gltf.accessors[index]
     kinds = {5126: np.float32, 5125: np.uint32, 5123: np.uint16}
     width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[found.type]
@@ -271,7 +271,7 @@ def test_mp4_films_the_motion(tmp_path: Path) -> None:
         assert sum(1 for _ in container.decode(video=0)) == 5
 
 
-TOLERANCES = {  # of what a format keeps, in radians, metres, closure and weight; the rest is lost
+TOLERANCES = {  # tolerances of the stored quantities, in radians, metres, closure and weight; the others are lost
     "flame": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
     "vhap": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
     "diffposetalk": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation"), 1e-6),
@@ -279,7 +279,7 @@ TOLERANCES = {  # of what a format keeps, in radians, metres, closure and weight
     "arkit": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-6),
     "glb": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-5),
     "usd": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 1e-5),
-    "vrm": {"head": 1e-5, "gaze": float(np.radians(2.1)), "lid": 0.051},  # one direction for both eyes, none wider
+    "vrm": {"head": 1e-5, "gaze": float(np.radians(2.1)), "lid": 0.051},  # one direction for both eyes
     "vocaset": dict.fromkeys(("head", "gaze", "lid", "jaw", "translation", "expression"), 2e-4),
     "bvh": dict.fromkeys(("head", "gaze", "jaw", "translation"), 1e-6),
 }
@@ -289,7 +289,7 @@ TOLERANCES = {  # of what a format keeps, in radians, metres, closure and weight
 def test_import_is_the_inverse_of_export(made: Path, tmp_path: Path, format: str) -> None:
     source = "flame" if format in ("flame", "vhap", "diffposetalk") else "anny"
     shown = toy_motions.flame_motion() if source == "flame" else toy_motions.motion()
-    fps = 25.0 if format == "vocaset" else None  # which does not say it
+    fps = 25.0 if format == "vocaset" else None  # which does not store it
     back = read_motion(exported(made, tmp_path, format, source), fps).motion
     assert (back.fps, len(back)) == (25.0, len(shown))
     for field, tolerance in TOLERANCES[format].items():
@@ -338,7 +338,7 @@ def test_a_face_at_rest_needs_no_map(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def flame(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of FLAME's layout."""
+    """A file with FLAME's layout."""
     path = tmp_path_factory.mktemp("flame") / "flame.pkl"
     flame_file.write(path, flame_file.arrays())
     return path

@@ -1,4 +1,4 @@
-"""Readers of published gaze recordings: axes, units, signs, what was lost; and their errors in one line."""
+"""Readers of published gaze recordings: axes, units, signs, missing data; one-line errors."""
 
 import gzip
 
@@ -79,7 +79,7 @@ def test_conversation(tmp_path):
     read = read_conversation(write_csv(tmp_path / "fixations.csv", CONVERSATION, rows))
     one = read.of("0", "SPEAK")
     assert len(one.onset_s) == 3 and one.duration_s.tolist() == [1.0, 1.0, 2.0] and one.person == ("0",) * 3
-    # The second follows at once, 200 px (5.7 cm) to the right; before the third lies a second.
+    # The second fixation follows at once, 200 px (5.7 cm) to the right; the third after a second.
     assert one.gaze_shifts_deg.shape == (1, 2)
     assert one.gaze_shifts_deg[0] == pytest.approx([-np.degrees(np.arctan(200 * 63.735 / 2250 / 67.5)), 0.0], abs=0.01)
     assert np.degrees(one.centre_rad[2, 1] - one.centre_rad[0, 1]) > 4.0

@@ -1,4 +1,4 @@
-"""Signals, stays, the VQ-VAE and the contract of every gaze generator."""
+"""Gaze signals, stays, the VQ-VAE, and the contract of all gaze generators."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -76,7 +76,7 @@ CODEBOOK = {"kind": "codebook", "codes": 32, "width": 8, "commitment": 0.25, "de
 
 @dataclass(frozen=True)
 class Member:
-    """A gaze generator of the suite: its kind, what differs from its plain settings, its codebook."""
+    """A gaze generator of the suite: kind, changes to the default settings, codebook."""
 
     kind: str
     changes: dict[str, Any] = field(default_factory=dict)
@@ -102,7 +102,7 @@ MEMBERS = {
 
 
 def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CODEBOOK) -> GazeVQVAE:
-    """A small codebook, untrained but started on toy gaze."""
+    """A small untrained codebook, initialised on toy gaze."""
     torch.manual_seed(0)
     network = GazeVQVAE(
         GazeVQVAESettings.model_validate(
@@ -123,7 +123,7 @@ def codebook(patch: int, tolerance: float | None, quantiser: dict[str, Any] = CO
 
 
 def model(kind: str, head_frames: int | None = 25, head_mix: dict[str, float] = HALF) -> SpeechToMotion:
-    """A small joint model, untrained."""
+    """A small untrained joint model."""
     member = MEMBERS[kind]
     patch, tolerance = (4, 1.0) if member.kind == "categorical" else (1, None)
     book = None if member.kind in ("vae", "point_process") else codebook(patch, tolerance, member.quantiser)
@@ -237,7 +237,7 @@ def test_frozen_codebook_does_not_move_in_training() -> None:
 
 @pytest.mark.parametrize("kind", MEMBERS)
 class TestContract:
-    """What every gaze generator with a head generator must do."""
+    """Contract of gaze generators, combined with a head generator."""
 
     def test_terms_are_finite_and_reach_the_speech_input(self, kind: str) -> None:
         network = model(kind).train()
@@ -291,7 +291,7 @@ def test_gradient_steps_lower_the_loss_on_one_batch(kind: str) -> None:
 
 
 def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
-    """The history that training sees is the history that generation makes."""
+    """The history in training equals that in generation."""
     network = model("categorical")
     speech = torch.randn(40, CHANNELS)
     out = network.generate(speech, [7])
@@ -303,7 +303,7 @@ def test_teacher_forcing_and_free_running_agree_on_the_same_codes() -> None:
 
 
 def terms_at(network: SpeechToMotion, steps: int) -> dict[str, torch.Tensor]:
-    """The terms of one batch at a point of training, always with the same noise."""
+    """Loss terms of one batch after `steps` of training, with fixed noise."""
     torch.manual_seed(3)
     set_trained_steps(network, steps)
     return network.loss_terms(batch(2, 40))
@@ -346,7 +346,7 @@ def test_training_in_free_running_sees_what_generation_makes() -> None:
 
 
 def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
-    """Of the last frame, to the features of the frames before it."""
+    """Gradient of the last frame with respect to the features of the frames before it."""
     gaze = model("regression_free").gaze
     memory, kept = torch.randn(1, 12, 16), []
 

@@ -1,4 +1,4 @@
-"""Gaze as fixations, bin after bin: what a stream shows is what is drawn and shown for the whole."""
+"""Gaze as fixations, bin by bin: streaming equals sampling and rendering the whole."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ PROCESS = {
 
 
 def render_row(onsets_s: ndarray, locations: ndarray, times_s: ndarray) -> ndarray:
-    """Gaze that is at each place from its onset on."""
+    """Gaze rendered from locations and their onsets."""
     return render_saccades(np.ones((1, len(onsets_s)), bool), onsets_s[None], locations[None], times_s)[0]
 
 
 def crowded() -> tuple[ndarray, ndarray]:
-    """Onsets every 50 ms and large steps: most saccades have to wait for the one before."""
+    """Onsets every 50 ms and large steps: most saccades have to wait for the previous one."""
     rng = np.random.default_rng(0)
     onsets_s = np.concatenate([[0.0], 0.2 + 0.05 * np.arange(30)])
     return onsets_s, rng.uniform(-0.4, 0.4, (31, 3)) * [1.0, 0.5, 0.1]
@@ -83,7 +83,7 @@ def gaze(**changes: object) -> PointProcessGaze:
     made = PointProcessGaze(settings, 8, None).eval()
     made.normalise_by(torch.zeros(6), 0.2)
     with torch.no_grad():
-        made.process.hazard.bias.fill_(0.5)  # often, so that saccades go on over bins and wait
+        made.process.hazard.bias.fill_(0.5)  # high, so that saccades extend over bins and wait
     return made
 
 
@@ -116,7 +116,7 @@ def test_a_causal_process_hears_so_far_ahead(lookahead: int) -> None:
     told.speech[:, 40:] += 3
     moved = (made.process.condition_encoder(made.binned_condition(told)) - before)[0].abs().amax(-1) > 1e-6
     assert int(moved.nonzero()[0]) == 20 - lookahead
-    assert gaze().has_lookahead  # the default hears both sides
+    assert gaze().has_lookahead  # the default uses past and future speech
 
 
 def test_eyes_turn_no_further_than_they_can() -> None:

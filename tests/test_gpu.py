@@ -1,4 +1,4 @@
-"""All that learns puts its tensors where it learns: on a card that is pretended, since no machine of ours has one."""
+"""All training code places its tensors on the device of training, tested with a simulated GPU."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GAZE_PRIORS = [path.stem for path in sorted((CONFIG_DIR / "pretrain").glob("gaze
 
 
 def learn(task: TrainingTask, loop: LoopSettings | None) -> list[dict[str, float]]:
-    """Two steps with validations, as `machine=gpu` learns."""
+    """Train for two steps with validation, with the settings of `machine=gpu`."""
     short = LoopSettings.model_validate((loop.model_dump() if loop else {}) | SHORT)
     return train(task, short, "on a card", context=ExecutionContext.of(MACHINE))
 
@@ -49,7 +49,7 @@ def shortened(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 class TestPretence:
-    """What it must refuse, and what it must not."""
+    """What the simulated GPU rejects and accepts."""
 
     def test_tensors_of_both_places_are_refused(self) -> None:
         with fake_gpu():

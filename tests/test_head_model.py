@@ -1,4 +1,4 @@
-"""Posing: blend shapes and skinning against a plain reckoning of one vertex, gradients, batches, refusals."""
+"""Posing: blend shapes and skinning compared with a plain computation of each vertex, gradients, batches, errors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_matrices_are_rodrigues() -> None:
 
 
 def test_skinning_is_the_chain_of_its_joints() -> None:
-    """Vertex by vertex, joint by joint, with 4 x 4 matrices."""
+    """Reference computation, vertex by vertex and joint by joint, with 4 x 4 matrices."""
     head, given = anny_head(), pose(1)
     found = pose_vertices(head, **given)[0].numpy()
     rest = head.template + np.tensordot(given["expression"][0].numpy(), head.expression, axes=1)

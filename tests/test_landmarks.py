@@ -1,4 +1,4 @@
-"""Points of the open head: lids follow gaze and close, the jaw moves the chin, pupils turn with the eyes."""
+"""Landmarks of the open head: lids follow gaze and close, the jaw moves the chin, pupils rotate with the eyes."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def looking(pitch_deg: float, lid: float = 0.0, jaw_rad: float = 0.0) -> np.ndar
 
 
 def place(points: np.ndarray, name: str) -> np.ndarray:
-    """One named point of the first frame."""
+    """One landmark of the first frame."""
     return points[0, LANDMARK_NAMES.index(name)]
 
 
@@ -59,7 +59,7 @@ def test_points_and_pupils_are_those_of_the_posed_head():
     points = head_to_scene(landmarks(motion.gaze, motion.lid, motion.jaw), motion.head, motion.translation)
     on_skull = [
         place for place, name in enumerate(LANDMARK_NAMES) if "outline" not in name
-    ]  # the neck's skin goes along in part
+    ]  # the skin of the neck follows in part
     np.testing.assert_allclose(head.landmarks.of(vertices)[:, on_skull], points[:, on_skull], atol=2e-5)
     np.testing.assert_allclose(
         vertices[:, head.pupils], head_to_scene(pupils(motion.gaze), motion.head, motion.translation), atol=2e-5
@@ -91,13 +91,13 @@ def test_the_opening_left_is_one_minus_the_closure(pitch_rad: float, lid: float)
 
 
 def opening(points: np.ndarray) -> np.ndarray:
-    """Mean height of upper over lower lid points."""
+    """Mean height of upper above lower lid landmarks."""
     return (points[:, :, 1:3, 1] - points[:, :, 4:6, 1]).mean(axis=-1)
 
 
 def test_shut_lids_meet():
     ratio = aspect_ratio(eye_landmarks(np.zeros((1, 2, 3)), np.ones((1, 2))))
-    assert np.all(ratio < 0.08)  # people: under .15; the lids meet in height, not quite in depth
+    assert np.all(ratio < 0.08)  # people: under 0.15; the lids meet in height, not quite in depth
 
 
 def test_the_jaw_lowers_chin_and_lower_lip_and_hardly_a_rigid_point():
@@ -125,7 +125,7 @@ def test_pupils_stay_on_their_sphere(x_rad: float, y_rad: float):
 
 
 def test_pupil_projection_turns_by_its_lever():
-    """The distance from the eye's centre times the sine of the angle, at the pixels a metre of the pupil's depth."""
+    """Distance from the eye centre times the sine of the angle, at the pixels per metre of the pupil's depth."""
     camera = Camera(1154 * 0.925, (112.0, 112.0), 1.0, 224, 224)
     gaze = np.zeros((2, 2, 3))
     gaze[1, :, 1] = np.radians(1.0)

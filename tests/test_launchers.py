@@ -1,4 +1,4 @@
-"""Every launcher runs the real chain on the least corpus, and all give the same figures. They share one store."""
+"""All launchers run the real chain on the smallest corpus with the same results. They share one store."""
 
 import csv
 import json
@@ -22,14 +22,14 @@ PAPER = "target=validate@talkingeyes_paper"
 
 @pytest.fixture(scope="module")
 def workspace(shared_folder):
-    """One folder for all processes that run these tests: the store sees to it that nothing is made twice."""
+    """One folder for all processes that run these tests, so that the store prevents repeated work."""
     return shared_folder / "launchers"
 
 
 def sweep(repository, workspace, *arguments):
-    """The command; what it said."""
+    """Run the command and return its output."""
     command = [sys.executable, "-m", "pipelines.experiment", "-m", "experiment=smoke_test", f"workspace={workspace}"]
-    environment = {**os.environ, "HOME": str(workspace)}  # Ray keeps a token there
+    environment = {**os.environ, "HOME": str(workspace)}  # Ray stores a token there
     command += arguments
     result = subprocess.run(
         command, cwd=repository, capture_output=True, text=True, check=False, timeout=580, env=environment
@@ -39,13 +39,13 @@ def sweep(repository, workspace, *arguments):
 
 
 def validation_metrics(workspace, job):
-    """The figures on val of a job, by number."""
+    """Validation metrics of a job."""
     path = Path(workspace, "jobs", str(job), "data/validate/talkingeyes_categorical/metrics.json")
     return json.loads(path.read_text())
 
 
 def rows(workspace, key):
-    """A parameter of all rows of the comparison."""
+    """A logged parameter of all runs."""
     with sqlite3.connect(workspace / "mlflow.db") as database:
         query = (
             "select p.value from params p join runs r using (run_uuid) join experiments e using (experiment_id) "
@@ -69,7 +69,7 @@ def test_four_codebook_sizes_share_all_but_pretrain_and_what_follows(repository,
 
 
 def test_joblib_gives_what_basic_gives(repository, workspace):
-    """Two workers want the same corpus at the same moment: one makes it, and it is what one process alone makes."""
+    """Two workers need the same corpus at the same time: one makes it, with the output of a single process."""
     until = "target=train@talkingeyes_paper"
     sweep(repository, workspace / "basic", f"result_store={workspace}/store", "hydra/launcher=basic", until)
     said = sweep(repository, workspace / "joblib", until, "hydra/launcher=processes", "train.seed=0,1")
@@ -109,7 +109,7 @@ def test_optuna_and_ray_together(repository, workspace):
 
 
 def squared(number):
-    """What the workers do."""
+    """Work of one worker."""
     return number * number, os.getpid()
 
 

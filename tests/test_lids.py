@@ -1,4 +1,4 @@
-"""Lids of a person in the parameter of the Eyelid model: gains, saturation, unrest, blinks, and what a head shows."""
+"""Lids of a person in the parameter of the Eyelid model: gains, saturation, fluctuation, blinks, rendered lids."""
 
 import numpy as np
 import pytest
@@ -19,13 +19,13 @@ STILL = np.zeros((1, 2))
 
 
 def looking(pitch_deg, yaw_deg=0.0):
-    """Angles of both eyes at pitches."""
+    """Angles of both eyes for pitches."""
     pitch = np.radians(np.atleast_1d(np.asarray(pitch_deg, float)))
     return np.stack([np.full((len(pitch), 2), np.radians(yaw_deg)), np.repeat(pitch[:, None], 2, axis=1)], axis=-1)
 
 
 def upper_deg(angles, lid):
-    """How high the upper lids of the head stand, as angles about the eyes' centres."""
+    """Heights of the upper lids of the head, as angles about the eye centres."""
     points = landmarks(angles_to_gaze(angles), lid, np.zeros((len(lid), 3)))[:, EYE_LANDMARKS[:, 1:3]].mean(axis=2)
     arm_m = np.hypot(*(points[0] - EYE_CENTRES)[0, 1:])
     return np.degrees(np.arcsin((points[..., 1] - EYE_CENTRES[:, 1]) / arm_m))

@@ -1,4 +1,4 @@
-"""Long speech is heard in windows: their seams cannot be seen, and frames at any rate are of the same performance."""
+"""Long speech is encoded in windows without visible seams; all frame rates give the same animation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from talkingeyes.audio.windows import window_starts
 
 
 def change_at_seams(features: np.ndarray, seams_s: list[float]) -> float:
-    """How fast features change within .3 s of the middle of each overlap, over how fast elsewhere."""
+    """Rate of change of features within 0.3 s of the middle of overlaps, divided by that elsewhere."""
     speed = np.linalg.norm(np.diff(features, axis=0), axis=1)
     times = np.arange(len(speed)) / 25.0
     at = np.any([np.abs(times - seam) <= 0.3 for seam in seams_s], axis=0)
@@ -28,7 +28,7 @@ def test_seams_between_windows_are_not_seen() -> None:
     seams = [start / SAMPLE_RATE + 1.0 for start in starts]
     assert len(seams) >= 9
     assert 0.7 < change_at_seams(heard, seams) < 1.2
-    # The measure would see one: without overlap, features jump.
+    # The test detects seams: without overlap, features jump.
     cut = MoonshineEncoder(MoonshineSettings(kind="moonshine", window_s=6.0, overlap_s=0.0))(sound, 25.0)
     jumps = np.linalg.norm(np.diff(cut, axis=0), axis=1)
     edges = [round(start / SAMPLE_RATE * 25) for start in window_starts(len(sound), 6 * SAMPLE_RATE, 0)[1:]]

@@ -1,4 +1,4 @@
-"""Distances, speeds and intervals against numbers worked out by hand."""
+"""Distances, speeds and intervals, compared with values computed by hand."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_distances_are_symmetric_and_scale(seed: int, count: int) -> None:
 
 
 def test_speed_of_a_ramp_is_in_degrees_a_second() -> None:
-    yaw = np.radians(np.arange(50) * 0.4)  # 0.4 degrees a frame at 25 fps: 10 degrees a second
+    yaw = np.radians(np.arange(50) * 0.4)  # 0.4 degrees per frame at 25 fps: 10 degrees per second
     gaze = angles_to_gaze(np.stack([np.stack([yaw, yaw * 0], -1)] * 2, axis=1))
     head = np.stack([np.zeros(50), np.zeros(50), np.radians(np.arange(50) * 0.2)], axis=-1)  # roll alone
     assert eye_speed_deg_s(gaze, 25.0) == pytest.approx(np.full(49, 10.0))

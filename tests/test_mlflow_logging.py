@@ -1,4 +1,4 @@
-"""The record of runs: names, parameters without noise, the saved view."""
+"""Logging to MLflow: names, relevant parameters, the saved view."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_ro
     assert runs[0].data.params == {
         "fit.tolerance": "0.1",
         "fit.smoothing.step_cost": "30.0",
-    }  # a stage's run holds the sections that it read
+    }  # the run of a stage has the sections that it read
     assert runs[0].data.metrics == {"error": 0.5, "seconds": 1.5}
     vae, truth = sorted(client.search_runs([rows.experiment_id]), key=lambda run: run.info.run_name, reverse=True)
     assert (vae.info.run_name, truth.info.run_name) == ("vae seed 1", "truth")

@@ -1,4 +1,4 @@
-"""The comparison as MLflow serves it on 127.0.0.1: four processes sweep and record at once, REST and a browser read."""
+"""The MLflow server on 127.0.0.1: four processes sweep and log at once; REST and a browser read the runs."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ for _ in range(int(sys.argv[2])):
 
 @dataclass(frozen=True)
 class Server:
-    """An MLflow server that runs."""
+    """A running MLflow server."""
 
     address: str
 
     def post(self, call, **content):
-        """The answer of the REST interface."""
+        """Response of the REST interface."""
         request = urllib.request.Request(
             f"{self.address}/api/2.0/mlflow/{call}",
             data=json.dumps(content).encode(),
@@ -75,7 +75,7 @@ class Server:
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory, repository):
-    """A workspace in which four processes, beginning with no database, have worked at one study."""
+    """A workspace in which four processes have worked on one study, starting without a database."""
     root = tmp_path_factory.mktemp("recorded")
     apart = {key: value for key, value in os.environ.items() if key not in ("DVC_EXP_NAME", "MLFLOW_TRACKING_URI")}
     command = [sys.executable, "-c", WRITER, str(root), str(TRIALS)]
@@ -86,7 +86,7 @@ def root(tmp_path_factory, repository):
 
 @contextmanager
 def serving(root):
-    """`mlflow server`, as `make ui` starts it, on a free port of 127.0.0.1; stopped at the end."""
+    """`mlflow server`, as started by `make ui`, on a free port of 127.0.0.1; stopped at the end."""
     with closing(socket.socket()) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

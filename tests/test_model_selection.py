@@ -1,4 +1,4 @@
-"""What models are chosen by on val: `validate` with the gaze benchmark, and the table of combinations."""
+"""Model selection on val: `validate` with the gaze benchmark, and the table of combinations."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ FPS, FRAMES, SOUNDS = 25.0, 250, 6
 
 
 class Deaf:
-    """A critic that thinks the same of every motion."""
+    """A critic with the same score for every motion."""
 
     def score_sounds(self, sounds, head, gaze):
         return np.full((len(sounds), len(head)), 0.5)
 
 
 def moving(rng, jump_rad):
-    """A head that sways, and eyes that jump two or three times a second."""
+    """A swaying head, and eyes that jump two or three times per second."""
     head = 0.1 * np.sin(np.arange(FRAMES)[:, None] / FPS * [1.0, 2.0, 0.5] + rng.uniform(0, 6, 3))
     places = rng.normal(0, jump_rad, (FRAMES, 3)) * [1, 1, 0]
     held = np.maximum.accumulate(np.where(rng.random(FRAMES) < 2.5 / FPS, np.arange(FRAMES), 0))
@@ -52,7 +52,7 @@ def moving(rng, jump_rad):
 
 
 def benchmark(jump_rad):
-    """The table of motions whose eyes jump that far, of sounds whose true eyes jump by some ten degrees."""
+    """Benchmark of motions with eye jumps of `jump_rad`, where true eyes jump by about ten degrees."""
     rng, critics = np.random.default_rng(0), dict.fromkeys(CRITICS.values(), Deaf())
     paired, speech = PairedAccumulator(), np.zeros((FRAMES, 2))
     for _ in range(SOUNDS):
@@ -85,10 +85,10 @@ def test_motion_without_saccades_is_not_spared_what_it_lacks():
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
-    """Toys with sounds in val, critics, and a baseline."""
+    """Workspace of toy recordings with sounds in val, critics and a baseline."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(toy_workspace, "SPEAKERS", {**toy_workspace.SPEAKERS, "g": "val", "h": "val"})
-        patch.setattr(toy_workspace, "FRAMES", 300)  # long enough for most measures
+        patch.setattr(toy_workspace, "FRAMES", 300)  # long enough for most metrics
         made = toy_workspace.toy_workspace(tmp_path_factory.mktemp("workspace"))
     critic.run(made)
     toy_workspace.train_random(made)
@@ -145,7 +145,7 @@ def test_every_kind_is_combined_with_every_other_and_learns_as_long():
 
 
 def seed_of(comparable=60.0, training=10.0, corr=0.2):
-    """The figures of one seed."""
+    """Metrics of one seed."""
     corrs = {name: corr for name in ("corr", "corr_gaze_in_space", "corr_head")}
     fitted = {name.replace("corr", "corr_fitted"): 0.4 for name in corrs}
     val = {**corrs, **fitted, "dynamics_distance": 0.5, "metrics_worse": 20.0, "metrics_comparable": comparable}

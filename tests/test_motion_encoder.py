@@ -1,4 +1,4 @@
-"""The fixed encoder: it learns, it is the same again from its files, and it sees what a Frechet distance is for."""
+"""The motion encoder: training, loading, and sensitivity of the Frechet distance."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ SETTINGS = EncoderSettings(
 
 @pytest.fixture(scope="module")
 def learnt():
-    """The encoder of toy motion, and how its training went."""
+    """Encoder trained on toy motion, with its history."""
     return fit_motion_encoder(recordings(40, 0), recordings(8, 1), SETTINGS, seed=0)
 
 
 def test_steps_hold_angles_in_degrees_and_logarithms_of_speed() -> None:
     head = np.zeros((1, 64, 3))
-    head[0, :, 1] = np.radians(np.arange(64) * 0.4)  # turns left at 10 degrees a second under resting gaze
+    head[0, :, 1] = np.radians(np.arange(64) * 0.4)  # turns left at 10 degrees per second under still gaze
     gaze = eye_in_head(head, np.zeros((1, 64, 2, 2)))
     steps = window_features(head, gaze, FPS, 4)
     assert steps.shape == (1, 16, 13)

@@ -39,7 +39,7 @@ def test_a_notebook_runs_on_the_tiny_corpus(
         monkeypatch.setenv(variable, str(tmp_path / variable))
     monkeypatch.setenv("JUPYTER_PLATFORM_DIRS", "1")
     monkeypatch.setenv("TALKINGEYES_WORKSPACE", str(tiny))
-    monkeypatch.delenv("MPLBACKEND")  # the kernel's own, which shows pictures in the notebook
+    monkeypatch.delenv("MPLBACKEND")  # backend of the kernel, which shows pictures in the notebook
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     NotebookClient(
         notebook, kernel_name="python3", timeout=300, resources={"metadata": {"path": str(FOLDER)}}

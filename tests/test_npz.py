@@ -1,4 +1,4 @@
-"""Arrays in files: what numpy reads again, in bytes that no patch release of Python changes."""
+"""NPZ files: readable by numpy, with bytes that do not depend on the patch release of Python."""
 
 import zipfile
 
@@ -8,7 +8,7 @@ import pytest
 from talkingeyes.core.motion import Motion
 from talkingeyes.core.npz import save_npz
 
-ZIP64_VERSION = 45  # of the headers that Python before 3.11.4 wrote otherwise
+ZIP64_VERSION = 45  # bytes of the headers that differ before Python 3.11.4
 
 
 def test_numpy_reads_what_was_written(tmp_path):

@@ -1,4 +1,4 @@
-"""What a camera sees: exact where nothing disturbs it, and every disturbance with its parameter, one by one."""
+"""Simulated observations: exact without disturbances; each disturbance and its parameter."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def camera(**changes) -> Camera:
 
 
 def quiet(**changes) -> NoiseSettings:
-    """Detectors without errors; `changes` are put into it, those of parts by part."""
+    """Settings of detectors without errors, with `changes` applied by part."""
     silent = {name: 0.0 for name in ("bias_px", "ar_px", "white_min_px", "white_max_px", "burst_share")}
     unit = {f"gain_{axis}_{end}": 1.0 for axis in "xy" for end in ("min", "max")}
     pupil = NOISE.pupil.model_copy(update={**silent, **unit})
@@ -49,7 +49,7 @@ def quiet(**changes) -> NoiseSettings:
 
 
 def motion_ahead(frames, yaw_rad=0.0):
-    """Looking up and aside with open eyes, the head turned."""
+    """Gaze up and aside with open eyes and turned head."""
     gaze = np.broadcast_to(rotation.angles_to_gaze(np.array([0.3, 0.2])), (frames, 2, 3)).copy()
     return Motion.of(FPS, np.tile([0.0, yaw_rad, 0.0], (frames, 1)), gaze)
 
@@ -60,7 +60,7 @@ def seen(settings, motion=None, seed=0, identity=()):
 
 
 def test_pupils_are_those_of_the_head():
-    """At 0 rotation, and at others, against the vertices of the pupils of the posed head, to a ten-thousandth pixel."""
+    """Pupils at zero and other rotations equal those of the posed head, to 0.0001 pixels."""
     still, turned = Motion.of(FPS, np.zeros((1, 3)), np.zeros((1, 2, 3))), motion_ahead(1, 0.3)
     head = anny_head()
     for motion in (still, turned):

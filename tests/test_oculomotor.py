@@ -1,4 +1,4 @@
-"""What frames cannot teach: the head's part in far gaze, saccadic intrusions, and how large a saccade can be."""
+"""Rule-based layers: head contribution to eccentric gaze, saccadic intrusions, largest saccade amplitude."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def context(gain: float = 1.0, seed: int = 0) -> AnimationContext:
 
 
 def trajectory(onsets_s: list[float], places_deg: list[float], seconds: float = 6.0) -> GazeTrajectory:
-    """Gaze ahead, then at each yaw from its onset on, over a head that is still."""
+    """Gaze straight ahead, then at each yaw from its onset, with a still head."""
     yaw = np.radians([0.0, *places_deg])
     jumps = tuple(
         main_sequence_saccade(onset, np.array([start, 0.0]), np.array([end - start, 0.0]))
@@ -87,14 +87,15 @@ def test_intrusions_come_within_fixations_and_go_back() -> None:
     small = ~np.isin(times_s, onsets)
     steps_deg, times_s = np.degrees(made.steps_rad[small]), times_s[small]
     out, back = steps_deg[::2], steps_deg[1::2]
-    # Of 18 a minute, in what of a fixation is free for them, those that a fit sees and those that are in the way go.
+    # Of 18 per minute in the free part of fixations, those large enough to be fitted and those that overlap are
+    # removed.
     most = INTRUSIONS_PER_S * 200 * (4.0 - 2 * 0.2 - 0.225)
     assert 0.75 * most < len(out) < most
     np.testing.assert_allclose(out + back, 0.0, atol=1e-9)
     assert (out[:, 1] == 0).all()
     assert 0.35 < (out[:, 0] > 0).mean() < 0.65
     assert np.abs(out).max() < MIN_FITTED_DEG
-    assert 0.4 < np.abs(out[:, 0]).mean() < 0.6  # .6 with those that a fit sees
+    assert 0.4 < np.abs(out[:, 0]).mean() < 0.6  # 0.6 including those large enough to be fitted
     assert 0.15 < np.median(times_s[1::2] - times_s[::2]) < 0.22
     assert (times_s[2::2] - times_s[1:-1:2]).min() >= MIN_FIXATION_S
     assert np.abs(times_s[:, None] - np.array(onsets)).min() >= MIN_FIXATION_S - 1e-9

@@ -1,4 +1,4 @@
-"""A model in one file: packed, opened elsewhere without conf/, refused when damaged or foreign."""
+"""A model in one file: packing, loading without conf/, errors for damaged or foreign files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from talkingeyes.workflows.pack import pack
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a model, as a folder and packed, and a sound."""
+    """A folder with a model, unpacked and packed, and a sound."""
     root = tmp_path_factory.mktemp("packed")
     pack(toy_model(root / "train" / "toy"), root / "toy.safetensors")
     sound_file(root / "a.wav", 2.0)
@@ -75,7 +75,7 @@ def test_others_stand_beside_the_first(place: Path, tmp_path: Path) -> None:
 
 
 def test_another_machine_needs_no_conf(place: Path, repository: Path, tmp_path: Path) -> None:
-    """An installed copy of the package alone, in another folder, with nothing of the repository around it."""
+    """An installed copy of the package in another folder, without the repository."""
     shutil.copytree(
         repository / "src" / "talkingeyes",
         tmp_path / "site" / "talkingeyes",

@@ -1,4 +1,4 @@
-"""The laws of physiology/: main sequence, sampling, head movements, VOR, blinks, jaw, rendering at any rate."""
+"""The models of physiology/: main sequence, sampling, head movements, VOR, blinks, jaw, rendering at any rate."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -19,14 +19,14 @@ from talkingeyes.physiology.lids import MEAN_EYELIDS
 
 
 def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
-    """An unjittered saccade from straight ahead."""
+    """A saccade from straight ahead, without jitter."""
     amplitude = np.radians(amplitude_deg)
     end = tuple(float(amplitude * part) for part in direction)
     return Saccade(onset_s, float(saccades.duration_s(amplitude)), (0.0, 0.0), end, float(saccades.skew(amplitude)))
 
 
 def speeds_deg_s(saccade, fps, shift_s=0.0):
-    """Speeds between samples of one saccade."""
+    """Speeds between the samples of one saccade."""
     path = saccades.position(saccade, np.arange(0.0, 0.6, 1.0 / fps) + shift_s)
     return np.degrees(np.linalg.norm(np.diff(path, axis=0), axis=1)) * fps
 
@@ -105,7 +105,7 @@ NO_KAPPA = np.zeros((2, 2))
 
 
 def eye_rotations(head, gaze_in_space_rad, vergence=0.0, kappa=NO_KAPPA, blink=0.0):
-    """Eyes of a head that looks in one direction."""
+    """Eyes of a head with gaze in one direction."""
     frames = len(head)
     blinked = np.full((frames, 2, 2), blink)
     return eye_head.eye_rotations(

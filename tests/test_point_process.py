@@ -1,4 +1,4 @@
-"""Marked point processes in bins: what was put in is learnt, and comes out in free runs."""
+"""Marked point processes in bins: simulated structure is learned and reproduced in free running."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def made(**changes: object) -> PointProcess:
 
 
 def learn(process: PointProcess, batch: Callable[[], EventSequence], steps: int, rate: float, bins: int) -> None:
-    """The likelihood of events under a silent condition."""
+    """Loss terms of events under a zero condition."""
     process.train()
     optimiser = torch.optim.Adam(process.parameters(), lr=rate)
     for _ in range(steps):
@@ -55,13 +55,13 @@ def test_events_of_frames() -> None:
     event[0, [1, 5, 8]] = True
     location = torch.arange(10.0)[None, :, None]
     found = EventSequence.from_frames(event, location, bin_frames=2)
-    assert found.bins.tolist() == [[0, 2, 4]]  # what happens in the first bin is where the sequence starts
+    assert found.bins.tolist() == [[0, 2, 4]]  # an event in the first bin is the initial location
     assert found.locations[..., 0].tolist() == [[0.0, 5.0, 8.0]]
     assert found.mask.all()
 
 
 def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
-    """One event in twenty lands on a wide ring, where no Gaussian stands at first."""
+    """One event in twenty lies on a wide ring, far from all initial components."""
     rng, bins = torch.Generator().manual_seed(2), 16
 
     def batch() -> EventSequence:
@@ -81,7 +81,7 @@ def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
 
 
 def test_it_learns_when_and_where() -> None:
-    """Events where the condition says so, which lead to its side."""
+    """The condition determines the times of events and the side of their locations."""
     torch.manual_seed(1)
     process = made().train()
     optimiser = torch.optim.Adam(process.parameters(), lr=1e-2)
@@ -112,7 +112,7 @@ def test_it_learns_when_and_where() -> None:
 
 
 def test_it_learns_by_how_much_events_are_drawn_back() -> None:
-    """Each event lies halfway from the last one to the middle; a free run stays as near to it as what was learnt."""
+    """Each event moves half the way to the centre; free running keeps the spread of the data."""
     torch.manual_seed(2)
     process = made(absolute_components=0, relative_components=3)
 
@@ -129,7 +129,7 @@ def test_it_learns_by_how_much_events_are_drawn_back() -> None:
     moved = (after != before).all(-1)
     slope = (after * before)[moved].sum() / (before[moved] ** 2).sum()
     assert 0.3 < slope < 0.7
-    assert 0.45 < sampled.location[:, 30:].std() < 0.75  # sqrt(.25 / .75) = .58
+    assert 0.45 < sampled.location[:, 30:].std() < 0.75  # sqrt(0.25 / 0.75) = 0.58
 
 
 def told(locations: list[tuple[float, float]], count: int) -> list[list[float]]:
@@ -145,7 +145,7 @@ def test_the_last_steps_are_told_by_direction_and_length() -> None:
 
 
 def test_it_learns_to_go_on_the_same_way_as_far() -> None:
-    """Each sequence has a direction, and a length of step between .1 and 3; free runs keep to theirs."""
+    """Each sequence has a direction and a step length between 0.1 and 3, which free running keeps."""
     torch.manual_seed(3)
     process = made(absolute_components=0, relative_components=4, previous_steps=1)
     bins = (2 * torch.arange(9)).expand(64, -1).contiguous()
@@ -169,7 +169,7 @@ def test_it_learns_to_go_on_the_same_way_as_far() -> None:
 
 
 def test_what_is_drawn_does_without_the_noise_of_what_was_learnt() -> None:
-    """Places that jump between -1 and 1 and are seen with noise: drawn ones lie nearer to -1 and 1 than those seen."""
+    """Locations jump between -1 and 1 and are observed with noise: samples lie closer to -1 and 1 than observations."""
     torch.manual_seed(4)
     noise = 0.2
     process = made(relative_components=4)
@@ -206,7 +206,7 @@ def test_a_codebook_finds_the_places_that_events_lead_to(mixture_centres: str) -
     process.eval().loss_terms(events, torch.zeros(8, 20, 3))["location"].backward()  # type: ignore[no-untyped-call]
     assert process.offsets.grad is not None and process.offsets.grad.abs().sum() > 0
     assert all(each.grad is None for each in process.mixture_centres.parameters()), "likelihood moves no code"
-    torch.testing.assert_close(process.means(), found)  # nor does what is only measured
+    torch.testing.assert_close(process.means(), found)  # nor does evaluation
 
 
 def test_clusters_need_fixed_places() -> None:

@@ -1,4 +1,4 @@
-"""Free runs in numpy: from event to event is bin by bin, and both follow the formulas that the process learns with."""
+"""Sampling in numpy: event by event equals bin by bin, and both agree with the likelihood used in training."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from talkingeyes.models.layers.revisit_mixture import PreviousLocations
 
 
 def lively(bias: float, **changes: object) -> PointProcess:
-    """A process whose every weight counts: none is zero, and places that were left are gone back to."""
+    """A process without zero weights, with revisits of previous locations."""
     process = made(absolute_components=3, relative_components=4, previous_locations=3, **changes)
     with torch.no_grad():
         for weight in process.parameters():
@@ -32,7 +32,7 @@ def bin_by_bin(sampler: Sampler, encoded_condition: np.ndarray, uniform: np.ndar
     return np.stack(events, 1), np.stack(locations, 1)
 
 
-@pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # hardly ever, now and then, in nearly every bin
+@pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # rare, occasional, and in nearly every bin
 def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
     process, condition, uniform = lively(bias), torch.randn(5, 90, 3), torch.rand(5, 90, 5)
     sampled = sample_events(process, condition, uniform, 1.0)
@@ -47,7 +47,7 @@ def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
 
 
 def sequence(sampled: SampledEvents) -> EventSequence:
-    """What was drawn for one row, as training would be told of it."""
+    """Sampled events of one row in the format of training."""
     bins = np.flatnonzero(sampled.event[0])
     return EventSequence(
         torch.from_numpy(bins)[None],
@@ -61,7 +61,7 @@ def sequence(sampled: SampledEvents) -> EventSequence:
     [(1.0, {}), (0.5, {}), (1.0, {"previous_steps": 0}), (1.0, {"adaptive_components": False})],
 )
 def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes: dict[str, object]) -> None:
-    """Hazards of all bins, and the Gaussian and the number of it at every event, under the events that were drawn."""
+    """Hazards of all bins, and mixture component and its index at every event, given the sampled events."""
     process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
     sampled = sample_events(process, condition, uniform, temperature)
     events = sequence(sampled)

@@ -1,4 +1,4 @@
-"""Personal head motion: poses of six numbers, models of the head alone, the rival in the one loop, PGFace, measures."""
+"""Personal head motion: six-component poses, models of the head alone, adversarial training, PGFace, metrics."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ SMALL = {
 
 
 def recordings(frames: int = 150, clips: int = 4) -> list[PoseRecording]:
-    """Two people: one slow and wide, one quick and small; speech that says nothing."""
+    """Two speakers: one with slow, large motion, one with fast, small motion; uninformative speech."""
     rng = np.random.default_rng(3)
     made = []
     for index in range(clips):
@@ -94,7 +94,7 @@ def normaliser() -> Normaliser:
 
 
 def settings(name: str, **changes: Any) -> PoseTaskSettings:
-    """A model of conf/, small."""
+    """A small version of a model of conf/."""
     node = yaml.safe_load((CONFIG_DIR / "model" / f"{name}.yaml").read_text())
     node["speech"] |= {"width": 8}
     node["head"] |= SMALL.get(node["head"]["kind"], {})
@@ -145,7 +145,7 @@ class TestPoses:
 
 @pytest.mark.parametrize("name", HEADS)
 class TestHeads:
-    """The contract of all generators of head poses."""
+    """Contract of all generators of head poses."""
 
     def test_any_length_one_seed_alone_or_with_others(self, name: str) -> None:
         network = task(name).module
@@ -194,7 +194,7 @@ class TestHeads:
 
 
 def _save_gaze(folder: Path) -> None:
-    """The smallest model with a gaze decoder, untrained."""
+    """The smallest untrained model with a gaze decoder."""
     from talkingeyes.models.speech_to_motion import SpeechToMotion
     from talkingeyes.training.motion_generators import network_config
     from talkingeyes.training.motion_task import MotionTaskSettings
@@ -208,7 +208,7 @@ def _save_gaze(folder: Path) -> None:
 
 
 class TestContest:
-    """The rival's turn in the one loop."""
+    """Adversarial training in the common loop."""
 
     def test_each_turn_moves_its_own_weights(self) -> None:
         made = task("posegan")
@@ -361,7 +361,7 @@ def pgface_task() -> PGFaceTask:
 
 
 class TestPGFace:
-    """The face hangs as the head is held, and PGFace learns that it does."""
+    """Soft tissue depends on head pose, and PGFace learns the dependence."""
 
     def test_tissue_hangs_down_and_not_at_the_brow(self) -> None:
         surface = FaceSurface(anny_head())
@@ -371,7 +371,7 @@ class TestPGFace:
         moved = np.linalg.norm(raised - upright, axis=1) * 1000
         assert moved[surface.lower].max() == pytest.approx(1.25, abs=0.1)
         assert moved[surface.below_eyes_m < -0.02].max() < 0.1
-        # The head looks up: the ground is behind the face, and tissue falls towards the back.
+        # The head looks up, so gravity pulls the tissue towards the back of the head.
         assert (raised - upright)[surface.lower][:, 2].mean() < 0
 
     def test_it_learns_the_pose(self) -> None:
@@ -403,7 +403,7 @@ def test_the_experiment_composes_and_its_heads_are_those_of_the_tables() -> None
 
 
 class TestTables:
-    """From what is measured to the page."""
+    """From evaluation to the page."""
 
     def test_new_people_are_measured_by_style_and_language(self) -> None:
         from talkingeyes.evaluation.head_pose.evaluation import _languages, _transfer

@@ -1,4 +1,4 @@
-"""The package as it is used from Python: names on first use, one performance, saved, exported; the page of examples."""
+"""The Python API: lazy names, an animation that is saved and exported, and the examples of the docs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import talkingeyes as te
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A current folder with a sound, and a model where the commands look for it."""
+    """A current folder with a sound, and a model at the default location."""
     monkeypatch.chdir(tmp_path)
     toy_model(tmp_path / "data" / "train" / "talkingeyes")
     for name in ("speech", "partner"):
@@ -29,7 +29,7 @@ def test_the_four_lines(place: Path) -> None:
     m = te.animate("speech.wav", seed=1)
     m.save("speech.npz")
     te.export(m, "out.glb")
-    te.export(m, "again.glb")  # the room `export` is imported now, and te.export is still the function
+    te.export(m, "again.glb")  # the module `export` is imported now, and te.export is still the function
     assert (place / "out.glb").read_bytes() == (place / "again.glb").read_bytes()
     assert (place / "out.glb").read_bytes()[:4] == b"glTF"
     np.testing.assert_allclose(te.Motion.load(Path("speech.npz")).gaze, m.motion.gaze, atol=1e-6)
@@ -64,7 +64,7 @@ def test_an_ending_that_says_no_format_is_one_line(place: Path, name: str) -> No
 
 
 def test_the_examples_of_the_page_run(place: Path, repository: Path) -> None:
-    """Every Python block of docs/python.md, one after another, in one process."""
+    """All Python blocks of docs/python.md, in order, in one process."""
     blocks = re.findall(r"```python\n(.*?)```", (repository / "docs" / "python.md").read_text(), re.DOTALL)
     assert len(blocks) >= 4
     space: dict[str, object] = {}
@@ -73,7 +73,7 @@ def test_the_examples_of_the_page_run(place: Path, repository: Path) -> None:
 
 
 def test_the_examples_of_the_page_are_typed(repository: Path, tmp_path: Path) -> None:
-    """mypy --strict takes them: what the package says of its types is enough for its users."""
+    """The examples pass mypy --strict, so the type annotations of the package are sufficient for users."""
     blocks = re.findall(r"```python\n(.*?)```", (repository / "docs" / "python.md").read_text(), re.DOTALL)
     (tmp_path / "examples.py").write_text("\n".join(blocks))
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file", str(repository / "pyproject.toml")]

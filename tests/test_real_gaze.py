@@ -1,4 +1,4 @@
-"""The detectors on recordings of real people, against experts. Skipped where the recordings are not there."""
+"""The detectors on recordings of people, compared with experts. Skipped without the recordings."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def agreement(labelled, expert, stride):
     return total.score
 
 
-# What was measured when the detectors were written, less 0.03 of slack.
+# Scores when the detectors were written, less a tolerance of 0.03.
 @pytest.mark.parametrize(("stride", "least"), [(1, 0.89), (4, 0.87), (8, 0.87), (20, 0.87)])
 def test_saccades_agree_with_an_expert(labelled, stride, least):
     agreed = agreement(labelled, "MN", stride)

@@ -1,4 +1,4 @@
-"""The recipes for other programs: what they read and send, without the programs themselves."""
+"""Recipes for other programs: what they read and send, tested without the programs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import motion_to_pose
 from talkingeyes.head.skinning import posed_vertices
 
-FRAMES = (0, 13, 28, 52, 74)  # 28 and 52 have lids beyond the shapes' own range
+FRAMES = (0, 13, 28, 52, 74)  # frames 28 and 52 have lids beyond the range of the blend shapes
 
 
 def recipe(repository: Path, name: str) -> Any:
@@ -37,7 +37,7 @@ def recipe(repository: Path, name: str) -> Any:
 
 @pytest.mark.parametrize("fps", [25.0, 60.0])
 def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path, fps: float) -> None:
-    """Unpacked as receivers of the app's packets do, from a socket."""
+    """Unpack a packet from a socket as receivers of the app do."""
     shown = toy_motions.motion(fps)
     te.export(shown, tmp_path / "a.csv")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
@@ -61,7 +61,7 @@ def test_live_link_packets_are_those_of_the_app(repository: Path, tmp_path: Path
 
 
 def test_gaussian_avatars_finds_its_motion(tmp_path: Path) -> None:
-    """What its viewer takes of --motion_path: float32 arrays by these names, a row a frame, the rest passed over."""
+    """What the viewer reads from --motion_path: float32 arrays of these names, a row per frame; others are ignored."""
     shown = toy_motions.flame_motion()
     te.export(shown, tmp_path / "a.npz", format="vhap")
     with np.load(tmp_path / "a.npz") as file:
@@ -101,7 +101,7 @@ json.dump(found, open({str(tmp_path / "a.json")!r}, "w"))
 
 
 def vertices() -> np.ndarray:
-    """Our own pose of the head at FRAMES."""
+    """The head at FRAMES, posed by this package."""
     moved = toy_motions.motion()
     return np.concatenate(
         [posed_vertices(anny_head(), motion_to_pose(anny_head(), moved.cut(frame, frame + 1))) for frame in FRAMES]

@@ -1,4 +1,4 @@
-"""The acceptance table: every statistic finds what was put in, and says so where there is too little."""
+"""Reference ranges: each statistic recovers known values, and reports insufficient data."""
 
 import json
 
@@ -40,7 +40,7 @@ from talkingeyes.physiology.blinks import closure
 
 
 def space(yaw_deg, fps=25.0):
-    """Eyes and head of somebody whose gaze in space is a course of yaw, head still."""
+    """Eyes and head of a person with a given yaw of gaze in space and a still head."""
     gaze = rotation.angles_to_gaze(np.radians(np.stack([yaw_deg, np.zeros(len(yaw_deg))], axis=1)))
     still = np.zeros((len(yaw_deg), 3))
     return behaviour(fps, {"head": still, "gaze": np.repeat(gaze[:, None], 2, axis=1)})
@@ -71,7 +71,7 @@ def test_main_sequence_is_found():
 
 
 def saccading(fps, seed):
-    """Ten saccades of about ten degrees, there and back."""
+    """Ten saccades of about ten degrees, back and forth."""
     rng = np.random.default_rng(seed)
     chain, at = [], np.zeros(2)
     for onset in 0.5 + 0.8 * np.arange(10) + rng.uniform(0, 0.04, 10):
@@ -111,7 +111,7 @@ def test_head_follows_after_the_eyes():
         head_movements=(HeadMovement(1.03, 0.5, (0.0, 0.1, 0.0)), HeadMovement(3.02, 0.5, (0.1, 0.0, 0.0))),
     )
     pool = eyes.extract_events(events)
-    assert pool["lag.s"] == pytest.approx([0.03])  # the second goes another way
+    assert pool["lag.s"] == pytest.approx([0.03])  # the second has another direction
 
 
 def test_heads_share_and_squint():
@@ -225,7 +225,7 @@ def test_jaw_that_follows_the_envelope():
 def test_probes_tell_what_can_be_told():
     rng = np.random.default_rng(0)
     weights = rng.standard_normal((4, 6))
-    weights[:, :2] = 0  # nothing of the eyes
+    weights[:, :2] = 0  # without the eyes
     people_x = [np.c_[rng.standard_normal((400, 3)), np.ones(400)] for _ in range(6)]
     people_y = [x @ weights + rng.standard_normal((400, 6)) for x in people_x]
     grams = [probes.gram(x, y) for x, y in zip(people_x, people_y, strict=True)]

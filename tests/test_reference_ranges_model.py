@@ -1,4 +1,4 @@
-"""The acceptance table of a model: its motion at two rates beside the truth."""
+"""Reference ranges of a model: its motion at two frame rates, and the truth."""
 
 import numpy as np
 import pytest

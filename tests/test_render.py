@@ -1,4 +1,4 @@
-"""Pictures of the open head: it shows where eyes and head point; left is left; edges are smooth."""
+"""Pictures of the open head: directions of eyes and head, left and right, antialiasing."""
 
 from __future__ import annotations
 

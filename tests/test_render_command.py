@@ -1,4 +1,4 @@
-"""`talkingeyes render` and `talkingeyes head`: films and pictures of heads, and one line for what will not do."""
+"""`talkingeyes render` and `talkingeyes head`: films and pictures of heads, and one-line errors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_film_has_the_frames_the_sound_and_the_size(place: Path, monkeypatch: 
         assert len(container.streams.audio) == 1
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert (len(frames), frames[0].shape) == (12, (64, 64, 3))
-    assert call(monkeypatch, *words) == 2  # it is there
+    assert call(monkeypatch, *words) == 2  # the file exists
     assert call(monkeypatch, *words, "--force") == 0
 
 

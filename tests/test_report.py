@@ -1,4 +1,4 @@
-"""The report on a hand-made workspace: tables, requirements, pictures, rows for the record of runs."""
+"""The report on an artificial workspace: tables, requirements, plots, logged rows."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_nothing_to_report_on_is_said(tmp_path):
 
 
 def made(**figures):
-    """A row whose figures have the given values on both splits."""
+    """A row with the given metrics on both splits."""
     parts = {"gaze": {}, "gaze_in_space": {}, "head": {}}
     for key, value in figures.items():
         part, name = re.match(r"(gaze_in_space|gaze|head)_(.*)", key).groups()

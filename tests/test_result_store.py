@@ -1,4 +1,4 @@
-"""The result store: nothing runs twice, nothing stale is taken, nothing half-made or damaged is kept."""
+"""The result store: no repeated runs, no stale results, no partial or damaged entries."""
 
 import os
 import subprocess
@@ -46,7 +46,7 @@ PARAMS = {
 
 
 class Toy:
-    """A small checkout with a chain of its own, and a store; `made` lists what ran."""
+    """A small checkout with its own chain and a store; `made` lists the stages that ran."""
 
     def __init__(self, root: Path) -> None:
         self.root, self.store, self.made = root / "checkout", root / "store", []
@@ -56,7 +56,7 @@ class Toy:
         (self.root / "dvc.yaml").write_text(yaml.safe_dump(CHAIN))
 
     def run(self, params=PARAMS, target="report"):
-        """Obtain all that `target` needs; the entries by address."""
+        """Obtain all results that `target` needs; returns the entries by address."""
         result_store._code_md5.cache_clear()
         entries, found = {}, {}
         for call in required_calls(stage_calls(params, ORDER, self.root / "dvc.yaml"), target):
@@ -65,7 +65,7 @@ class Toy:
         return found
 
     def make(self, call, workspace):
-        """A stage that writes down what it sees."""
+        """A stage that records its inputs."""
         self.made.append(call.address)
         seen = sorted(path.as_posix() for path in workspace.root.glob("data/*/*") if path.exists())
         with workspace.output(*call.folder.parts[1:]) as folder:
@@ -140,7 +140,7 @@ def test_a_damaged_entry_is_named_and_made_again(toy, capsys, damage):
     places = {"no sums": entry.output / "SHA256SUMS", "no record": entry.folder / "provenance.json"}
     file = places.get(damage, entry.output / "x")
     if damage == "changed":
-        file.write_bytes(content[:-1] + b"?")  # of the same size
+        file.write_bytes(content[:-1] + b"?")  # with the same size
     else:
         file.unlink()
     toy.made.clear()
@@ -213,7 +213,7 @@ def test_what_dvc_made_is_taken_when_it_fits(toy):
     assert (entry.origin, toy.made) == ("dvc", ["train@a"])
     assert (entry.output / "sub/x").read_text() == "two"
     assert toy.run(merged(synthesize={"clips": 4}), "synthesize")["synthesize"].origin == "made"
-    # What is there is not what dvc.lock speaks of.
+    # The content does not match dvc.lock.
     (toy.root / "data/synthesize/sub.x").unlink()
     (toy.root / "data/synthesize/sub.x").write_text("other")
     assert toy.run(target="synthesize")["synthesize"].origin == "store"

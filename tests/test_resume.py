@@ -1,4 +1,4 @@
-"""A training that is killed goes on from its last validation and ends in the same weights, bit for bit."""
+"""Training that is killed resumes from its last validation and ends with bitwise identical weights."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RUN: dict[str, Any] = {"pretrain": pretrain.run, "train": train_stage.run, "crit
 
 
 def finish(root: Path, *stage: str) -> str:
-    """Run a stage to its end; what it said."""
+    """Run a stage to its end and return its output."""
     return subprocess.run(command(*stage), cwd=root, check=True, capture_output=True, text=True, timeout=120).stderr
 
 
@@ -45,7 +45,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What uninterrupted stages write."""
+    """Output of uninterrupted stages."""
     workspace = toy_training(tmp_path_factory.mktemp("whole"), **STEPS)
     for stage, *names in STAGES:
         RUN[stage](workspace, *names)
@@ -68,7 +68,7 @@ def test_a_killed_stage_ends_in_the_same_bytes(stage: tuple[str, ...], whole: Pa
 
 
 class Stopped(Exception):
-    """Takes the place of a kill."""
+    """Simulates a kill."""
 
 
 def stop_at(step: int) -> Any:
@@ -80,7 +80,7 @@ def stop_at(step: int) -> Any:
 
 
 class Noisy(Line):
-    """The line under noise of both generators."""
+    """The toy regression task with noise from both random generators."""
 
     def losses(self, step: int) -> dict[str, torch.Tensor]:
         error = super().losses(step)["total"]
@@ -105,7 +105,7 @@ def test_best_weights_history_and_generators_come_back(tmp_path: Path) -> None:
 
 
 def interrupted(path: Path, fingerprint: str) -> ResumeFile:
-    """A progress that a training of 60 steps left at step 20."""
+    """Progress file of a training of 60 steps at step 20."""
     resume = ResumeFile.of(path, [fingerprint], [])
     with contextlib.suppress(Stopped):
         train(Noisy(), loop(steps=60, validate_every=20), "first", stop_at(20), resume=resume)

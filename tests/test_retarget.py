@@ -1,4 +1,4 @@
-"""Motion made for one head plays on another: what is exact, what is least squares, what is refused."""
+"""Retargeting of motion to another head: exact cases, least squares, errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ def flame(tmp_path_factory: pytest.TempPathFactory) -> HeadModel:
 
 
 def performance(head: HeadModel, frames: int = 6) -> Motion:
-    """Random expressions of a head, with everything else in motion too."""
+    """Random expressions of a head, with all other parts moving."""
     rng = np.random.default_rng(3)
     names = expression_shape_names(head)
     return Motion.of(
@@ -41,7 +41,7 @@ def performance(head: HeadModel, frames: int = 6) -> Motion:
 
 
 def another(head: HeadModel, scale: float, shift: np.ndarray) -> HeadModel:
-    """The same face in another size and place, with other shapes that span the same: its truth is known."""
+    """The same face at another size and position, with blend shapes that span the same space, so the truth is known."""
     rng = np.random.default_rng(4)
     names = expression_shape_names(head)
     rows = [head.shape(name) for name in names]
@@ -57,7 +57,7 @@ def another(head: HeadModel, scale: float, shift: np.ndarray) -> HeadModel:
 
 
 def face(head: HeadModel, motion: Motion) -> np.ndarray:
-    """Displacements of the skin by the expression alone, lids and jaw left out."""
+    """Displacements of the skin by the expression alone, without lids and jaw."""
     rows = [head.shape(name) for name in motion.expression_names]
     moved = np.tensordot(motion.expression, head.expression[rows], axes=1)
     return np.asarray(moved[:, head.vertices_of("skin", "lips")])
@@ -82,7 +82,7 @@ def test_the_same_face_in_another_size_with_other_shapes_is_found():
     error = np.sqrt(((face(target, mapped) - wanted) ** 2).sum(axis=-1).mean())
     assert error < 0.05 * np.sqrt((wanted**2).sum(axis=-1).mean())
     assert mapped.head_model == "another"
-    motion_to_pose(target, mapped)  # plays there
+    motion_to_pose(target, mapped)  # can be used on the target head
 
 
 def test_eyes_lids_jaw_and_head_are_carried_over_exactly(flame: HeadModel):
@@ -98,12 +98,12 @@ def test_eyes_lids_jaw_and_head_are_carried_over_exactly(flame: HeadModel):
 
 
 def test_the_error_is_that_of_what_is_shown(flame: HeadModel):
-    """FLAME's layout with random shapes cannot show a face: the map must say how little it does."""
+    """Random shapes with FLAME's layout cannot represent a face: the map must report a low accuracy."""
     mapping = expression_map(anny_head(), flame)
     assert mapping.points > 300
     assert len(mapping.error_mm) == len(expression_shape_names(anny_head()))
     assert np.all(mapping.error_mm <= mapping.requested_mm * 1.001)
-    assert mapping.error_mm.sum() > 0.5 * mapping.requested_mm.sum()  # random numbers smile badly
+    assert mapping.error_mm.sum() > 0.5 * mapping.requested_mm.sum()  # random shapes represent smiles badly
 
 
 def test_a_motion_of_another_expression_space_is_refused(flame: HeadModel):

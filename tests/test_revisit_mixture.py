@@ -1,4 +1,4 @@
-"""Places that were left: kept in a free run as they are told in training, and gone back to."""
+"""Previous locations: the same in free running as in training, and revisited."""
 
 import numpy as np
 import torch
@@ -78,7 +78,7 @@ def test_a_place_that_there_is_not_is_never_gone_to():
 
 
 def alternating(count: int, seed: int) -> EventSequence:
-    """Between two places of the sequence's own, again and again."""
+    """Events that alternate between two locations of the sequence."""
     rng = torch.Generator().manual_seed(seed)
     own = 2 * torch.randn(count, 2, 3, generator=rng)
     locations = own[:, [0, 1] * 4] + 0.02 * torch.randn(count, 8, 3, generator=rng)
@@ -87,7 +87,7 @@ def alternating(count: int, seed: int) -> EventSequence:
 
 
 def test_it_learns_to_go_back():
-    """Places are new in every sequence, so only what was left can tell where the third event leads."""
+    """Locations differ between sequences, so only previous locations predict the third event."""
     torch.manual_seed(0)
     process = PointProcess(SETTINGS, 2, (1.0, 1.0, 1.0))
     adam = torch.optim.Adam(process.parameters(), lr=1e-2)

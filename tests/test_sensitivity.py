@@ -1,7 +1,7 @@
-"""Every measure of the benchmark against truth made wrong in known ways: it catches what it is there for.
+"""Sensitivity of the benchmark metrics to corruptions of the truth.
 
-The pool is drawn from the world's laws with a fixed seed: no sound, no corpus. The page of a larger one, with all
-effects, is docs/sensitivity.md (benchmarks/sensitivity.py).
+The pool is synthetic motion with a fixed seed, without sound and corpus. docs/sensitivity.md
+(benchmarks/sensitivity.py) has all effects for a larger pool.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ENCODER = EncoderSettings(
     ),
 )
 BY_NAME = {each.name: each for each in CORRUPTIONS}
-# What measures must catch.
+# Corruptions and the metrics that must detect them.
 MUST = {
     "frozen": (
         "gaze_in_space/still_fraction", "gaze_in_space/speed", "eye/sd_yaw", "head/speed", "head/spectrum_slope",
@@ -72,7 +72,7 @@ MUST = {
     "no blinks": ("blinks/rate", "blinks/depth"),
     "delayed blinks": ("blinks/at_phrase_ends",),
 }  # fmt: skip
-# What they must not be moved by.
+# Corruptions and metrics that must not detect them.
 MUST_NOT = {
     "delayed": ("saccades/rate", "gaze_in_space/still_fraction", "head/sd_yaw"),
     "mirrored left-right": ("saccades/rate", "head_eye/slope_yaw", "head/speed", "blinks/rate"),
@@ -83,25 +83,25 @@ MUST_NOT = {
 
 @pytest.fixture(scope="module")
 def takes():
-    """16 speakers of 2 sounds of 12 s: a take to compare with, one to judge."""
+    """16 speakers with 2 sounds of 12 s: one reference take and one evaluated take."""
     return split_takes(sketch_clips(16, 2, 2, 12.0, 25.0, seed=0))
 
 
 @pytest.fixture(scope="module")
 def found(takes):
-    """The matrix of what sums over clips tell."""
+    """Sensitivity matrix of the metrics computed from sums over clips."""
     return sensitivity_matrix(takes, SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def several():
-    """8 speakers of 2 sounds, two takes to compare with and two to judge."""
+    """8 speakers with 2 sounds: two reference takes and two evaluated takes."""
     return split_takes(sketch_clips(8, 2, 4, 12.0, 25.0, seed=0))
 
 
 @pytest.fixture(scope="module")
 def found_of_several(several):
-    """The matrix of what samples together and the encoder tell, of a few faults."""
+    """Sensitivity matrix with the metrics over several samples and of the encoder, for a few corruptions."""
     encoder = train_pool_encoder(sketch_clips(12, 2, 1, 12.0, 25.0, seed=1), ENCODER, seed=0)
     return sensitivity_matrix(several, SETTINGS, encoder, corruptions=[BY_NAME[name] for name in MUST_OF_SEVERAL])
 
@@ -120,7 +120,7 @@ def test_samples_together_and_the_encoder_catch_what_they_are_there_for(found_of
 
 
 def test_the_mean_pose_wins_l2_and_the_nearest_sample(several, found_of_several) -> None:
-    """L2 ranks a constant above the truth, and so does any distance to the nearest sample; the energy score not."""
+    """L2 and the distance to the nearest sample rank a constant above the truth; the energy score does not."""
     assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, UNCORRUPTED)
     assert found_of_several["samples/min_ade_head"]["mean pose"].rated_better
     assert not found_of_several["samples/energy_score_head"]["mean pose"].rated_better
@@ -137,7 +137,7 @@ def test_no_fault_moves_what_it_leaves_alone(found, name: str) -> None:
 
 
 def test_every_measure_ranks_the_truth_above_some_fault(found) -> None:
-    """A measure that catches nothing in this pool is one that the page names."""
+    """Metrics that detect nothing in this pool are named on the page."""
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
     assert blind <= {"reference_correlation/head_yaw", "eye/pitch_skew"}
 
@@ -148,7 +148,7 @@ def test_true_takes_are_told_apart_no_oftener_than_by_chance(found) -> None:
 
 
 def test_averted_curves_of_true_takes_agree_and_those_of_late_motion_do_not() -> None:
-    """They need 400 onsets and offsets: a pool of its own, looked at by their observer alone."""
+    """The curves need 400 onsets and offsets, so they have a larger pool and only their extractor is run."""
     takes = split_takes(sketch_clips(75, 1, 2, 16.0, 25.0, seed=0))
     evaluated = [motions[0] for motions in takes.evaluated]
     sets = [

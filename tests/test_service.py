@@ -1,4 +1,4 @@
-"""The service: what it gives, what it refuses and with which words, and that it keeps running whatever it is sent."""
+"""The service: responses, errors with their messages, and robustness to any input."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.workflows import convert
 from tests.browser import CHROMIUM, FLAGS, open_browser
 
-SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # a busy machine may keep a client waiting that long
+SECONDS, STREAMS, IDLE_S = 1.6, 3, 5.0  # limit for a client on a busy machine
 LIMITED = f"""
 import sys
 from dataclasses import replace
@@ -48,7 +48,7 @@ run_service(model=sys.argv[1], live=sys.argv[2], port=0, limits=limits, on_start
 
 @dataclass(frozen=True)
 class Answer:
-    """What the service says."""
+    """A response of the service."""
 
     status: int
     body: bytes
@@ -60,7 +60,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Service:
-    """One that runs."""
+    """A running service."""
 
     address: str
     live: Path
@@ -77,7 +77,7 @@ class Service:
             return Answer(error.code, error.read())
 
     def stream(self, **headers: str) -> ClientConnection:
-        """A WebSocket."""
+        """Open a WebSocket stream."""
         return connect(self.address.replace("http", "ws") + "stream", additional_headers=headers)
 
     @property
@@ -106,7 +106,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     process.terminate()
     process.wait(timeout=120)
     process.stdout.close()
-    assert not any((place / "temporary").iterdir())  # the service takes everything with it
+    assert not any((place / "temporary").iterdir())  # all workers end with the service
 
 
 def wav(sound: np.ndarray, rate: int = SAMPLE_RATE, format: str = "WAV") -> bytes:
@@ -120,7 +120,7 @@ def pcm(sound: np.ndarray) -> bytes:
 
 
 def spoken(connection: ClientConnection, sound: np.ndarray, chunk: int = 3200) -> tuple[np.ndarray, dict[str, Any]]:
-    """All rows of a stream, and its last words."""
+    """Send a sound; return all rows of the stream and its last message."""
     about = json.loads(connection.recv(120))
     for start in range(0, len(sound), chunk):
         connection.send(pcm(sound[start : start + chunk]))
@@ -136,7 +136,7 @@ def spoken(connection: ClientConnection, sound: np.ndarray, chunk: int = 3200) -
 
 
 def well(service: Service) -> None:
-    """It still does its work."""
+    """Assert that the service still works."""
     assert service.ask("performances?seed=1", wav(speech(0.5))).status == 200
     with service.stream() as connection:
         connection.send("{}")
@@ -174,7 +174,7 @@ class TestFiles:
         ):
             assert poses(asked) != first, asked
         as_each = [poses(f"seed=3&person={name}") for name in service.ask("service.json").told["persons"]]
-        assert as_each.count(first) == 1  # whom the seed draws
+        assert as_each.count(first) == 1  # the speaker selected by the seed
         assert len(as_each) == 2
 
     def test_other_formats_and_rates_are_heard(self, service: Service) -> None:
@@ -219,7 +219,9 @@ class TestStreams:
     def test_several_at_once_do_not_mix_and_one_more_is_refused(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:
             streams = [stack.enter_context(service.stream()) for _ in range(STREAMS)]
-            for seed, each in enumerate(streams):  # all at once: none may be silent while a worker starts for another
+            for seed, each in enumerate(
+                streams
+            ):  # all at once, since a stream must not be idle while a worker starts for another
                 each.send(json.dumps({"seed": seed}))
             for each in streams:
                 assert "latency_s" in each.recv(120)
@@ -286,7 +288,7 @@ class TestStreams:
                 connection.send("{}")
                 assert "latency_s" in connection.recv(120)
                 connection.send(pcm(speech(0.5)))
-                connection.socket.shutdown(socket.SHUT_RDWR)  # without a word
+                connection.socket.shutdown(socket.SHUT_RDWR)  # without a closing message
         wait_for = time.monotonic() + 120
         refused = True
         while refused:

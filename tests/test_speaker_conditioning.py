@@ -1,4 +1,4 @@
-"""Who moves in a performance: the person who is asked for, or one whom the seed draws; the same in all samples."""
+"""Speaker of an animation: the requested person or a random one by the seed, the same in all samples."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SPEECH = np.random.default_rng(0).standard_normal((1500, CHANNELS)).astype(np.fl
 
 
 def animator(conditions: list[dict[str, Any]]) -> Animator:
-    """A network that has learnt nothing but to hold the head where its speaker does."""
+    """A network whose only dependence on the speaker is the mean head pose."""
     torch.manual_seed(0)
     node = translation("point_process").model_dump(mode="json") | {"conditions": conditions}
     network = SpeechToMotion(MotionTaskSettings.model_validate(node), NAMES, None, PERSONS).eval()

@@ -1,4 +1,4 @@
-"""Voices of the world: the same bytes every time, times that match the sound, level, pauses."""
+"""Synthetic voices: reproducible bytes, times that match the sound, level, pauses."""
 
 import re
 from itertools import pairwise
@@ -41,7 +41,7 @@ def level_db(spoken: SynthesizedSpeech, start_s: float, end_s: float) -> float:
 
 
 def pitch_hz(sound: Float[ndarray, " N"]) -> float:
-    """Median fundamental by autocorrelation over frames that are clearly voiced."""
+    """Median F0 by autocorrelation over clearly voiced frames."""
     found = []
     for start in range(0, len(sound) - 1024, 640):
         frame = sound[start : start + 1024].astype(float)
@@ -117,7 +117,7 @@ def test_words_and_phonemes_are_complete_and_in_order(spoken: list[tuple[Script,
 
 
 def test_word_onsets_match_the_hiss_of_their_first_sound() -> None:
-    """An s is heard above 4.5 kHz and a nasal is not: its rise is found in the sound alone."""
+    """An s has energy above 4.5 kHz and a nasal has not, so its onset can be measured in the sound."""
     from scipy import signal
 
     script = script_of(*words_of("When ten signs and nine sons seem in seven salons, then some sang."))
@@ -171,7 +171,7 @@ def test_moods_bend_a_voice_the_way_of_the_literature() -> None:
     plain = synthesize_script(script, voice)
 
     def against_plain(emotion: str, intensity: int) -> tuple[float, float, float]:
-        """Rate, pitch and level over those of the plain voice."""
+        """Rate, pitch and level relative to the neutral voice."""
         each = synthesize_script(script, apply_emotion(voice, emotion, intensity))
         spans = (spoken.annotation.sentences[0] for spoken in (plain, each))
         usual_s, own_s = (span.end_s - span.start_s for span in spans)
@@ -202,7 +202,7 @@ def test_two_people_speak_by_turns() -> None:
         assert 20.0 <= each.seconds <= 24.0 and each.partner.shape == each.sound.shape
         known = each.annotation
         turns = sorted([*known.speaking, *known.partner], key=lambda span: span.start_s)
-        assert all(a.end_s <= b.start_s + 1e-9 for a, b in pairwise(turns))  # nobody interrupts
+        assert all(a.end_s <= b.start_s + 1e-9 for a, b in pairwise(turns))  # no interruptions
         assert all(
             any(turn.start_s <= p.start_s and p.end_s <= turn.end_s for turn in known.listening) for p in known.partner
         )
@@ -231,7 +231,7 @@ def test_prominence_is_of_stressed_vowels_and_goes_by_loudness(spoken: list[tupl
         loud += [p.loudness for p in phonemes if p.stressed]
         prominent += [p.prominence for p in phonemes if p.stressed]
     assert 0.3 < np.mean(np.array(prominent) > 0.5) < 0.8
-    by_level = np.array(prominent) != NUCLEUS  # the last of a phrase is prominent however soft it is
+    by_level = np.array(prominent) != NUCLEUS  # the last stressed phoneme of a phrase is prominent at any level
     assert np.corrcoef(np.log(loud)[by_level], np.array(prominent)[by_level])[0, 1] > 0.4
 
 

@@ -1,4 +1,4 @@
-"""The shell around the stages: errors, exit status, whole outputs."""
+"""The stage shell: errors, exit status, complete outputs."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Streams: what comes out is what the whole speech gives, however it is cut, in the time that is stated."""
+"""Streaming: output equals that for the whole speech for any chunk sizes, within the stated latency."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SECONDS = 3.3
 
 
 def speech(seconds: float = SECONDS, seed: int = 0) -> ndarray:
-    """Syllables: bursts of a buzz whose pitch glides, and pauses."""
+    """Syllables: bursts of a buzz with gliding pitch, and pauses."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
     pitch = 120 + 40 * np.sin(2 * np.pi * 0.7 * times)
@@ -42,14 +42,14 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
 
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory: pytest.TempPathFactory) -> LiveModel:
-    """The same with codes of gaze."""
+    """The same with a model of gaze codes."""
     return LiveModel.load(write_live_model(tmp_path_factory.mktemp("codes") / "model", **CODES))
 
 
 def streamed(
     live: LiveModel, sound: ndarray, sizes: list[int], seed: int = 4, controls: LiveControls | None = None
 ) -> StreamFrames:
-    """All frames of a stream whose chunks have these sizes, in turn."""
+    """All frames of a stream with chunks of these sizes, in turn."""
     stream = live.stream(seed, controls or LiveControls())
     parts, start, turn = [], 0, 0
     while start < len(sound):
@@ -109,7 +109,7 @@ def test_frames_come_in_the_stated_time_and_not_before_they_can(live: LiveModel)
         frames = stream.push(sound[start : start + size])
         heard_s = min(start + size, len(sound)) / SAMPLE_RATE
         given += len(frames)
-        # The next frame has not come: the time since it would be late by the stated latency is not up.
+        # The next frame is not yet due by the stated latency.
         assert heard_s - given / live.fps < live.latency_s + size / SAMPLE_RATE
         waits += [heard_s - frame / live.fps for frame in range(frames.first, frames.first + len(frames))]
     assert max(waits) == pytest.approx(live.latency_s, abs=size / SAMPLE_RATE)
@@ -167,7 +167,7 @@ def test_what_cannot_be_streamed(live: LiveModel) -> None:
 
 def test_memory_does_not_grow(live: LiveModel) -> None:
     def size(stream: object) -> int:
-        """Numbers that a stream remembers, wherever."""
+        """Number of stored array elements of a stream."""
         seen: set[int] = set()
 
         def count(thing: object) -> int:
@@ -188,7 +188,7 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
         return count(stream)
 
     stream, sizes = live.stream(0), []
-    for seconds in (9.0, 1.6, 1.6):  # attention looks 8 s back
+    for seconds in (9.0, 1.6, 1.6):  # attention covers the last 8 s
         stream.push(speech(seconds))
         sizes.append(size(stream))
     assert sizes[0] > 1000
@@ -271,18 +271,18 @@ class TestProsody:
         np.testing.assert_allclose(live[:, 1:], whole[:, 1:], atol=1e-3)
         loud = whole[:, 0] > settings.prosody.energy_floor_dbfs + 10
         off = np.abs(live - whole)[loud, 0]
-        assert off[-10:].max() < min(off[:10].min(), 4.0)  # the level is known ever better
+        assert off[-10:].max() < min(off[:10].min(), 4.0)  # the estimate of the level improves
 
     def test_the_level_starts_at_the_usual_one_and_follows_what_is_heard(self) -> None:
         level = RunningLevel()
         assert level.levels_dbfs == [DEFAULT_LEVEL_DBFS]
         level.push(np.zeros(SAMPLE_RATE, np.float32))
-        assert level.levels_dbfs[-1] == DEFAULT_LEVEL_DBFS  # silence says nothing
+        assert level.levels_dbfs[-1] == DEFAULT_LEVEL_DBFS  # silence does not change it
         loud = np.tile([0.5, -0.5], 40 * SAMPLE_RATE // 2).astype(np.float32)
         level.push(loud)
         assert level.levels_dbfs[-1] == pytest.approx(-6.02, abs=1)
         level.push(loud / 100)
-        assert level.levels_dbfs[-1] == pytest.approx(-46.02, abs=3)  # the loud part is out of memory
+        assert level.levels_dbfs[-1] == pytest.approx(-46.02, abs=3)  # the loud part has left the memory
         assert len(level._audible_dbfs) == 600
 
     def test_other_frame_rates(self) -> None:

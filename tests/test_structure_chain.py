@@ -1,4 +1,4 @@
-"""The whole chain on the tiny corpus, from text to table, as `make tiny` runs it."""
+"""The whole chain on the tiny corpus, from text to table, as in `make tiny`."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ from talkingeyes.orchestration.config import compose
 
 
 def run_tiny(repository, root, *overrides):
-    """Run the chain in a folder of its own."""
+    """Run the chain in a separate folder."""
     command = [sys.executable, "-m", "pipelines.experiment", "experiment=tiny", f"workspace={root}", *overrides]
     result = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False, timeout=550)
     assert result.returncode == 0, result.stderr[-4000:]

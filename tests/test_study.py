@@ -1,4 +1,4 @@
-"""`talkingeyes study`: designs, who sees what, films, the page, and what a crowd with known preferences comes to."""
+"""`talkingeyes study`: designs, assignment of pairs, films, the page, and results for simulated participants."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def pools(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def a_study(root: Path, design: Design, seed: int = 0) -> Study:
-    """A study whose films are no films."""
+    """A study with placeholder files instead of films."""
     study = Study(root, design, seed, pools(design))
     (root / "films").mkdir(parents=True)
     for name in study.films:
@@ -97,12 +97,12 @@ def test_films_are_dealt_evenly_and_sides_are_fair() -> None:
 
 
 def chooses_a(pair: Pair, prefers: dict[tuple[str, str], float], careless: bool, rng: np.random.Generator) -> bool:
-    """A person with known preferences; the careless ones miss the check."""
+    """Answer of a simulated participant with known preferences; careless ones fail the attention check."""
     return not careless if pair.attention else bool(rng.random() < prefers[pair.a, pair.b])
 
 
 def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], careless: int = 0) -> None:
-    """People who answer all that they are asked."""
+    """Simulated participants who answer all questions."""
     rng = np.random.default_rng(0)
     for person in range(people):
         token = study.answers.register()
@@ -120,7 +120,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
 
 
 def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float], careless: bool, seed: int) -> None:
-    """One of them, through the pages: all that is known there are two names of films."""
+    """One simulated participant using the pages, where only the names of two films are visible."""
     rng = np.random.default_rng(seed)
     token = page.post("/api/begin").json()["token"]
     state = page.get(f"/api/state/{token}").json()
@@ -148,7 +148,7 @@ def test_what_is_chosen_on_the_page_is_what_counts(tmp_path: Path) -> None:
     answers = study.answers.valid_answers()
     assert {answer.participant for answer in answers} == {0, 2}
     assert len(answers) == 2 * 10 * 2
-    assert all(answer.chose_a for answer in answers)  # whichever side it was on
+    assert all(answer.chose_a for answer in answers)  # on either side
     assert len({answer.a_left for answer in answers}) == 2
 
 
@@ -162,7 +162,7 @@ def test_a_crowd_with_known_preferences_is_found_out(tmp_path: Path) -> None:
     rates = {(each.a, each.b): each for each in preference_rates(design, study.answers.valid_answers())}
     for comparison, rate in known.items():
         each = rates[comparison]
-        assert each.answers == 100  # 5 of each of 20: the paper's 600 in all
+        assert each.answers == 100  # 5 from each of 20 participants: 600 in all, as in the paper
         assert abs(each.rate.value - rate) < 0.12
         assert each.rate.low <= each.rate.value <= each.rate.high
         assert (each.wilcoxon_p < 0.05) == (rate != 0.5)
@@ -181,7 +181,7 @@ def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
     crowd(study, 16, known, careless=1)
     found = results(study.root)
     assert (found.finished, found.failed) == (15, 1)
-    assert study.answers.participants()[0].place <= 13  # the check is in the first half
+    assert study.answers.participants()[0].place <= 13  # the attention check is in the first half
     assert {answer.participant for answer in study.answers.valid_answers()} == set(range(1, 16))
     header, _, *rows = found.table.splitlines()
     assert "Lip Sync, A | B | p | Realism, A | B | p | Emotional Expression, A" in header
@@ -228,7 +228,7 @@ def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_p
     again = TestClient(study_app(Study.load(study.root)))
     resumed = again.get(f"/api/state/{token}").json()
     assert (state["place"], resumed["place"]) == (0, 1)
-    assert again.post(f"/api/state/{token}", json=choice).status_code == 409  # that pair is answered
+    assert again.post(f"/api/state/{token}", json=choice).status_code == 409  # this pair has been answered
     assert again.get(f"/api/state/{token}").json() == resumed
     with sqlite3.connect(study.answers.path) as connection:
         columns = {
@@ -328,7 +328,7 @@ def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.Monkey
     check = study.clips[ATTENTION_CHECK][0]
     upright, turned = pictures["following", check], pictures["upside_down", check]
     same, other = (np.abs(each.astype(int) - turned[0]).mean() for each in (upright[0][::-1], upright[0]))
-    assert 3 * same < other  # not the same bytes: films are encoded
+    assert 3 * same < other  # not the same bytes, since films are re-encoded
     with pytest.raises(InputError, match="earlier output"):
         make("own.yaml", "study", data=data, size=32)
 
@@ -354,7 +354,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
         for place in range(2):
             browser.wait_for(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
             browser.value("document.querySelectorAll('input[value=left]').forEach((choice) => choice.click())")
-            assert browser.value("document.getElementById('next').disabled")  # nothing was watched yet
+            assert browser.value("document.getElementById('next').disabled")  # no film has been watched yet
             for side in ("left", "right"):
                 browser.value(f"document.getElementById('{side}').play()")
                 browser.wait_for(f"document.getElementById('{side}').classList.contains('seen')")
@@ -362,7 +362,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
             if place == 0:
                 browser.wait_for("document.body.dataset.place == '1'")
                 browser.open("about:blank")
-                browser.open(address)  # closed and opened again: goes on where it was
+                browser.open(address)  # closed and reopened: continues at the same pair
         browser.wait_for("document.body.dataset.state == 'end'")
         server.send_signal(2)
         assert server.wait(timeout=30) == 0

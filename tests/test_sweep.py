@@ -1,4 +1,4 @@
-"""Sweeps: mistakes are one line, a study outlives a kill and never repeats a trial, bad trials end early."""
+"""Sweeps: one-line errors; a study survives a kill and never repeats a trial; bad trials are pruned."""
 
 import json
 import os
@@ -16,7 +16,7 @@ import pipelines.pruned_sweep
 from pipelines.optuna_study import prepare, storage
 from talkingeyes.core.errors import InputError
 
-# Optuna's old words for distributions, which Hydra's sweeper speaks.
+# The old distribution names of Optuna, which Hydra's sweeper uses.
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning")
 
 CODES = "pretrain.gaze_frames.network.quantiser.codes"
@@ -24,7 +24,7 @@ PLACES = "model.talkingeyes.gaze.process.absolute_components"
 
 
 def run(monkeypatch, *arguments):
-    """The command, in this process."""
+    """Run the command in this process."""
     monkeypatch.setattr(sys, "argv", ["experiment", *arguments])
     pipelines.experiment.main()
 
@@ -99,7 +99,7 @@ def test_a_storage_may_be_a_database(tmp_path):
     assert (tmp_path / "s.db").exists()
 
 
-# The command with a chain that only writes down what it is asked for.
+# The command with a chain that only records its calls.
 FAKE = """
 import json, os, sys, time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The synthetic world: takes within FACTS' bands, weakly coupled to speech, and detector noise as it was asked for."""
+"""Synthetic data: takes within the ranges of FACTS, weakly coupled to speech, and configured detector noise."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,7 +22,7 @@ FPS = 25.0
 
 @dataclass(frozen=True)
 class Played:
-    """A take with what it was drawn from."""
+    """A take with its inputs."""
 
     annotation: Annotation
     seconds: float
@@ -33,7 +33,7 @@ class Played:
 
 @pytest.fixture(scope="module")
 def spoken():
-    """Annotations and lengths of 20 sounds, one of each speaker."""
+    """Annotations and durations of 20 sounds, one for each speaker."""
     made = []
     for sound in plan.sounds(SETTINGS)[:20]:
         voice = plan.speaker_of(SETTINGS, sound).voice
@@ -43,7 +43,7 @@ def spoken():
 
 @pytest.fixture(scope="module")
 def played(spoken):
-    """20 speakers, two sounds each, two takes each."""
+    """Takes of 20 speakers, two sounds each, two takes each."""
     drawn = []
     for number in range(20):
         style = sample_style(plan.generator(0, "speaker", number))
@@ -70,7 +70,7 @@ def shifts(played):
 
 
 def averted(each):
-    """Whether gaze is averted at each frame."""
+    """Mask of frames with averted gaze."""
     times = np.arange(len(each.motion)) / FPS
     return np.any(
         [(times >= look.start_s) & (times < look.end_s) & look.averted for look in each.take.gaze_intervals], axis=0

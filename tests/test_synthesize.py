@@ -1,4 +1,4 @@
-"""Stage `synthesize`: a whole corpus, the same for any number of processes, and settings refused before writing."""
+"""Stage `synthesize`: a complete corpus, independent of the number of processes; bad settings fail before writing."""
 
 import re
 import subprocess
@@ -71,7 +71,7 @@ def test_takes_share_a_sound_and_differ_in_motion(corpus):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The files of a corpus made by one process without a break."""
+    """Files of a corpus made by one uninterrupted process."""
     return files(make_tiny_corpus(tmp_path_factory.mktemp("whole"), *FEW))
 
 
@@ -197,7 +197,7 @@ def test_noise_and_room_change_the_sound_alone(tmp_path):
     content = {name: files(tmp_path / name) for name in ("plain", "noisy", "again")}
     assert content["noisy"] == content["again"]
     differing = {path.parts[0] for path, data in content["plain"].items() if content["noisy"][path] != data}
-    assert differing == {"speech", "rows"}  # rows hold a hash of the sound
+    assert differing == {"speech", "rows"}  # rows contain a hash of the sound
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):

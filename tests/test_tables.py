@@ -1,4 +1,4 @@
-"""The paper's tables: numbers of a sound, order of rows, the page, canonical correlation; no row is made twice."""
+"""The paper's tables: metrics of a sound, order of rows, the page, canonical correlation; rows are computed once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CANONICAL = CanonicalCorrelationSettings(
 
 
 def seeds_of(*values):
-    """One figure under as many seeds."""
+    """One metric under several seeds."""
     return MultiSeedStatistic(tuple(nanmean_statistic(np.asarray(each, float)) for each in values))
 
 
@@ -154,9 +154,9 @@ def test_fast_motion_is_what_is_above_five_hertz():
     measured = high_frequency_motion(head, gaze, 25.0)
     assert measured["head/power_fraction_above_5hz"] < 1e-3
     assert measured["gaze/power_fraction_above_5hz"] > 0.999
-    # Differences of 25 frames a second are slower than the true speed by sin(x) / x with x = pi 8 / 25.
+    # Differences at 25 frames per second are lower than the true speed by sin(x) / x with x = pi 8 / 25.
     x = np.pi * 8 / 25
-    expected = 2 * 2 * np.pi * 8 * np.sin(x) / x / np.sqrt(2) / np.sqrt(2)  # of two moving components in four
+    expected = 2 * 2 * np.pi * 8 * np.sin(x) / x / np.sqrt(2) / np.sqrt(2)  # two of four components move
     assert measured["gaze/speed_above_5hz"] == pytest.approx(expected, rel=0.02)
     assert high_frequency_motion(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/speed_above_5hz"] == 0.0
 
@@ -168,7 +168,7 @@ def test_the_range_is_the_middle_of_what_turns():
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
-    """Samples of toys, critics, and a baseline that was trained."""
+    """Samples of toy recordings, critics, and a trained baseline."""
     made = toy_workspace(tmp_path_factory.mktemp("workspace"))
     critic.run(made)
     train_random(made)
@@ -240,7 +240,7 @@ def test_what_a_model_is_made_of_is_trained_before_it(monkeypatch, tmp_path):
 
 
 def related(count, seed, frames=200):
-    """Motions whose gaze follows from head and speech, partly by a square."""
+    """Motions whose gaze is a function of head and speech, partly nonlinear."""
     random = np.random.default_rng(seed)
     made = []
     for _ in range(count):

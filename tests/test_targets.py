@@ -1,4 +1,4 @@
-"""Targets: tracks are read or refused, and gaze is where they are, by lawful saccades, with vergence and the head."""
+"""Targets: reading of tracks and errors; gaze on target with main sequence saccades, vergence and head contribution."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_lines_of_sight_meet_at_the_target(fps: float) -> None:
         on = (times >= target.start_s + 1.0) & (times < target.end_s - 0.05)
         miss = np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, object_track, "world"))
         assert miss[on].max() < 0.25
-        landed = (times >= target.start_s + 0.4) & (times < target.end_s - 0.05)  # vergence comes later
+        landed = (times >= target.start_s + 0.4) & (times < target.end_s - 0.05)  # vergence is slower
         both = line_of_sight.cyclopean_line_of_sight_rad(rotation.gaze_in_space(made.head, made.gaze))
         beside = np.degrees(np.hypot(*(both - line_of_sight.point_direction_rad(made.head, object_track)).T))
         assert beside[landed].max() < 1.0

@@ -1,4 +1,4 @@
-"""Text of the world: variety, pauses and hesitations of the grammar."""
+"""Synthetic text: variety, pauses and hesitations of the grammar."""
 
 import re
 from functools import cache
@@ -56,7 +56,7 @@ def test_grammar_has_more_than_100_000_sentences_of_each_kind(language: str) -> 
 def test_sentences_rarely_repeat() -> None:
     texts = [text for script in scripts(150) for text in script.sentences_text]
     assert len(texts) >= 300
-    assert len(set(texts)) >= 0.97 * len(texts)  # the shortest come back, inside a split
+    assert len(set(texts)) >= 0.97 * len(texts)  # the shortest ones repeat, within a split
 
 
 def test_all_kinds_occur_and_hesitations_are_only_in_theirs() -> None:
@@ -95,7 +95,7 @@ def test_sentence_pauses_have_the_law_of_the_facts() -> None:
     ]
     logs = np.log(pauses)
     assert np.exp(np.median(logs)) == pytest.approx(0.5, rel=0.12)
-    assert 0.45 < logs.std() < 0.65  # sigma .6, less what the bounds cut off
+    assert 0.45 < logs.std() < 0.65  # sigma 0.6, truncated at the bounds
 
 
 def test_scripts_last_about_as_long_as_asked() -> None:

@@ -1,4 +1,4 @@
-"""Text spoken by the synthesiser at hand: words and phonemes in time, the same bytes, and clear refusals."""
+"""Speech from text by the installed synthesiser: times of words and phonemes, reproducible bytes, errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Videos become a corpus, end to end: a drawn head that talks, and real clips where there are some."""
+"""Tracking of videos to a corpus, end to end: a rendered talking head, and real clips where available."""
 
 import csv
 import json
@@ -36,14 +36,14 @@ DRAWN, SIDE = 40, 160
 
 
 def settings(**changes: Any) -> TrackSettings:
-    """The default, with values of `keep` and others changed."""
+    """Default settings with changes."""
     overrides = [f"track.{name.replace('__', '.')}={json.dumps(value)}" for name, value in changes.items()]
     return TrackSettings.model_validate(compose(overrides)["track"])
 
 
 @pytest.fixture(scope="module")
 def drawn() -> list[np.ndarray]:
-    """Pictures of the open head that turns, talks and looks around; forwards and backwards they go on for ever."""
+    """Pictures of the open head turning, talking and looking around; played forwards and backwards they loop."""
     times_s = np.arange(DRAWN) / 25
     head = np.stack([0.06 * np.sin(2 * times_s), 0.25 * np.sin(1.5 * times_s), 0.03 * np.cos(times_s)], axis=1)
     jaw = np.zeros((DRAWN, 3))
@@ -54,7 +54,7 @@ def drawn() -> list[np.ndarray]:
 
 
 def filmed(path: Path, pictures: Sequence[np.ndarray], seconds: float, fps: float = 25.0, sound: bool = True) -> Path:
-    """A video of those pictures over and over, with noise that swells."""
+    """A video that loops the pictures, with noise of varying loudness."""
     count = round(seconds * fps)
     times_s = np.arange(round(seconds * 16_000)) / 16_000
     noise = np.random.default_rng(0).normal(0, 0.1, len(times_s)) * np.abs(np.sin(5 * times_s)) ** 2
@@ -65,7 +65,7 @@ def filmed(path: Path, pictures: Sequence[np.ndarray], seconds: float, fps: floa
 
 @pytest.fixture(scope="module")
 def videos(drawn: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder: a talking head, the same again, one beside another, a blank one, one cut off, and no video at all."""
+    """A folder with videos of a talking head, a copy, two heads, a blank video, a truncated one, and another file."""
     folder = tmp_path_factory.mktemp("videos")
     (folder / "ann").mkdir()
     talk = filmed(folder / "ann" / "talk.mp4", drawn, 2.4)
@@ -127,17 +127,25 @@ def test_no_path_of_this_machine_is_in_the_corpus(corpus: Path, videos: Path):
 
 def test_an_interrupted_run_ends_with_the_same_bytes(corpus: Path, videos: Path, tmp_path: Path):
     root, chosen = tmp_path / "again", settings(**KEEP)
-    for kind in ("tracking", "speech", "annotations", "observations", "thumbnails"):  # as after a crash: no lists yet
+    for kind in (
+        "tracking",
+        "speech",
+        "annotations",
+        "observations",
+        "thumbnails",
+    ):  # as after a crash, before the lists are written
         shutil.copytree(corpus / kind, root / kind)
     lost = next((root / "observations").rglob("ann-talk*"))
     lost.unlink()
     half = next((root / "tracking").rglob("ann-talk*"))
-    half.write_text(half.read_text().splitlines()[0] + '\n{"begin": true}\n{"shot": {"id"')  # its end was not reached
+    half.write_text(
+        half.read_text().splitlines()[0] + '\n{"begin": true}\n{"shot": {"id"'
+    )  # the end of the file was not written
     track([videos], root, chosen, jobs=1)
     ours, theirs = ({p.relative_to(r): p.read_bytes() for p in r.rglob("*") if p.is_file()} for r in (root, corpus))
     assert sorted(ours) == sorted(theirs)
     noted = {path for path in ours if ours[path] != theirs[path]} - {Path("table1.md")}
-    assert {path.stem.rpartition("-")[0] for path in noted} <= {"broken", "text"}  # what failed is tried again
+    assert {path.stem.rpartition("-")[0] for path in noted} <= {"broken", "text"}  # failed videos are retried
 
 
 def test_a_video_that_breaks_off_again_and_again_is_left_alone(videos: Path, tmp_path: Path):
@@ -180,7 +188,7 @@ def test_the_command_plans_tracks_without_pictures_and_films_the_fit(drawn: list
 def test_rotation_flags_are_obeyed(drawn: list[np.ndarray], tmp_path: Path):
     upright = filmed(tmp_path / "a.mp4", [np.vstack([one, one // 2]) for one in drawn[:1]], 0.4)
     content = bytearray(upright.read_bytes())
-    matrix = content.index(b"tkhd") + 4 + 40  # of version 0: turned a quarter clockwise for display, as phones write it
+    matrix = content.index(b"tkhd") + 4 + 40  # version 0: rotated a quarter clockwise for display, as phones write it
     content[matrix : matrix + 36] = np.array([0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30], ">i4").tobytes()
     (tmp_path / "b.mp4").write_bytes(content)
     straight, turned = (next(frames(tmp_path / f"{name}.mp4", 60.0)).image for name in "ab")

@@ -1,4 +1,4 @@
-"""From frames to clips without any network: shots, crops, resampling, judgement, ledgers, names."""
+"""From frames to clips without a network: shots, crops, resampling, selection, ledgers, names."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -42,7 +42,7 @@ def face(frames: int = 200, yaw_rad: float = 0.0, scale: float = 3.0) -> tuple[n
 
 
 def shot(frames: int = 200, fps: float = 25.0, faces: int = 1, yaw_rad: float = 0.0) -> Shot:
-    """Those frames as they come out of a video."""
+    """These frames as a tracked shot of a video."""
     marks, eyes = face(frames, yaw_rad)
     rng = np.random.default_rng(0)
     tracked_frames = [
@@ -58,7 +58,7 @@ def shot(frames: int = 200, fps: float = 25.0, faces: int = 1, yaw_rad: float = 
 
 
 class Script:
-    """A stand-in for the mesh: sees the face of the numbered frame unless told not to."""
+    """Stub of the face mesh: detects the face of each frame, except in `hidden` frames."""
 
     def __init__(self, hidden: set[int] = frozenset(), moved: int | None = None) -> None:
         self.marks, self.eyes = face(500)
@@ -141,7 +141,7 @@ def test_an_observation_of_a_frontal_face_hides_nothing_and_one_of_a_turned_face
     assert np.isfinite(seen.pupils).all()
     turned = crop_shot(shot(yaw_rad=0.75), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
     hidden = np.isnan(turned.pupils).any(axis=2)
-    assert hidden[:, 0].mean() > 0.5  # turned to the subject's left: the left eye is the far one
+    assert hidden[:, 0].mean() > 0.5  # turned to the subject's left, so the left eye is farther away
     assert not hidden[:, 1].any()
 
 

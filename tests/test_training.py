@@ -1,4 +1,4 @@
-"""The loop, windows, aliveness, codebooks, joint models, baselines: they learn what there is, and repeat it exactly."""
+"""Training loop, windows, free-running statistics, codebooks, joint models, baselines: learning and reproducibility."""
 
 import math
 from typing import Any
@@ -36,7 +36,7 @@ NORMALISER = Normaliser(NAMES, np.zeros(CHANNELS, np.float32), np.ones(CHANNELS,
 
 
 class Line:
-    """A toy task: fit a line; its score gets worse from step 20 on if `spoil`."""
+    """A toy task that fits a line; with `spoil` its score decreases from step 20."""
 
     def __init__(self, spoil: bool = False) -> None:
         torch.manual_seed(0)
@@ -229,9 +229,11 @@ def test_a_head_of_events_learns_the_spectrum_of_its_drawn_heads_last() -> None:
 
     before = apart()
     task.fit_equaliser()
-    assert apart() < before - 1  # nats; toy heads are pure sines, farther apart than a filter of gains up to 3 can mend
+    assert (
+        apart() < before - 1
+    )  # nats; toy heads are pure sines, which a filter with gains up to 3 cannot match completely
     taps = task.module.head.equaliser.taps.clone()
-    task.fit_equaliser()  # from the same draws, not from equalised ones
+    task.fit_equaliser()  # from the same samples, not from equalised ones
     torch.testing.assert_close(task.module.head.equaliser.taps, taps)
 
 

@@ -1,4 +1,4 @@
-"""`talkingeyes view`: what the page is told, what it shows and does in a browser, and one line for what will not do."""
+"""`talkingeyes view`: data of the page, its behaviour in a browser, and one-line errors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def motion(seed: int) -> Motion:
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A current folder with two motions of one sound, its words, and a truth."""
+    """A current folder with two motions of one sound, its words, and the truth."""
     monkeypatch.chdir(tmp_path)
     for index, name in enumerate(("a", "b", "true")):
         motion(index).save(tmp_path / f"{name}.npz")
@@ -187,7 +187,7 @@ def test_without_three_js_the_page_says_what_to_install(monkeypatch: pytest.Monk
 
 @pytest.fixture
 def address(place: Path) -> Iterator[str]:
-    """The command as a person calls it, on a free port."""
+    """Run the command on a free port."""
     words = [
         "view",
         "a.npz",
@@ -237,7 +237,7 @@ def test_heads_play_in_step_in_a_browser(address: str, tmp_path: Path) -> None:
         assert browser.value("document.getElementById('sound').playbackRate") == 0.5
         browser.wait_for("Number(document.body.dataset.now) > 1")
         frames = json.loads(browser.value(STATE))["frames"].split(",")
-        assert len(set(frames)) == 1  # in step
+        assert len(set(frames)) == 1  # synchronous
         browser.wait_for("document.body.dataset.state == 'paused' && document.body.dataset.now == '2.000'")
         box = browser.value("JSON.stringify(document.getElementById('whole').getBoundingClientRect())")
         left = json.loads(box)

@@ -1,4 +1,4 @@
-"""Part of wav2vec 2.0 trained along, on a small random checkpoint: what is frozen stays, and the rest learns."""
+"""Fine-tuning of a part of wav2vec 2.0, on a small random checkpoint: frozen layers are unchanged, others trained."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FRAMES = 100
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """wav2vec 2.0 with two layers of 32 numbers, random."""
+    """A random wav2vec 2.0 with two layers of width 32."""
     transformers = pytest.importorskip("transformers")
     torch.manual_seed(0)
     config = transformers.Wav2Vec2Config(
@@ -86,7 +86,7 @@ def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, 
     learnt = {name.removeprefix(prefix) for name in moved if name.startswith(prefix)}
     assert learnt
     assert all(name.startswith("encoder.layers.1.") for name in learnt)
-    # Keys' biases cancel in the softmax, so that their gradient is nothing but rounding.
+    # Biases of the keys cancel in the softmax, so their gradient is only rounding error.
     expected = {name for name in of_network if name.startswith("encoder.layers.1.") and "k_proj.bias" not in name}
     assert expected <= learnt
 

@@ -1,4 +1,4 @@
-"""Toy recordings: gaze that jumps and rests, a head that sways, speech of noise. Fast, alive enough to learn from."""
+"""Toy recordings: gaze with jumps and rests, a swaying head, noise as speech. Fast, with enough structure to learn."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ CHANNELS = 6
 
 
 def clip(name: str, speaker: str = "a", take: int = 0) -> Clip:
-    """An index row that says nothing but who and which."""
+    """An index row with only the name and the speaker set."""
     return Clip(
         id=name, sound=name, take=take, speaker=speaker, split="train", seconds=8.4, fps=25.0, emotion="neutral",
         intensity=0, language="en", text="", source="toy", licence="none", content_hash="",

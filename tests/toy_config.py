@@ -1,4 +1,4 @@
-"""A small composition to record with, and a client of what was recorded."""
+"""A small composed configuration for logging, and a client of the logged runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PARAMS: dict[str, Any] = {
 
 
 def mlflow_client(root: Path) -> Any:
-    """A client of a workspace's record."""
+    """MLflow client of a workspace."""
     from mlflow.tracking import MlflowClient
 
     return MlflowClient(f"sqlite:///{root / 'mlflow.db'}")

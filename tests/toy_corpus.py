@@ -1,4 +1,4 @@
-"""A small synthetic corpus for tests of whatever reads one."""
+"""A small synthetic corpus for tests."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Toy faces: a jaw that follows the speech, a smile of happy and brows of angry people, seven numbers a frame."""
+"""Toy faces: a jaw driven by speech, smiles of happy and brows of angry speakers, seven parameters per frame."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ NORMALISER = Normaliser(tuple(map(str, range(CHANNELS))), np.zeros(CHANNELS, np.
 
 
 def faces(count: int, seed: int, frames: int = 120) -> list[FaceRecording]:
-    """`count` clips of speakers a and b in turn, of three emotions."""
+    """`count` clips of speakers a and b in turn, with three emotions."""
     rng = np.random.default_rng(seed)
     return [_face(index, f"face-{seed}-{index}", frames, rng) for index in range(count)]
 
@@ -36,7 +36,7 @@ def _face(index: int, name: str, frames: int, rng: np.random.Generator) -> FaceR
 
 
 def data(train: int = 12, val: int = 3) -> FaceData:
-    """What a model of the toy faces learns from."""
+    """Training data of the toy faces."""
     known = faces(train, seed=1)
     return FaceData(
         known, faces(val, seed=2, frames=48), BASIS, StyleVocabulary.of(each.clip for each in known), NORMALISER

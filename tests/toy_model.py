@@ -1,4 +1,4 @@
-"""A trained model that needs no training: a baseline over toy motions behind the log-mel encoder, as a folder."""
+"""A model folder that needs no training: a baseline over toy motions with the log-mel encoder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BLINKS = {"speakers": {"log_normal": {"mean": 3.0, "sd": 0.3}, "count": 9, "with
 
 
 def toy_model(folder: Path) -> Path:
-    """Write it; the motions that it draws are those of `toy`."""
+    """Write the model; it samples from the motions of `toy`."""
     folder.mkdir(parents=True)
     channels = make_encoder(EmbedSettings.model_validate(EMBED)).channels
     clips = recordings(6, seed=1)
@@ -49,7 +49,7 @@ def toy_model(folder: Path) -> Path:
 
 
 def sound_file(path: Path, seconds: float = 1.0, seed: int = 0) -> Path:
-    """Noise that comes and goes."""
+    """Noise of varying loudness."""
     times = np.arange(round(seconds * 16_000)) / 16_000
     noise = np.random.default_rng(seed).normal(0, 0.1, len(times)) * (1 + np.sin(2 * np.pi * 3 * times)) / 2
     soundfile.write(path, noise, 16_000)

@@ -1,4 +1,4 @@
-"""Motions for tests of formats: smooth, every field used, saccades and blinks by the law."""
+"""Motions for tests of formats: smooth, with all fields, main sequence saccades and blinks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def events() -> Events:
 
 
 def motion(fps: float = 25.0, seconds: float = 3.0) -> Motion:
-    """The events under a head that sways, eyes 4 degrees converged, every coefficient of the face between 0 and .4."""
+    """The events with a swaying head, eyes converged by 4 degrees, all face coefficients between 0 and 0.4."""
     times = np.arange(round(seconds * fps)) / fps
     waves = np.sin(2 * np.pi * times[:, None] * [0.31, 0.47, 0.23] + [0.2, 1.0, 2.0])
     head = waves * np.radians([3.0, 6.0, 2.0])
@@ -49,7 +49,7 @@ def motion(fps: float = 25.0, seconds: float = 3.0) -> Motion:
 
 
 def flame_motion(fps: float = 25.0) -> Motion:
-    """The same with FLAME's expression."""
+    """The same with an expression of FLAME."""
     made = motion(fps)
     weights = np.sin(np.arange(len(made))[:, None] / 9 + np.arange(100))
     return Motion.of(

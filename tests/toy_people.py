@@ -1,4 +1,4 @@
-"""People for tests of the benchmark: saccades by the law, a head that sways, eyes that turn against it, blinks."""
+"""People for tests of the benchmark: main sequence saccades, a swaying head, counter-rotating eyes, blinks."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ANNOTATION = Annotation(speaking=(Span(2.0, 5.0), Span(6.0, 9.0)))
 
 @dataclass(frozen=True)
 class ToyPerson:
-    """What somebody does, at any frame rate; `side` is where they look when they look away (1: left)."""
+    """Behaviour of a person at any frame rate; `side` is the side of gaze aversions (1: left)."""
 
     seed: int
     side: float = 1.0
     seconds: float = 12.0
 
     def at(self, fps: float = 25.0, reference: Behaviour | None = None) -> Behaviour:
-        """The frames."""
+        """Frames at a rate."""
         rng = np.random.default_rng(self.seed)
         times = np.arange(round(self.seconds * fps)) / fps
         chain, gaze = [], np.zeros(2)
@@ -45,5 +45,5 @@ class ToyPerson:
 
 
 def people(count: int, seed: int = 0) -> list[ToyPerson]:
-    """Some who look to the left and some who look to the right."""
+    """People with aversions to the left and people with aversions to the right."""
     return [ToyPerson(seed * 1000 + index, 1.0 if index % 2 else -1.0) for index in range(count)]

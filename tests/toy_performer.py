@@ -1,4 +1,4 @@
-"""A performer of toy motions: gaze that jumps and rests under a swaying head, for tests of what directs it."""
+"""An animator of toy motions with jumping gaze and a swaying head, for tests of controls."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ PERFORMER = Animator(Encoder(), Generator(), 25.0, blinks.PROFILES, {"ann": CALM
 
 
 def perform_toy(samples: int = 1, seed: int = 0, fps: float = 25.0, **asked: Any) -> list[Animation]:
-    """Performances of half a minute under a direction."""
+    """Animations of half a minute with the given controls."""
     return PERFORMER.perform(SOUND, samples, seed, fps, Controls(**asked))
 
 
 def motion(seed: int = 0, fps: float = 25.0, **asked: Any) -> Motion:
-    """One of them."""
+    """Motion of one such animation."""
     return perform_toy(1, seed, fps, **asked)[0].motion

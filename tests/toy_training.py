@@ -19,14 +19,14 @@ from talkingeyes.corpus.store import Corpus, make_shard_path
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, Workspace, checksums
 
 SPLITS = {"train": 9, "val": 1, "test": 2, "unseen": 2}
-# Called as the stage's command calls it, without a record in MLflow.
+# Runs the stage as its command does, without logging to MLflow.
 RUN = "import sys; from pathlib import Path; from talkingeyes.orchestration.run import Workspace; "
 RUN += "from pipelines import {stage}; "
 RUN += "{stage}.run(Workspace.open(Path.cwd()), *sys.argv[1:])"
 
 
 def toy_training(root: Path, dropout: float = 0.0, **changes: Any) -> Workspace:
-    """Codebook `codes`, models `mean` and `joint`, the critic; `changes` are of every loop."""
+    """Settings of codebook `codes`, models `mean` and `joint` and the critic; `changes` apply to all training loops."""
     critic: Any = _section(Path(__file__).resolve().parents[1], "critic")
     joint = translation("categorical", **changes).model_dump(mode="json") | {
         "tokenizer": "codes",
@@ -59,7 +59,7 @@ def _with_dropout(node: Any, dropout: float) -> Any:
 
 
 def command(stage: str, *names: str) -> list[str]:
-    """A process that runs a stage in its working directory."""
+    """A subprocess that runs a stage in its working directory."""
     return [sys.executable, "-c", RUN.format(stage=stage), *names]
 
 

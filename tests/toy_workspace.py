@@ -1,4 +1,4 @@
-"""A hand-made workspace: noise in the place of all that `critic`, `evaluate` and `report` read."""
+"""An artificial workspace: noise as the input of `critic`, `evaluate` and `report`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SPEAKERS = {"a": "train", "b": "train", "c": "train", "d": "train", "e": "test",
 
 
 def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
-    """Six speakers of four sounds; sound 0 of a test or unseen speaker has three takes. Models: mean, random."""
+    """Six speakers with four sounds; sound 0 of a test or unseen speaker has three takes. Models: mean, random."""
     repository = Path(__file__).resolve().parents[1]
     sections = {stage: _section(repository, stage) for stage in ("critic", "evaluate")}
     root.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def toy_workspace(root: Path, jobs: int = 1) -> Workspace:
 
 
 def train_random(made: Workspace) -> None:
-    """Leave a trained baseline `random`, which hears what the workspace's embedding has."""
+    """Write a trained baseline `random` for the speech features of the workspace."""
     clips = recordings(4, seed=2, frames=300)
     names = json.loads(made.data("embed", "embedding.json").read_text())["channels"]
     speech = [each.speech[:, : len(names)] for each in clips]
