@@ -53,13 +53,18 @@ demo:  ## Animate the packaged recording with the packaged model; opens build/de
 	@if [ "$$DISPLAY$$WAYLAND_DISPLAY" ]; then $(BIN)/python -m webbrowser build/demo/index.html; fi
 
 repro: params  ## Run the chain; only what changed runs again. Another corpus: make repro corpus=DIR (fit=video if tracked)
-	$(BIN)/dvc repro fit embed
-	-@$(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one
-	$(BIN)/dvc repro
+	@test -z "$$($(BIN)/dvc status -q || echo changed)" || { \
+		$(BIN)/dvc repro fit embed && \
+		{ $(BIN)/dvc repro -s $(ONE_CORE) & one=$$!; $(BIN)/dvc repro -s $(OTHER_CORE); wait $$one; $(BIN)/dvc repro; }; }
 	@cat data/report/summary.txt
 
+# Composing conf/ takes seconds, so it is done only if conf/, params.yaml or the choice of the corpus has changed.
+CONF_STATE = cat $$(find conf -name '*.yaml' | sort) params.yaml | sha256sum; echo "$(corpus) $(fit)"
+
 params: setup  ## Write params.yaml from conf/
-	$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit))
+	@test "$$($(CONF_STATE))" = "$$(cat $(VENV)/.params 2>/dev/null)" || { \
+		$(BIN)/python -m pipelines.params $(if $(corpus),corpus=$(corpus)) $(if $(fit),fit=$(fit)) && \
+		{ $(CONF_STATE); } > $(VENV)/.params; }
 
 test: setup  ## Run the tests
 	$(BIN)/python -m pytest -n 2
