@@ -107,7 +107,7 @@ def main() -> None:
     """Compute all combinations with all seeds, then write the page."""
     wanted = options(sys.argv[1:])
     made = configs_by_seed(wanted.overrides, wanted.seeds)
-    kind = RowSpec("combination_row", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("validate",))
+    kind = RowSpec("combination_metrics", ROW_CODE, (), (), _measure, tuple(TITLES), (), stages_after=("validate",))
     table = _table(compute_rows(made, kind, critic=True, title="combinations").by_name)
     text = page(table, made[0], " ".join(["", *sys.argv[1:]]), wanted.seeds)
     wanted.out.mkdir(parents=True, exist_ok=True)

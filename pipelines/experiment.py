@@ -22,7 +22,7 @@ from typing import Any, TextIO
 from talkingeyes.core.errors import InputError
 from talkingeyes.orchestration.config import CONFIG_DIR, one_line_hydra_errors, validate_config, write_params
 from talkingeyes.orchestration.mlflow_logging import log_run
-from talkingeyes.orchestration.result_store import StoredResult, get_or_run, link
+from talkingeyes.orchestration.result_store import StoredResult, get_or_run, link_output
 from talkingeyes.orchestration.run import MethodResult, Report, Workspace, parallel_backend, run_command
 from talkingeyes.orchestration.stage_graph import (
     DEFAULT_CORPUS,
@@ -84,7 +84,7 @@ def run_pipeline(
         if entry.origin != "made":
             print("==", call.stage, *call.names, f"reused from {entry.origin}", file=sys.stderr)
         entries[call.folder] = entry
-        link(entry, view / call.folder)
+        link_output(entry, view / call.folder)
     return _log(params, entries, root, overrides, time.monotonic() - start)
 
 

@@ -98,7 +98,7 @@ def main() -> None:
     wanted = options(sys.argv[1:])
     out, made = wanted.out, configs_by_seed(wanted.overrides, wanted.seeds)
     params = made[0]
-    kind = RowSpec("face_row", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
+    kind = RowSpec("face_metrics", ROW_CODE, (), ("evaluate",), _measure, tuple(rows_of(params)), REAL_ROWS)
     found = compute_rows(made, kind, critic=False, title="face")
     settings = EvaluateSettings.model_validate(params["evaluate"])
     table = {name: _summary(seeds, settings) for name, seeds in found.by_name.items()}

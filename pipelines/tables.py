@@ -61,7 +61,7 @@ def main() -> None:
     names, made = wanted.words["tables"], configs_by_seed(wanted.overrides, wanted.seeds)
     settings = EvaluateSettings.model_validate(made[0]["evaluate"])
     models = tuple(dict.fromkeys(row for name in names for row in TABLES[name].rows))
-    kind = RowSpec("table_row", ROW_CODE, READS, ("evaluate",), measure_row, models, REFERENCES)
+    kind = RowSpec("table_metrics", ROW_CODE, READS, ("evaluate",), measure_row, models, REFERENCES)
     figures = _figures(compute_rows(made, kind, critic=True, title="tables").by_name)
     tables = {name: _tables(name, figures, settings) for name in names}
     words = "".join(f" {text}" for text in sys.argv[1:])

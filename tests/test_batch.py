@@ -54,7 +54,7 @@ def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:
     rows = table(place / "out")
     assert [row["file"] for row in rows] == ["a.wav", "b.wav", "c.wav"]
     assert list(rows[0]) == ["file", "seconds", "samples", "seed", "status", "reason"]
-    assert [(float(row["seconds"]), row["status"]) for row in rows] == [(1.25, "made"), (1.0, "made"), (1.5, "made")]
+    assert [(float(row["seconds"]), row["status"]) for row in rows] == [(1.25, "done"), (1.0, "done"), (1.5, "done")]
     assert json.loads((place / "out" / "summary.json").read_text()) == [vars(line) for line in lines]
     assert len({row["seed"] for row in rows}) == 3
     alone = talkingeyes.animate(place / "lines" / "a.wav", seed=lines[0].seed)
@@ -76,20 +76,20 @@ def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> N
     sound_file(place / "lines" / "d.wav")
     lines = animate_all(["lines"], "out", ORDER)
     assert [(line.file, line.status) for line in lines] == [
-        ("a.wav", "kept"),
-        ("b.wav", "kept"),
-        ("c.wav", "kept"),
-        ("d.wav", "made"),
+        ("a.wav", "skipped"),
+        ("b.wav", "skipped"),
+        ("c.wav", "skipped"),
+        ("d.wav", "done"),
     ]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     sound_file(place / "lines" / "b.wav", seed=9)  # the sound has changed
-    assert [line.status for line in animate_all(["lines"], "out", ORDER)] == ["kept", "failed", "kept", "kept"]
+    assert [line.status for line in animate_all(["lines"], "out", ORDER)] == ["skipped", "failed", "skipped", "skipped"]
     assert files(place / "out" / "b") == before
     assert [line.status for line in animate_all(["lines"], "out", ORDER, force=True)] == [
-        "kept",
-        "made",
-        "kept",
-        "kept",
+        "skipped",
+        "done",
+        "skipped",
+        "skipped",
     ]
     assert files(place / "out" / "b") != before
 
@@ -99,7 +99,7 @@ def test_another_order_is_not_taken_for_done(place: Path, change: dict[str, obje
     animate_all(["lines/a.wav"], "out", ORDER)
     changed = AnimationOptions(**{"samples": 1, "seed": 4, "previews": False} | change)  # type: ignore[arg-type]
     assert [line.status for line in animate_all(["lines/a.wav"], "out", changed)] == ["failed"]
-    assert [line.status for line in animate_all(["lines/a.wav"], "out", changed, force=True)] == ["made"]
+    assert [line.status for line in animate_all(["lines/a.wav"], "out", changed, force=True)] == ["done"]
 
 
 def test_failures_do_not_stop_the_others(
@@ -114,10 +114,10 @@ def test_failures_do_not_stop_the_others(
         cli.main()
     assert left.value.code == 2
     said = capfd.readouterr()
-    assert said.out == "out: 2 made, 2 failed\n"
+    assert said.out == "out: 2 done, 2 failed\n"
     assert "error: 2 of 4 failed (out/summary.csv); the first: lines/b.wav: silent" in said.err
     rows = table(place / "out")
-    assert [row["status"] for row in rows] == ["made", "failed", "made", "failed"]
+    assert [row["status"] for row in rows] == ["done", "failed", "done", "failed"]
     assert "not a sound that can be decoded" in rows[3]["reason"]
     assert not (place / "out" / "b").exists()
 

@@ -113,8 +113,8 @@ def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(work
 
 def test_a_combination_is_measured_with_what_it_costs(workspace):
     validate.run(workspace, "random")
-    combinations._measure(StageCall("combination_row", "random", (), (), ()), workspace)
-    figures = json.loads(workspace.data("combination_row", "random", "metrics.json").read_text())
+    combinations._measure(StageCall("combination_metrics", "random", (), (), ()), workspace)
+    figures = json.loads(workspace.data("combination_metrics", "random", "metrics.json").read_text())
     assert figures["parameters"] > 1000
     assert figures["one_cpu_s"] > 0
     assert figures["val"] == json.loads(workspace.data("validate", "random", "metrics.json").read_text())
@@ -200,7 +200,7 @@ def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, t
         return Report()
 
     kind = table_runs.RowSpec(
-        "combination_row", (), (), (), metric, ("vae_canonical_correlation",), (), stages_after=("validate",)
+        "combination_metrics", (), (), (), metric, ("vae_canonical_correlation",), (), stages_after=("validate",)
     )
     first, again = (table_runs._row(kind, {}, (params, "vae_canonical_correlation")) for _ in range(2))
     assert asked[:3] == [

@@ -107,7 +107,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
     for person in range(people):
         token = study.answers.register()
         pairs = study.pairs(person)
-        for place, pair in enumerate(pairs):
+        for trial_index, pair in enumerate(pairs):
             who = study.answers.participant(token)
             assert who is not None
             if who.done:
@@ -115,7 +115,7 @@ def crowd(study: Study, people: int, prefers: dict[tuple[str, str], float], care
             chosen = {
                 question.name: chooses_a(pair, prefers, person < careless, rng) for question in study.design.questions
             }
-            last = place + 1 == len(pairs)
+            last = trial_index + 1 == len(pairs)
             assert study.answers.add(who, pair, chosen, last, study.design.attention.ends_study)
 
 
@@ -133,7 +133,7 @@ def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float],
         a, b = (right, left) if swapped else (left, right)
         a_chosen = chooses_a(Pair(a.condition, b.condition, a.stratum, a.clip, not swapped), prefers, careless, rng)
         answers = {question["name"]: "right" if a_chosen == swapped else "left" for question in state["questions"]}
-        sent = page.post(f"/api/state/{token}", json={"place": state["place"], "answers": answers})
+        sent = page.post(f"/api/state/{token}", json={"trial_index": state["trial_index"], "answers": answers})
         assert sent.status_code == 200, sent.text
         state = sent.json()
 
@@ -181,7 +181,7 @@ def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
     crowd(study, 16, known, careless=1)
     found = results(study.root)
     assert (found.finished, found.failed) == (15, 1)
-    assert study.answers.participants()[0].place <= 13  # the attention check is in the first half
+    assert study.answers.participants()[0].trial_index <= 13  # the attention check is in the first half
     assert {answer.participant for answer in study.answers.valid_answers()} == set(range(1, 16))
     header, _, *rows = found.table.splitlines()
     assert "Lip Sync, A | B | p | Realism, A | B | p | Emotional Expression, A" in header
@@ -223,11 +223,11 @@ def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_p
     page = TestClient(study_app(study))
     token = page.post("/api/begin").json()["token"]
     state = page.get(f"/api/state/{token}").json()
-    choice = {"place": 0, "answers": {"natural": "left", "gaze": "right"}}
-    assert page.post(f"/api/state/{token}", json=choice).json()["place"] == 1
+    choice = {"trial_index": 0, "answers": {"natural": "left", "gaze": "right"}}
+    assert page.post(f"/api/state/{token}", json=choice).json()["trial_index"] == 1
     again = TestClient(study_app(Study.load(study.root)))
     resumed = again.get(f"/api/state/{token}").json()
-    assert (state["place"], resumed["place"]) == (0, 1)
+    assert (state["trial_index"], resumed["trial_index"]) == (0, 1)
     assert again.post(f"/api/state/{token}", json=choice).status_code == 409  # this pair has been answered
     assert again.get(f"/api/state/{token}").json() == resumed
     with sqlite3.connect(study.answers.path) as connection:
@@ -236,7 +236,7 @@ def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_p
         }
     connection.close()
     assert columns == {
-        *("number", "token", "place", "attention", "done"),
+        *("number", "token", "trial_index", "attention", "done"),
         *("participant", "question", "a", "b", "stratum", "clip", "a_left", "chose_a"),
     }
 
@@ -262,20 +262,20 @@ def test_bad_requests_are_refused_with_a_reason_and_change_nothing(tmp_path: Pat
         (b"[" * 4000, 422),
         (b"x" * 5000, 413),
         (b"{}", 422),
-        (json.dumps({"place": 0, "answers": {"natural": "left"}}).encode(), 422),
-        (json.dumps({"place": 0, "answers": {**good, "natural": "middle"}}).encode(), 422),
-        (json.dumps({"place": 0, "answers": good, "number": 1}).encode(), 422),
-        (json.dumps({"place": 10**30, "answers": good}).encode(), 409),
-        (json.dumps({"place": -1, "answers": good}).encode(), 409),
+        (json.dumps({"trial_index": 0, "answers": {"natural": "left"}}).encode(), 422),
+        (json.dumps({"trial_index": 0, "answers": {**good, "natural": "middle"}}).encode(), 422),
+        (json.dumps({"trial_index": 0, "answers": good, "number": 1}).encode(), 422),
+        (json.dumps({"trial_index": 10**30, "answers": good}).encode(), 409),
+        (json.dumps({"trial_index": -1, "answers": good}).encode(), 409),
     ]
     for content, status in wrong:
         answer = page.post(f"/api/state/{token}", content=content)
         assert (answer.status_code, bool(answer.json()["detail"])) == (status, True), content
-    assert page.post("/api/state/nobody", json={"place": 0, "answers": good}).status_code == 404
+    assert page.post("/api/state/nobody", json={"trial_index": 0, "answers": good}).status_code == 404
     for path in ("/films/secret.mp4", "/films/..%2fsecret.mp4", "/study.json", "/answers.sqlite", "/../study.json"):
         assert page.get(path).status_code == 404, path
     assert page.get("/", headers={"host": "elsewhere.example"}).status_code == 400
-    assert study.answers.participants()[0].place == 0
+    assert study.answers.participants()[0].trial_index == 0
 
 
 def toy_data(root: Path, clips: int = 4) -> Path:
@@ -352,7 +352,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
         browser.wait_for("document.body.dataset.state == 'begin'")
         browser.value("document.getElementById('start').click()")
         for place in range(2):
-            browser.wait_for(f"document.body.dataset.state == 'pair' && document.body.dataset.place == '{place}'")
+            browser.wait_for(f"document.body.dataset.state == 'pair' && document.body.dataset.trial == '{place}'")
             browser.value("document.querySelectorAll('input[value=left]').forEach((choice) => choice.click())")
             assert browser.value("document.getElementById('next').disabled")  # no film has been watched yet
             for side in ("left", "right"):
@@ -360,7 +360,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
                 browser.wait_for(f"document.getElementById('{side}').classList.contains('seen')")
             browser.value("document.getElementById('next').click()")
             if place == 0:
-                browser.wait_for("document.body.dataset.place == '1'")
+                browser.wait_for("document.body.dataset.trial == '1'")
                 browser.open("about:blank")
                 browser.open(address)  # closed and reopened: continues at the same pair
         browser.wait_for("document.body.dataset.state == 'end'")

@@ -178,8 +178,8 @@ def workspace(tmp_path_factory):
 def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     figures = {}
     for row in ("truth", "random", "mismatched"):
-        paper_table_rows.measure_row(StageCall("table_row", row, (), (), ()), workspace)
-        figures[row] = json.loads(workspace.data("table_row", row, "metrics.json").read_text())
+        paper_table_rows.measure_row(StageCall("table_metrics", row, (), (), ()), workspace)
+        figures[row] = json.loads(workspace.data("table_metrics", row, "metrics.json").read_text())
     random, truth = (row_metrics([figures[name]], "test") for name in ("random", "truth"))
     assert random["gaze/l2"].count == 4
     assert len(figures["random"]["long"]["test"]) == paper_table_rows.LONG_MOTIONS

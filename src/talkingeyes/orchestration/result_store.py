@@ -102,14 +102,14 @@ def get_or_run(
         return StoredResult(folder, key, _report_of(folder), "made" if own is None else "dvc", cpu_s)
 
 
-def link(entry: StoredResult, place: Path) -> None:
+def link_output(entry: StoredResult, path: Path) -> None:
     """Link an entry into a workspace's data/, replacing what was there."""
-    if place.is_symlink() or not place.is_dir():
-        place.unlink(missing_ok=True)
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
     else:
-        shutil.rmtree(place)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.symlink_to(entry.output.resolve())
+        shutil.rmtree(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.symlink_to(entry.output.resolve())
 
 
 def code_version(paths: Sequence[str], checkout: Path = REPOSITORY_ROOT) -> dict[str, str]:
@@ -165,7 +165,7 @@ def _make(
             node = node.setdefault(part, {})
         node[key.split(".")[-1]] = get_section(params, key)
     for folder, entry in read.items():
-        link(entry, making / folder)
+        link_output(entry, making / folder)
     try:
         return make(call, Workspace(making.resolve(), seen))
     except Exception:

@@ -50,7 +50,7 @@ SOUND_SUFFIXES = (
 )  # searched in a folder
 SUMMARIES = ("summary.csv", "summary.json")
 PARTIAL = re.compile(r"\..+\.\d+\.partial")
-DONE, SKIPPED, FAILED = "made", "kept", "failed"
+DONE, SKIPPED, FAILED = "done", "skipped", "failed"
 
 
 @dataclass(frozen=True)

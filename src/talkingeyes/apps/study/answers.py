@@ -19,14 +19,14 @@ from talkingeyes.core.errors import InputError
 MAX_PARTICIPANTS = 10_000
 SCHEMA = """
 create table if not exists participant (
-    number integer primary key, token text unique not null, place integer not null,
+    number integer primary key, token text unique not null, trial_index integer not null,
     attention integer, done integer not null
 );
 create table if not exists answer (
-    participant integer not null, place integer not null, question text not null,
+    participant integer not null, trial_index integer not null, question text not null,
     a text not null, b text not null, stratum text not null, clip text not null,
     a_left integer not null, chose_a integer not null,
-    primary key (participant, place, question)
+    primary key (participant, trial_index, question)
 );
 """
 
@@ -36,7 +36,7 @@ class Participant:
     """Progress of a participant. `attention` is None until the attention check was answered."""
 
     number: int
-    place: int
+    trial_index: int
     attention: bool | None
     done: bool
 
@@ -86,12 +86,12 @@ class AnswerDatabase:
     def participant(self, token: str) -> Participant | None:
         """The participant with this token, if any."""
         with self._open() as connection:
-            query = "select number, place, attention, done from participant where token = ?"
+            query = "select number, trial_index, attention, done from participant where token = ?"
             row = connection.execute(query, (token,)).fetchone()
         if row is None:
             return None
-        number, place, attention, done = row
-        return Participant(number, place, None if attention is None else bool(attention), bool(done))
+        number, trial_index, attention, done = row
+        return Participant(number, trial_index, None if attention is None else bool(attention), bool(done))
 
     def add(self, who: Participant, pair: Pair, choices: Mapping[str, bool], last: bool, ends_study: bool) -> bool:
         """Store the choices for the participant's current pair: per question, whether A was chosen.
@@ -103,18 +103,18 @@ class AnswerDatabase:
         with self._open() as connection:
             connection.execute("begin immediate")
             moved = connection.execute(
-                "update participant set place = place + 1, done = ?, attention = ? "
-                "where number = ? and place = ? and not done",
+                "update participant set trial_index = trial_index + 1, done = ?, attention = ? "
+                "where number = ? and trial_index = ? and not done",
                 (
                     last or (pair.attention and ends_study and not passed),
                     passed if pair.attention else who.attention,
                     who.number,
-                    who.place,
+                    who.trial_index,
                 ),
             ).rowcount
             if moved and not pair.attention:
                 shown = (pair.a, pair.b, pair.stratum, pair.clip, pair.a_left)
-                rows = [(who.number, who.place, name, *shown, chosen) for name, chosen in choices.items()]
+                rows = [(who.number, who.trial_index, name, *shown, chosen) for name, chosen in choices.items()]
                 connection.executemany("insert into answer values (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
         return bool(moved)
 
@@ -122,10 +122,11 @@ class AnswerDatabase:
         """All participants."""
         with self._open() as connection:
             rows = connection.execute(
-                "select number, place, attention, done from participant order by number"
+                "select number, trial_index, attention, done from participant order by number"
             ).fetchall()
         return [
-            Participant(n, place, None if seen is None else bool(seen), bool(done)) for n, place, seen, done in rows
+            Participant(n, trial_index, None if seen is None else bool(seen), bool(done))
+            for n, trial_index, seen, done in rows
         ]
 
     def valid_answers(self) -> list[Answer]:
@@ -134,7 +135,7 @@ class AnswerDatabase:
         with self._open() as connection:
             rows = connection.execute(
                 f"select {columns} from answer join participant on participant = number "
-                "where attention = 1 and done = 1 order by participant, answer.place, question"
+                "where attention = 1 and done = 1 order by participant, answer.trial_index, question"
             ).fetchall()
         return [
             Answer(who, question, a, b, stratum, clip, bool(left), bool(chosen))

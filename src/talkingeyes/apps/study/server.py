@@ -26,7 +26,7 @@ MAX_BODY_BYTES = 4096  # maximum size of a request
 class PairResponse(Settings):
     """Answer of the page: index of the pair, and the chosen side for each question."""
 
-    place: int
+    trial_index: int
     answers: dict[str, Literal["left", "right"]]
 
 
@@ -85,7 +85,7 @@ async def _choice(request: Request) -> PairResponse:
     except (ValueError, RecursionError) as error:
         first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not JSON"
         raise HTTPException(
-            422, f"an answer should have a place and left or right for each question: {first}"
+            422, f"an answer should have a trial_index and left or right for each question: {first}"
         ) from None
 
 
@@ -95,13 +95,13 @@ def _answered(study: Study, token: str, choice: PairResponse) -> dict[str, Any]:
     asked = {question.name for question in study.design.questions}
     if set(choice.answers) != asked:
         raise HTTPException(422, f"answers: should be about {', '.join(sorted(asked))}")
-    if who.done or choice.place != who.place:
-        raise HTTPException(409, f"place: should be {who.place}, got {choice.place}")
-    pair = pairs[who.place]
+    if who.done or choice.trial_index != who.trial_index:
+        raise HTTPException(409, f"trial_index: should be {who.trial_index}, got {choice.trial_index}")
+    pair = pairs[who.trial_index]
     choices = {name: (side == "left") == pair.a_left for name, side in choice.answers.items()}
-    last = who.place + 1 == len(pairs)
+    last = who.trial_index + 1 == len(pairs)
     if not study.answers.add(who, pair, choices, last, study.design.attention.ends_study):
-        raise HTTPException(409, "place: this pair was already answered")
+        raise HTTPException(409, "trial_index: this pair was already answered")
     return _state(study, _who(study, token))
 
 
@@ -112,10 +112,10 @@ def _state(study: Study, who: Participant) -> dict[str, Any]:
         "title": study.design.title,
         "introduction": study.design.introduction,
         "of": len(pairs),
-        "place": who.place,
+        "trial_index": who.trial_index,
     }
     if who.done:
         return {**said, "done": True}
-    left, right = study.names(pairs[who.place])
+    left, right = study.names(pairs[who.trial_index])
     questions = [{"name": question.name, "text": question.text} for question in study.design.questions]
     return {**said, "done": False, "left": left, "right": right, "questions": questions}

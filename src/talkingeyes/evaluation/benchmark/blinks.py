@@ -118,7 +118,7 @@ METRICS = (
     _blink(
         "blinks/duration_distance",
         "blink durations, Wasserstein",
-        "truth's SD",
+        "SD of truth",
         "area between the distribution functions of duration / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["blink.length"], other["blink.length"]),
         min_count=30,

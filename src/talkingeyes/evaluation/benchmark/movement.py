@@ -182,7 +182,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
         frames(
             f"{part}/speed_distance",
             f"speeds, Wasserstein, {title}",
-            "truth's SD",
+            "SD of truth",
             "area between the distribution functions of log2 speed / SD of the reference's",
             compare=lambda totals, other: LOG2_SPEED_BINS.distance(totals[f"{part}.speed"], other[f"{part}.speed"]),
             direction="lower",

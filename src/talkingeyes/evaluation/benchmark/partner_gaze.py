@@ -167,7 +167,7 @@ METRICS = (
     _state(
         "partner_gaze/aversion_distance",
         "aversion durations, Wasserstein",
-        "truth's SD",
+        "SD of truth",
         "area between the distribution functions of aversion duration / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.aversion"], other["state.aversion"]),
         count_key="state.aversions",
@@ -178,7 +178,7 @@ METRICS = (
     _state(
         "partner_gaze/dwell_distance",
         "dwell times at the partner, Wasserstein",
-        "truth's SD",
+        "SD of truth",
         "area between the distribution functions of dwell time at the partner / SD of the reference's",
         compare=lambda totals, other: DURATION_BINS_S.distance(totals["state.look"], other["state.look"]),
         count_key="state.looks",

@@ -212,7 +212,7 @@ METRICS = (
     _measure(
         "saccades/amplitude_distance",
         "amplitudes, Wasserstein",
-        "truth's SD",
+        "SD of truth",
         "area between the two distribution functions of amplitude / SD of the reference's",
         compare=lambda totals, other: AMPLITUDE_DEG.distance(totals["saccade.amplitude"], other["saccade.amplitude"]),
         min_count=100,
@@ -304,7 +304,7 @@ METRICS = (
     _interval(
         "saccades/interval_distance",
         "saccade intervals, Wasserstein",
-        "truth's SD",
+        "SD of truth",
         "area between the distribution functions of the time between onsets / SD of the reference's",
         compare=lambda totals, other: INTERVAL_S.distance(totals["saccade.interval"], other["saccade.interval"]),
         direction="lower",

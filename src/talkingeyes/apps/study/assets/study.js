@@ -25,14 +25,14 @@ function shown(next) {
   if (state.done) return show("end");
   byId("title").textContent = document.title = state.title;
   byId("introduction").textContent = state.introduction;
-  Object.assign(byId("progress"), { max: state.of, value: state.place });
-  byId("count").textContent = `${state.place + 1} of ${state.of}`;
+  Object.assign(byId("progress"), { max: state.of, value: state.trial_index });
+  byId("count").textContent = `${state.trial_index + 1} of ${state.of}`;
   films.forEach((film, side) => {
     film.classList.remove("seen");
     film.src = `films/${side === 0 ? state.left : state.right}.mp4`;
   });
   byId("questions").replaceChildren(...state.questions.map(question));
-  document.body.dataset.place = state.place;
+  document.body.dataset.trial = state.trial_index;
   ready();
   show("pair");
 }
@@ -59,7 +59,7 @@ function ready() {
 async function send() {
   const answers = Object.fromEntries(new FormData(byId("form")));
   try {
-    shown(await asked(`api/state/${token}`, { method: "POST", body: JSON.stringify({ place: state.place, answers }) }));
+    shown(await asked(`api/state/${token}`, { method: "POST", body: JSON.stringify({ trial_index: state.trial_index, answers }) }));
   } catch (error) {
     if (error.status !== 409) throw error;
     shown(await asked(`api/state/${token}`)); // answered in another window
