@@ -92,12 +92,12 @@ def test_nearly_closed_eyes_are_flagged_and_not_guessed(eyes: list[EyeGeometry],
         assert np.isnan(found.angles_rad).all()
 
 
-def test_the_red_bias_is_the_share_of_red():
+def test_red_bias_is_fraction_of_red():
     assert red_bias(np.array([0.9, 0.0, 0.0])) > 0.9
     np.testing.assert_allclose(red_bias(np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]])), 1 / 3)
 
 
-def test_the_blink_energy_is_least_where_the_opening_is():
+def test_blink_energy_is_minimal_at_the_opening():
     bias = np.where(np.abs(np.arange(40) - 20) < 6, 0.33, 0.45)  # a row of pixels through an eye surrounded by skin
     energy = [blink_energy(bias, (np.abs(np.arange(40) - 20) < half).astype(float)) for half in range(1, 15)]
     assert 1 + int(np.argmin(energy)) == 6
@@ -107,7 +107,7 @@ def test_the_blink_energy_is_least_where_the_opening_is():
     assert blink_energy(bias, np.zeros(40)) == blink_energy(bias, np.ones(40)) == 0
 
 
-def test_the_gaze_energy_is_least_where_the_iris_is_and_ignores_lighter_ones():
+def test_gaze_energy_is_minimal_at_the_iris_and_ignores_lighter_regions():
     place = np.arange(40)
     red = np.where(np.abs(place - 25) < 5, 0.2, 0.8)
     inside = ((place > 5) & (place < 35)).astype(float)
@@ -117,7 +117,7 @@ def test_the_gaze_energy_is_least_where_the_iris_is_and_ignores_lighter_ones():
     assert gaze_energy(1 - red, inside, iris) > gaze_energy(red, inside, iris) + 0.01
 
 
-def test_an_eye_that_no_image_shows_is_refused(eyes: list[EyeGeometry]):
+def test_invisible_eye_is_an_error(eyes: list[EyeGeometry]):
     with pytest.raises(InputError, match="at least one image"):
         estimate_eye([], eyes[0])
     seen = posed_images((0.0, 0.0), 0.0, VIEWS[:1])[0]

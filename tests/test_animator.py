@@ -118,7 +118,7 @@ PERFORMER = Animator(FakeEncoder(), FakeGenerator(), 25.0)
 SOUND = np.zeros(16_000 * 20, np.float32)
 
 
-def test_a_performance_has_blinks_and_the_asked_rate() -> None:
+def test_animation_has_blinks_and_requested_rate() -> None:
     (slow,), (fast,) = (PERFORMER.perform(SOUND, 1, seed=3, fps=fps) for fps in (25.0, 60.0))
     assert len(slow.motion) == 500
     assert len(fast.motion) == 1200
@@ -138,7 +138,7 @@ def test_profiles_blink_at_their_rates() -> None:
     assert 18 < rates["physiological"] < 30
 
 
-def test_blinks_come_where_phrases_end_but_not_those_of_the_paper() -> None:
+def test_blinks_follow_phrase_ends_except_in_profile_paper() -> None:
     """Sound alternates two seconds of noise and one of silence; `late` counts blinks near the onset of silence."""
     at_s = np.arange(16_000 * 120) / 16_000
     sound = np.where(at_s % 3 < 2, 0.1, 1e-4) * np.random.default_rng(0).standard_normal(len(at_s))
@@ -154,12 +154,12 @@ def test_blinks_come_where_phrases_end_but_not_those_of_the_paper() -> None:
     assert 0.8 < np.mean((onsets_s >= 1.9) & (onsets_s < 2.5)) / (0.6 / 3) < 1.2, "nobody knows when it speaks"
 
 
-def test_an_unknown_profile_is_one_clear_line() -> None:
+def test_unknown_profile_is_one_line_error() -> None:
     with pytest.raises(InputError, match="one of paper, physiological, got often"):
         PERFORMER.perform(SOUND, 1, 0, 25.0, Controls(blinks="often"))
 
 
-def test_sample_i_does_not_depend_on_how_many_are_asked_for() -> None:
+def test_sample_does_not_depend_on_number_of_samples() -> None:
     assert sample_seeds(4, 10)[:3] == sample_seeds(4, 3)
     assert len(set(sample_seeds(4, 100))) == 100
     one, many = PERFORMER.perform(SOUND, 1, 4, 25.0), PERFORMER.perform(SOUND, 3, 4, 25.0)

@@ -105,7 +105,7 @@ def test_a_damaged_head_is_refused(tmp_path: Path) -> None:
         load_head(path)
 
 
-def test_without_the_package_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_package_is_one_line_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(anny_data, "PACKAGE", "no_such_package")
     with pytest.raises(InputError, match="pip install no_such_package"):
         anny_data.data_folder()

@@ -100,7 +100,7 @@ def test_teeth_meet_the_lower_lip():
     assert lip_gap_m(tucked)[1] < lip_gap_m(open_)[1]
 
 
-def test_sounds_show_through_each_other():
+def test_phonemes_are_coarticulated():
     """The t before a rounded vowel is rounder than before a spread one, and rounding starts earlier than the jaw."""
     pucker = FACE_SHAPES.index("mouthPucker")
     before_u, before_i = (shown(["i", "t", vowel]).expression[1, pucker] for vowel in ("u", "i"))
@@ -135,7 +135,7 @@ def test_loudness_is_that_of_the_sound():
 
 
 @given(st.lists(st.sampled_from(sorted(articulation._TARGETS)), min_size=1, max_size=60))
-def test_any_speech_stays_a_mouth(symbols):
+def test_mouth_stays_valid_for_any_speech(symbols):
     phonemes, _ = said(symbols)
     times = np.arange(-0.2, len(symbols) * STEP_S + 0.2, 0.02)
     spoken = mouth(phonemes, times, USUAL)
@@ -144,7 +144,7 @@ def test_any_speech_stays_a_mouth(symbols):
     assert (weights >= 0).all() and (weights <= 1).all()
 
 
-def test_a_moment_does_not_depend_on_the_others():
+def test_frames_do_not_depend_on_each_other():
     """The output depends only on the nearest phonemes, at any frame rate; more distant ones have no visible effect."""
     phonemes, _ = said(["t", "a", "m", "u"] * 30)
     times = np.arange(0, 14, 0.01)
@@ -158,14 +158,14 @@ def test_a_moment_does_not_depend_on_the_others():
         articulation.NEAREST_PHONEMES = every
 
 
-def test_the_face_is_what_a_motion_of_the_open_head_carries():
+def test_face_shapes_are_those_of_the_open_head():
     assert expression_shape_names(anny_head()) == FACE_SHAPES
     for mood in face.EMOTION_EXPRESSIONS.values():
         assert set(mood.shapes) <= set(FACE_SHAPES)
     assert set(face.EMOTION_EXPRESSIONS) == set(EMOTIONS)
 
 
-def test_emotions_show_by_intensity_and_leave_speech_its_lips():
+def test_emotions_scale_with_intensity_and_keep_lip_motion():
     smile = FACE_SHAPES.index("mouthSmileLeft")
     sizes = [
         shown(["t"], mood=FacialBehaviour("happy", share)).expression[0, smile] for share in face.INTENSITY_STRENGTH

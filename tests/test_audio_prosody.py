@@ -57,7 +57,7 @@ def test_energy_is_the_level_at_the_frame_and_has_a_floor() -> None:
     assert -80 < measured.energy_dbfs[25] < measured.energy_dbfs[27]
 
 
-def test_blocks_leave_no_seam() -> None:
+def test_blocks_have_no_seams() -> None:
     """30 s are 3,000 steps of 10 ms, more than a block; the second half alone gives the same except near its ends."""
     rng = np.random.default_rng(2)
     f0_hz = 150 + 50 * np.sin(np.arange(480_000) / 16_000)

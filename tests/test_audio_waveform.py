@@ -34,9 +34,7 @@ def tone(rate: int, seconds: float = 1.0, hz: float = 440.0) -> np.ndarray:
     ],
 )
 @pytest.mark.parametrize("name", ["plain", "wrong.txt", "raw name.raw", "odd \N{SNOWMAN} -x.g722"])
-def test_the_content_decides_whatever_the_file_is_called(
-    tmp_path: Path, container: str, coding: str, rate: int, name: str
-) -> None:
+def test_format_is_recognised_by_content(tmp_path: Path, container: str, coding: str, rate: int, name: str) -> None:
     path = tmp_path / name
     with path.open("wb") as file:
         soundfile.write(file, np.stack([tone(rate), tone(rate)], axis=1), rate, format=container, subtype=coding)
@@ -107,7 +105,7 @@ def _damaged(path: Path) -> object:
         (_write(np.zeros(3601 * 100, np.float32), 100), "at most 3600 s"),
     ],
 )
-def test_what_cannot_be_read_is_refused_in_one_line_with_the_path(
+def test_unreadable_file_is_one_line_error_with_path(
     tmp_path: Path, make: Callable[[Path], object], words: str
 ) -> None:
     path = tmp_path / "speech.wav"
@@ -120,7 +118,7 @@ def test_what_cannot_be_read_is_refused_in_one_line_with_the_path(
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(min_size=1, max_size=3000), start=st.sampled_from([b"", b"RIFF", b"fLaC", b"OggS", b"ID3\3"]))
-def test_no_content_raises_anything_else(tmp_path: Path, content: bytes, start: bytes) -> None:
+def test_arbitrary_content_raises_only_input_errors(tmp_path: Path, content: bytes, start: bytes) -> None:
     path = tmp_path / "any"
     path.write_bytes(start + content)
     try:

@@ -113,7 +113,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("words", "message"), CASES)
-def test_a_mistake_is_one_line_and_leaves_nothing(
+def test_bad_input_is_one_line_error_without_output(
     place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: str, message: str
 ) -> None:
     monkeypatch.chdir(place)
@@ -132,7 +132,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 
 
 @pytest.mark.parametrize("format", ["flame", "livelink", "arkit", "glb", "vrm", "bvh", "motion"])
-def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: str) -> None:
+def test_damaged_files_are_read_or_one_line_errors(tmp_path: Path, format: str) -> None:
     """Truncated, or with some bytes changed."""
     good = tmp_path / f"good{'.npz' if format == 'motion' else convert.FORMATS[format].suffix}"
     shown = toy_motions.flame_motion().cut(0, 12) if format == "flame" else toy_motions.motion().cut(0, 12)
@@ -152,10 +152,10 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, format: s
     assert refused > 4
 
 
-def test_every_command_is_tried() -> None:
+def test_all_commands_are_covered() -> None:
     tried = {words.split()[0] for words, _ in CASES if words}
     assert set(COMMANDS) - tried <= {"serve"}  # which reports errors over its connection (test_service)
 
 
-def test_an_edit_of_a_good_file_is_still_read(place: Path) -> None:
+def test_edited_valid_file_is_read(place: Path) -> None:
     assert Motion.load(place / "good.npz").seconds == 1.0  # the cases above changed nothing

@@ -62,14 +62,14 @@ def test_each_sound_has_a_folder_and_a_row(place: Path) -> None:
     np.testing.assert_allclose(found.gaze, alone.motion.gaze, atol=1e-6)
 
 
-def test_jobs_and_order_change_no_byte(place: Path) -> None:
+def test_output_is_independent_of_jobs_and_order(place: Path) -> None:
     sounds = sorted((place / "lines").iterdir())
     animate_all(sounds, "one", AnimationOptions(samples=2, seed=4, formats=("bvh",), previews=False))
     animate_all(sounds[::-1], "two", AnimationOptions(samples=2, seed=4, formats=("bvh",), previews=False), jobs=2)
     assert files(place / "one") == files(place / "two")
 
 
-def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> None:
+def test_second_run_keeps_finished_and_makes_new_sounds(place: Path) -> None:
     animate_all(["lines"], "out", ORDER)
     before = files(place / "out" / "b")
     stamps = {path: path.stat().st_mtime_ns for path in (place / "out").glob("*/*.npz")}
@@ -95,7 +95,7 @@ def test_a_second_run_keeps_what_is_done_and_makes_what_is_new(place: Path) -> N
 
 
 @pytest.mark.parametrize("change", [{"seed": 5}, {"samples": 2}, {"fps": 60.0}, {"formats": ("bvh",)}])
-def test_another_order_is_not_taken_for_done(place: Path, change: dict[str, object]) -> None:
+def test_changed_options_are_not_taken_as_finished(place: Path, change: dict[str, object]) -> None:
     animate_all(["lines/a.wav"], "out", ORDER)
     changed = AnimationOptions(**{"samples": 1, "seed": 4, "previews": False} | change)  # type: ignore[arg-type]
     assert [line.status for line in animate_all(["lines/a.wav"], "out", changed)] == ["failed"]
@@ -122,7 +122,7 @@ def test_failures_do_not_stop_the_others(
     assert not (place / "out" / "b").exists()
 
 
-def test_an_unforeseen_fault_is_a_row_too(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_error_is_a_row(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("two\nlines")
 
@@ -131,7 +131,7 @@ def test_an_unforeseen_fault_is_a_row_too(place: Path, monkeypatch: pytest.Monke
     assert (line.status, line.reason) == ("failed", "RuntimeError: two lines")
 
 
-def test_leftovers_of_a_killed_run_go_and_strange_things_stay(place: Path) -> None:
+def test_leftovers_of_a_killed_run_are_removed_and_other_files_kept(place: Path) -> None:
     animate_all(["lines"], "out", ORDER)
     (place / "out" / ".a.123.partial").mkdir()
     animate_all(["lines"], "out", ORDER)
@@ -141,13 +141,13 @@ def test_leftovers_of_a_killed_run_go_and_strange_things_stay(place: Path) -> No
         animate_all(["lines"], "out", ORDER)
 
 
-def test_a_missing_model_is_refused_before_anything_is_made(place: Path) -> None:
+def test_missing_model_is_an_error_before_any_output(place: Path) -> None:
     with pytest.raises(InputError, match="no trained model here"):
         animate_all(["lines"], "out", ORDER, model="none")
     assert not (place / "out").exists()
 
 
-def test_seeds_follow_from_what_is_heard(place: Path) -> None:
+def test_seeds_depend_on_the_sound(place: Path) -> None:
     one, other = (read_speech(place / "lines" / f"{name}.wav") for name in "ab")
     assert derive_seed(1, one) == derive_seed(1, one.copy())
     assert len({derive_seed(1, one), derive_seed(1, other), derive_seed(2, one)}) == 3

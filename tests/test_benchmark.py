@@ -58,19 +58,19 @@ def mirrored(motion):
     return replace(motion, head=motion.head * flip, gaze=motion.gaze[:, ::-1] * flip)
 
 
-def test_names_are_unique_and_pages_have_all_they_need():
+def test_metric_names_are_unique_and_descriptions_complete():
     assert len({metric.name for metric in METRICS}) == len(METRICS) > 60
     for metric in METRICS:
         assert metric.formula and metric.source and metric.caveat and metric.min_count > 0, metric.name
 
 
-def test_truth_is_never_apart_from_itself(own):
+def test_truth_does_not_differ_from_itself(own):
     assert not any(row.worse for row in own.values() if row.metric.compute)
     assert own["saccades/rate"].difference.value == 0
     assert own["saccades/amplitude_distance"].value.value == pytest.approx(0, abs=1e-12)
 
 
-def test_figures_are_what_was_put_in(own):
+def test_metrics_recover_known_properties(own):
     value = {name: row.value.value for name, row in own.items() if row.value}
     assert value["saccades/rate"] == pytest.approx(1.05, abs=0.15)
     assert value["main_sequence/peak_speed_ratio"] == pytest.approx(1, abs=0.05)
@@ -82,7 +82,7 @@ def test_figures_are_what_was_put_in(own):
 
 
 @pytest.mark.parametrize("fps", [25.0, 60.0, 120.0])
-def test_the_truth_keeps_the_law_at_every_rate(fps):
+def test_truth_follows_main_sequence_at_every_rate(fps):
     found = rows([person.at(fps) for person in people(30)], counted([ToyPerson(1).at(fps)], fps))
     assert found["main_sequence/peak_speed_ratio"].value.value == pytest.approx(1, abs=0.06)
     native = np.degrees(peak_speed(np.radians(5.0)))
@@ -90,7 +90,7 @@ def test_the_truth_keeps_the_law_at_every_rate(fps):
     assert (found["saccades/duration"].value is None) == (fps < 60)
 
 
-def test_mirrored_and_flipped_motion_is_told(true, reference, own):
+def test_mirrored_and_flipped_motion_is_detected(true, reference, own):
     both = rows([mirrored(each) for each in true], reference)
     assert both["reference_correlation/aversion_yaw"].value.value < -0.9
     assert both["reference_correlation/head_roll"].value.value < -0.9
@@ -111,7 +111,7 @@ def test_a_frozen_face_has_no_saccades(true, reference):
     assert still["head/spectrum_slope"].value is None
 
 
-def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(true, reference):
+def test_still_face_gives_no_values_from_rounding_errors(true, reference):
     rng = np.random.default_rng(0)
 
     def still(each):
@@ -131,7 +131,7 @@ def test_no_figure_is_made_of_what_rounding_leaves_of_a_face_that_stands_still(t
     assert found["head/speed"].worse
 
 
-def test_jitter_and_smoothing_are_told(true, reference):
+def test_jitter_and_smoothing_are_detected(true, reference):
     rng = np.random.default_rng(0)
     noisy = rows([replace(each, gaze=each.gaze + rng.normal(0, 0.004, each.gaze.shape)) for each in true], reference)
     assert noisy["gaze_in_space/still_fraction"].value.value < 0.3
@@ -141,14 +141,14 @@ def test_jitter_and_smoothing_are_told(true, reference):
     assert rows(smooth, reference)["main_sequence/peak_speed_ratio"].value.value < 0.7
 
 
-def test_missing_fields_are_named(true, reference):
+def test_missing_fields_are_reported(true, reference):
     found = rows([replace(each, lid=None, annotation=None) for each in true], reference)
     assert found["blinks/rate"].reason == "needs lid: missing in the motions"
     assert found["speech_onset/rise"].reason == "needs annotation: missing in the motions"
     assert found["saccades/rate"].value is not None
 
 
-def test_other_rates_are_compared_where_the_rate_does_not_matter(reference):
+def test_other_rates_are_compared_by_rate_independent_metrics(reference):
     found = rows([person.at(60.0) for person in people(COUNT)], reference, paired=False)
     assert found["main_sequence/peak_speed_ratio"].difference is not None
     assert found["gaze_in_space/still_fraction"].value is not None
@@ -156,13 +156,13 @@ def test_other_rates_are_compared_where_the_rate_does_not_matter(reference):
     assert found["gaze_in_space/speed_distance"].reason == "not compared: 60 frames per second, reference 25"
 
 
-def test_few_clips_are_too_few(true, reference):
+def test_few_clips_are_reported_as_too_few(true, reference):
     found = rows(true[:2], reference, paired=False)
     assert found["speech_onset/rise"].reason.startswith("needs 400 speech onsets: the motions have")
     assert found["eye/vergence"].reason == "needs 1500 frames: the motions have 600"
 
 
-def test_nan_is_not_valid_and_not_counted():
+def test_nan_frames_are_invalid_and_not_counted():
     motion = ToyPerson(3).at()
     gaze = motion.gaze.copy()
     gaze[40:50] = np.nan
@@ -183,7 +183,7 @@ def test_nan_is_not_valid_and_not_counted():
         ({"head": np.full((50, 3), np.nan)}, 25.0, "should have a valid frame"),
     ],
 )
-def test_bad_motion_is_one_line(fields, fps, message):
+def test_bad_motion_is_one_line_error(fields, fps, message):
     with pytest.raises(InputError, match=message):
         behaviour(fps, fields)
 
@@ -193,7 +193,7 @@ def test_resamples_are_those_of_the_bootstrap():
     assert (bootstrap_weights(7, SETTINGS) == np.array([np.bincount(each, minlength=7) for each in drawn])).all()
 
 
-def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
+def test_groups_do_not_change_the_values(true, reference, monkeypatch):
     expected = reference.totals()
     monkeypatch.setattr(tallies, "MAX_GROUPS", 10)
     few = counted(true)
@@ -202,7 +202,7 @@ def test_groups_do_not_change_the_figures(true, reference, monkeypatch):
         np.testing.assert_allclose(total, expected[name], rtol=1e-9, atol=1e-9)
 
 
-def test_takes_are_judged_against_each_other():
+def test_takes_are_compared_with_each_other():
     takes = with_references([ToyPerson(seed).at() for seed in (1, 2, 3)])
     sums = tallies.LAYOUT.totals(extract(takes)[None])
     assert sums["gaze.sounds"][0] == sums["gaze.judged_sounds"][0] == 1

@@ -84,7 +84,7 @@ def test_animate_writes_every_sample_and_the_plot(place: Path, monkeypatch: pyte
     assert not [path for path in (place / out).parent.iterdir() if "partial" in path.name]
 
 
-def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_formats_are_written_with_each_motion(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["animate", "my speech.txt", "-o", "out", "--samples", "1", "--no-previews"]
     more = ["-f", "bvh", "-f", "events", "-f", "flame", "-f", "livelink"]
     assert call(monkeypatch, *words, *more) == 0
@@ -94,7 +94,7 @@ def test_other_formats_stand_beside_each_motion(place: Path, monkeypatch: pytest
     assert not (place / "out" / "sample_00.bvh").exists()
 
 
-def test_python_does_the_same(place: Path) -> None:
+def test_python_api_gives_the_same_output(place: Path) -> None:
     silent = talkingeyes.animate_samples("my speech.txt", 2, seed=5)
     written = talkingeyes.animate_to_folder(place / "my speech.txt", place / "out", samples=2, seed=5, previews=False)
     for index in range(2):
@@ -138,7 +138,7 @@ def test_python_does_the_same(place: Path) -> None:
         (["my speech.txt", "-o", "my speech.txt/out"], "should be in a writable folder"),
     ],
 )
-def test_a_mistake_is_one_line_and_changes_nothing(
+def test_bad_input_is_one_line_error_and_changes_nothing(
     place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     before = sorted(place.rglob("*"))
@@ -151,7 +151,7 @@ def test_a_mistake_is_one_line_and_changes_nothing(
     assert sorted(place.rglob("*")) == before
 
 
-def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_existing_output_is_replaced_only_with_force(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["animate", "my speech.txt", "-o", "out", "--no-previews", "--samples"]
     assert call(monkeypatch, *words, "2") == 0
     assert call(monkeypatch, *words, "1") == 2
@@ -160,7 +160,7 @@ def test_earlier_output_is_replaced_by_force_only(place: Path, monkeypatch: pyte
     assert not (place / "out" / "sample_01.npz").exists()
 
 
-def test_a_call_that_breaks_leaves_the_earlier_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_call_keeps_existing_output(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     talkingeyes.animate_to_folder("my speech.txt", "out", samples=1)
 
     def full(*_: object) -> None:

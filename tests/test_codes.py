@@ -95,7 +95,7 @@ def test_latents_that_are_not_used_do_not_move_residual_codes() -> None:
     assert quantiser.codebook.abs().max() < 100
 
 
-def test_too_many_sums_are_refused() -> None:
+def test_too_many_combinations_are_an_error() -> None:
     with pytest.raises(ValueError, match="should be at most 4096, got 65536"):
         residual(2, 256)
     assert isinstance(make_quantiser(residual(2)), ResidualQuantiser)
@@ -120,7 +120,7 @@ def test_top_p_of_1_and_temperature_0_change_nothing() -> None:
     assert top_p_filter(logits, 0.5, 0.0) is logits
 
 
-def test_annealing_rises_once_or_again_and_again() -> None:
+def test_annealing_rises_once_or_cyclically() -> None:
     linear = AnnealingSettings(shape="linear", steps=100)
     assert [annealing_weight(linear, step) for step in (0, 25, 100, 1000)] == [0.0, 0.25, 1.0, 1.0]
     cyclical = AnnealingSettings(shape="cyclical", steps=100)
@@ -128,7 +128,7 @@ def test_annealing_rises_once_or_again_and_again() -> None:
     assert annealing_weight(None, 0) == 1.0
 
 
-def test_free_bits_cost_nothing_and_what_is_beyond_costs_as_before() -> None:
+def test_free_bits_are_free_and_excess_costs_are_unchanged() -> None:
     mean = torch.tensor([0.01, 2.0]).expand(3, 4, 2).clone().requires_grad_()
     posterior = DiagonalGaussian(mean, torch.zeros(3, 4, 2))
     assert torch.equal(free_bits_kl(posterior.divergence_per_dim(), 0.0), posterior.divergence())
@@ -139,7 +139,7 @@ def test_free_bits_cost_nothing_and_what_is_beyond_costs_as_before() -> None:
     assert float(free_bits_kl(empty.divergence_per_dim(), 0.25)) == pytest.approx(0.25 * math.log(2))
 
 
-def test_every_part_that_is_paced_is_told() -> None:
+def test_all_scheduled_parts_get_the_step() -> None:
     class Part(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()

@@ -62,7 +62,7 @@ def told(rows: int, frames: int = 40) -> ConditioningInputs:
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestContract:
-    def test_it_gives_vectors_that_depend_on_what_is_told(self, kind: str) -> None:
+    def test_output_depends_on_conditioning(self, kind: str) -> None:
         made = conditioner(kind)
         both = made(told(3), 3)
         for found in (both.head, both.gaze):
@@ -73,7 +73,7 @@ class TestContract:
             assert (found[0] - found[1]).abs().max() > 1e-3
         assert set(made.required_inputs) == {kind}
 
-    def test_a_window_that_is_told_nothing_is_as_one_of_a_batch_that_is(self, kind: str) -> None:
+    def test_null_condition_is_the_same_alone_and_in_a_batch(self, kind: str) -> None:
         made = conditioner(kind)
         nothing, beside = made(NO_CONDITIONING, 2), made(told(3), 3)
         torch.testing.assert_close(beside.head[2:].mean(1), nothing.head[:1].mean(1))
@@ -81,7 +81,7 @@ class TestContract:
         if kind == "partner":
             assert nothing.head.abs().max() == nothing.gaze.abs().max() == 0
 
-    def test_gradients_reach_it_and_stay_finite_beside_rows_of_nothing(self, kind: str) -> None:
+    def test_gradients_are_finite_with_null_condition_rows(self, kind: str) -> None:
         made = conditioner(kind).train()
         made(told(3), 3).gaze.square().sum().backward()
         found = [each.grad for each in made.parameters() if each.grad is not None]
@@ -89,7 +89,7 @@ class TestContract:
         assert all(torch.isfinite(each).all() for each in found)
 
 
-def test_a_hidden_speaker_is_nobody() -> None:
+def test_hidden_speaker_is_unconditional() -> None:
     made = conditioner("speaker").train()
     made.condition_dropout = 1.0
     assert torch.equal(made(told(3), 3).head, made(NO_CONDITIONING, 3).head)
@@ -122,7 +122,7 @@ def reference_of(each: Recording) -> ConditioningInputs:
     return ConditioningInputs(reference=torch.from_numpy(motion_array(each.head, each.gaze))[None])
 
 
-def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Path) -> None:
+def test_reference_clip_gives_style_of_unseen_speaker(tmp_path: Path) -> None:
     task = task_of({"kind": "reference", **KINDS["reference"]}, **LONG)
     settings = task.settings
     train(task, settings.loop, "style")
@@ -136,7 +136,7 @@ def test_somebody_whom_no_training_saw_lends_a_style_by_a_reference(tmp_path: Pa
     np.testing.assert_allclose(again.generate(speech, [5], 25.0, turned).gaze, direct.gaze.numpy(), atol=1e-6)
 
 
-def test_a_speaker_of_the_table_moves_as_that_speaker(tmp_path: Path) -> None:
+def test_training_speaker_moves_like_that_speaker(tmp_path: Path) -> None:
     task = task_of(
         {"kind": "speaker", "condition_dropout": 0.1, "embedding_scale": {"head": 1.0, "gaze": 1.0}},
         **LONG | {"steps": 200, "validate_every": 200},
@@ -168,7 +168,7 @@ def test_a_reference_is_another_sound_of_the_same_speaker_and_the_same_each_time
     assert stranger.reference is None
 
 
-def test_whoever_was_in_no_training_is_one_of_those_who_were_drawn_for_each_sound() -> None:
+def test_unseen_speaker_is_a_random_training_speaker_for_each_sound() -> None:
     known = [f"s{number}" for number in range(9)]
     drawn = [speaker_index(known, "stranger", f"sound {number}") for number in range(200)]
     assert set(drawn) == set(range(9))
@@ -180,7 +180,7 @@ def test_whoever_was_in_no_training_is_one_of_those_who_were_drawn_for_each_soun
     assert told.speaker.tolist() == [drawn[7]]
 
 
-def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides() -> None:
+def test_mirrored_window_has_mirrored_condition() -> None:
     clip, conditioning_provider = people(1, seed=4)[0].clip, ConditioningProvider({"speaker"}, ["a", "b"], (), None)
     symmetric, turned = (
         int(conditioning_provider.window(clip, slice(0, 50), mirror)["speaker"]) for mirror in (False, True)
@@ -193,7 +193,7 @@ def test_a_mirrored_window_is_told_the_mirror_image_which_shares_all_but_sides()
     torch.testing.assert_close(found[2], made.symmetric.weight[2])
 
 
-def test_in_use_people_are_farther_apart_than_they_were_learnt() -> None:
+def test_embedding_scale_increases_distances_of_speakers_in_sampling() -> None:
     made, who = conditioner("speaker"), ConditioningInputs(torch.tensor([0, 1, 3, -1]))
     used, learnt = made.eval()(who, 4), made.train()(who, 4).head[:, 0]
     for size, part in ((1.5, used.head[:, 0]), (2.0, used.gaze[:, 0])):
@@ -215,7 +215,7 @@ def conversation(root: Path) -> ConditioningPaths:
     return ConditioningPaths(Corpus(root), root)
 
 
-def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path) -> None:
+def test_listener_motion_depends_on_partner_speech(tmp_path: Path) -> None:
     beside = conversation(tmp_path)
     task = task_of({"kind": "partner", **KINDS["partner"]}, beside, steps=20)
     history = train(task, task.settings.loop, "listener")
@@ -231,12 +231,12 @@ def test_a_listener_moves_by_what_the_partner_says_and_only_then(tmp_path: Path)
     assert torch.equal(alone.gaze, nobody.gaze)
 
 
-def test_a_partner_who_was_not_embedded_is_one_line() -> None:
+def test_missing_partner_features_are_one_line_error() -> None:
     with pytest.raises(InputError, match=r"^embed.include_partner: should be true"):
         task_of({"kind": "partner", **KINDS["partner"]})
 
 
-def test_windows_and_the_partner_stay_in_step(tmp_path: Path) -> None:
+def test_windows_and_partner_are_aligned(tmp_path: Path) -> None:
     beside, clip = conversation(tmp_path), people(12, seed=1)[1].clip
     conditioning_provider = ConditioningProvider({"partner"}, [], (), beside)
     clip_inputs = conditioning_provider.clip_inputs(clip, 210).partner
@@ -253,7 +253,7 @@ def start(changes: dict[str, Any], other: checkpoint.Checkpoint | None = None) -
     return MotionTask(settings, 3, people(4, seed=1), people(2, seed=2), NORMALISER, None, None, other)
 
 
-def test_a_model_with_sound_starts_as_the_prior_without_and_then_hears() -> None:
+def test_model_with_sound_starts_as_tokenizer_and_learns_to_use_sound() -> None:
     deaf = start({"channels": []})
     speech, other = (torch.randn(50, CHANNELS) for _ in range(2))
     train(deaf, deaf.settings.loop, "prior")

@@ -74,7 +74,7 @@ def batch() -> MotionBatch:
     )
 
 
-def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
+def test_weight_of_unknown_term_is_an_error_with_known_terms() -> None:
     raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
     raw["weights"]["gaze_velocity"] = 1.0
     made = SpeechToMotion(
@@ -84,7 +84,7 @@ def test_a_weight_of_no_term_is_told_with_the_terms_that_there_are() -> None:
         made.loss_terms(batch())
 
 
-def test_codes_that_are_decoded_need_the_weight_that_they_learn_by() -> None:
+def test_decoded_codes_need_their_loss_weight() -> None:
     raw = content(CONFIG_DIR / "model" / "talkingeyes.yaml")
     raw["gaze"]["process"]["mixture_centres"] = "vq_vae"
     with pytest.raises(ValidationError, match=r"weights\.gaze_mixture_centres should be above 0 .*, got none"):
@@ -206,7 +206,7 @@ class TestEncoder:
         except InputError as error:
             pytest.skip(str(error))
 
-    def test_one_finite_row_a_frame_the_same_each_time(self, name: str) -> None:
+    def test_one_finite_reproducible_row_per_frame(self, name: str) -> None:
         encoder = self.encoder(name)
         sound = (0.1 * np.sin(np.arange(24_123) ** 1.3)).astype(np.float32)
         assert len(set(encoder.channels)) == len(encoder.channels)

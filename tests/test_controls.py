@@ -36,7 +36,7 @@ def eye_contact(made: Motion, x_m: float = 0.0) -> float:
     return eye_contact_fraction(made.head, rotation.gaze_in_space(made.head, made.gaze), listener)
 
 
-def test_contact_is_the_share_that_is_asked_for_and_rises_with_it() -> None:
+def test_eye_contact_is_the_requested_fraction() -> None:
     asked = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
     for seed in range(3):
         shares = [eye_contact(motion(seed, eye_contact=share)) for share in asked]
@@ -44,7 +44,7 @@ def test_contact_is_the_share_that_is_asked_for_and_rises_with_it() -> None:
         assert all(low <= high + 1e-9 for low, high in itertools.pairwise(shares))
 
 
-def test_contact_is_with_the_listener_wherever_that_is() -> None:
+def test_eye_contact_follows_location_of_listener() -> None:
     beside = TargetTrack((), {"listener": ObjectTrack.fixed(0.3, 0.0, 1.0)})
     made = motion(eye_contact=0.8, targets=beside)
     assert eye_contact(made, 0.3) == pytest.approx(0.8, abs=0.06)
@@ -69,7 +69,7 @@ def test_saccades_stay_on_the_main_sequence(asked: dict[str, Any]) -> None:
     assert 0.8 < np.median(ratios) < 1.1
 
 
-def test_dials_rise_with_what_they_name() -> None:
+def test_liveliness_controls_increase_what_they_name() -> None:
     dials = (0.0, 0.5, 1.0, 1.5, 2.0)
     head, gaze, blinks = [], [], []
     for dial in dials:
@@ -93,7 +93,7 @@ def course_of(shifts: int, *amplitudes_deg: float) -> GazeTrajectory:
     return GazeTrajectory(25.0, np.zeros((50_000, 3)), np.zeros((50_000, 2, 2)), tuple(made))
 
 
-def test_large_shifts_of_gaze_bring_blinks() -> None:
+def test_large_gaze_shifts_evoke_blinks() -> None:
     """Evinger et al.: 0.69 of shifts of 25 degrees evoke blinks; small ones none; none if off or with profile paper."""
     rng = np.random.default_rng(0)
     brought = gaze_evoked_blinks(course_of(200, 25.0), 20.0, CONTEXT, rng)
@@ -105,7 +105,7 @@ def test_large_shifts_of_gaze_bring_blinks() -> None:
     assert not gaze_evoked_blinks(course_of(200, 25.0), 20.0, PAPER_CONTEXT, rng)
 
 
-def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
+def test_gaze_evoked_blinks_are_not_removed_by_others() -> None:
     """Gaze shifts by 25 degrees and back every two seconds, for a speaker with a high blink rate."""
 
     class Aside:
@@ -125,7 +125,7 @@ def test_blinks_that_shifts_bring_are_not_lost_to_others() -> None:
     assert brought / shifts == pytest.approx(0.7, abs=0.06)
 
 
-def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
+def test_low_blink_rate_keeps_blinks_of_largest_shifts() -> None:
     """Evinger et al. expect 69 and 17 of 100 each; of 67 blinks in all a quarter occur without a shift: 50 remain."""
     rng, trajectory = np.random.default_rng(2), course_of(200, 25.0, 10.0)
     brought = [blink.onset_s for _ in range(10) for blink in gaze_evoked_blinks(trajectory, 2.0, CONTEXT, rng)]
@@ -135,7 +135,7 @@ def test_who_blinks_little_does_so_with_the_largest_shifts() -> None:
 
 
 @pytest.mark.parametrize("rate", [3.0, 20.0])
-def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: float) -> None:
+def test_blink_rate_includes_gaze_evoked_blinks(rate: float) -> None:
     """The blink rate is kept even if shifts would evoke more: here 4 per minute."""
     trajectory, rng = course_of(200, 25.0), np.random.default_rng(1)
     brought = gaze_evoked_blinks(trajectory, rate, CONTEXT, rng)
@@ -147,7 +147,7 @@ def test_with_blinks_that_shifts_bring_there_are_as_many_as_asked_for(rate: floa
     assert 60 * len(drawn) / trajectory.seconds == pytest.approx(rate, rel=0.2)
 
 
-def test_as_drawn_head_and_gaze_are_the_models_own() -> None:
+def test_without_postprocessing_head_and_gaze_are_those_of_the_model() -> None:
     blinkless = Liveliness(blinks=0.0)
     made, laid_over = (motion(3, no_postprocessing=each, liveliness=blinkless) for each in (True, False))
     drawn = PERFORMER.generator.generate(np.zeros((len(made), 1)), sample_seeds(3, 1), 25.0)
@@ -156,7 +156,7 @@ def test_as_drawn_head_and_gaze_are_the_models_own() -> None:
     assert np.abs(laid_over.gaze - drawn.gaze[0]).max() > np.radians(0.3)
 
 
-def test_nothing_asked_nothing_changed() -> None:
+def test_no_controls_change_nothing() -> None:
     (plain,) = PERFORMER.perform(SOUND, 1, 5, 25.0)
     (same,) = perform_toy(seed=5, liveliness=Liveliness(1.0, 1.0, 1.0))
     np.testing.assert_array_equal(plain.motion.gaze, same.motion.gaze)
@@ -224,7 +224,7 @@ def test_speakers_are_kept_with_a_model(tmp_path: Path) -> None:
         ({"partner": np.array([np.nan])}, "partner: should be a sound"),
     ],
 )
-def test_what_will_not_do_is_one_clear_line(asked: dict[str, Any], says: str) -> None:
+def test_bad_controls_are_one_line_error(asked: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says) as caught:
         perform_toy(**asked)
     assert "\n" not in str(caught.value)

@@ -73,7 +73,7 @@ def test_quiet_eyes_look_away_less(annotation, styles):
     assert quiet > lively + 0.1
 
 
-def test_aversions_have_causes_and_go_where_those_go(annotation, styles):
+def test_aversion_direction_depends_on_cause(annotation, styles):
     style = replace(styles[0], speech_coupling=1.0, look=0.55)
     cues = [sample_gaze_cues(annotation, style, np.random.default_rng(seed)) for seed in range(20)]
     starts = [look for each in cues for look in each.aversions]
@@ -135,7 +135,7 @@ def test_the_head_is_calm_while_listening(annotation, styles):
         assert speed[~listens].mean() > 1.3 * speed[listens].mean()
 
 
-def test_emotions_move_a_style_by_their_strength(styles):
+def test_emotions_change_style_by_intensity(styles):
     style = styles[0]
     assert set(EMOTION_FACTORS) == set(EMOTIONS)
     assert emotional_style(style, "neutral", 1.0) == style
@@ -156,7 +156,7 @@ def test_anger_moves_the_head_more_than_sadness(annotation, styles):
     assert spread("angry") > 1.2 * spread("sad")
 
 
-def test_eyes_are_set_to_the_partner_and_to_what_is_further_off(annotation, styles):
+def test_vergence_is_set_for_partner_and_farther_targets(annotation, styles):
     take = sample_take(annotation, styles[0], SECONDS, np.random.default_rng(3), PHYSIOLOGICAL)
     onsets = [each.onset_s for each in take.events.vergence_movements]
     assert onsets == sorted(onsets) and onsets[0] <= 0.0
@@ -165,7 +165,7 @@ def test_eyes_are_set_to_the_partner_and_to_what_is_further_off(annotation, styl
         assert 1.5 <= each.distance_m <= 4.0 if state.averted else 0.8 <= each.distance_m <= 1.3
 
 
-def test_events_are_kept_whole(tmp_path):
+def test_events_are_kept_complete(tmp_path):
     events = Events(
         (Saccade(0.1, 0.04, (0.0, 0.0), (0.1, 0.0), 0.45),),
         (HeadMovement(0.2, 0.3, (0.0, 0.1, 0.0)),),

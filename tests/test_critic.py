@@ -82,11 +82,11 @@ def learnt(recordings: list[Recording]) -> tuple[ContrastiveTask, list[dict[str,
     return task, train(task, SETTINGS.loop, "critic")
 
 
-def test_learns_a_planted_coupling_on_speakers_it_never_heard() -> None:
+def test_learns_simulated_coupling_on_unseen_speakers() -> None:
     assert max(row["validation_score"] for row in learnt(toy(coupled=True))[1]) > 0.85
 
 
-def test_finds_nothing_where_nothing_is_although_voice_and_posture_tell_who_speaks() -> None:
+def test_no_coupling_gives_chance_level_despite_voice_and_posture() -> None:
     assert abs(learnt(toy(coupled=False))[1][-1]["validation_score"] - 0.5) < 0.15
 
 
@@ -96,7 +96,7 @@ def test_training_is_repeatable() -> None:
     assert all(torch.equal(first[name], second[name]) for name in first)
 
 
-def test_no_speaker_stands_on_both_sides_of_the_division() -> None:
+def test_training_and_held_out_speakers_are_disjoint() -> None:
     recordings = toy(coupled=True)
     division = split_speakers(recordings, SETTINGS)
     train_speakers = {recordings[index].clip.speaker for index in division.train}
@@ -113,7 +113,7 @@ def test_auc_by_hand() -> None:
 
 
 @pytest.mark.parametrize("part", CRITIC_PARTS)
-def test_corr_is_a_cosine_blind_to_posture_and_the_same_alone_or_among_samples(part: str) -> None:
+def test_corr_is_cosine_invariant_to_posture_and_batching(part: str) -> None:
     rng = np.random.default_rng(0)
     network = SETTINGS.network
     count = 3 if part == "head" else 2
@@ -136,7 +136,7 @@ def test_similarity_is_the_cosine_of_every_pair() -> None:
     assert torch.allclose(similarity(one, other), expected, atol=1e-6)
 
 
-def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
+def test_gaze_in_space_is_invariant_to_counter_rotation() -> None:
     turn = np.zeros((1, 20, 3))
     turn[..., 1] = np.linspace(0, 0.3, 20)
     gaze = -np.repeat(turn[:, :, None], 2, axis=2)
@@ -144,14 +144,14 @@ def test_space_is_blind_to_counter_rotation_and_eyes_are_not() -> None:
     assert np.ptp(part_angles("eyes", turn, gaze), axis=1).max() == pytest.approx(0.3)
 
 
-def test_a_channel_that_the_embedding_lacks_is_named() -> None:
+def test_missing_channel_is_named() -> None:
     embedding = {"channels": ["a", "b", "c"], "mean": [0.0, 1.0, 2.0], "std": [1.0, 1.0, 0.0]}
     assert ChannelSelection.of(embedding, ["c", "a"]).mean.tolist() == [2.0, 0.0]
     with pytest.raises(InputError, match="got loudness"):
         ChannelSelection.of(embedding, ["a", "loudness"])
 
 
-def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> None:
+def test_time_shifts_are_the_negatives_with_one_sound_per_speaker() -> None:
     lonely = toy(coupled=True, speakers=12, sounds=1)
     task, history = learnt(lonely)
     assert task.time_shifts_only
@@ -162,7 +162,7 @@ def test_where_each_speaker_has_one_sound_wrong_times_are_the_negatives() -> Non
         ContrastiveTask("head", task.critic, lonely, split_speakers(lonely, silent), FPS, silent)
 
 
-def test_a_window_too_short_for_the_least_wrong_time_is_turned_by_half() -> None:
+def test_short_window_is_shifted_by_half() -> None:
     """Clips of a second; without a limit on the shift, `integers` would get the empty interval from 25 to 0."""
     short = [
         Recording(each.clip, each.speech[:25], each.head[:25], each.gaze[:25], each.valid[:25])

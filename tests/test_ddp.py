@@ -63,7 +63,7 @@ def assert_agree(one: Path, two: Path, *names: str) -> None:
         np.testing.assert_allclose(shared_weights[name], value, rtol=TOLERANCE, atol=TOLERANCE, err_msg=name)
 
 
-def test_two_processes_learn_what_one_does_with_dropout_and_draws(tmp_path: Path) -> None:
+def test_two_processes_equal_one_with_dropout_and_sampling(tmp_path: Path) -> None:
     """Covers moving averages and restarts of the codebook, masked means, dropout and sampling of latent codes."""
     one, two = (toy_training(tmp_path / name, dropout=0.1, **STEPS) for name in ("one", "two"))
     pretrain.run(one, "codes")
@@ -102,9 +102,7 @@ def test_noise_is_that_of_the_whole_batch(monkeypatch: pytest.MonkeyPatch) -> No
         assert torch.equal(alike, torch.rand(4))
 
 
-def test_a_batch_that_cannot_be_shared_and_a_stage_that_cannot_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_indivisible_batch_and_unsupported_stage_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(distributed, "world_size", lambda: 3)
     context = ExecutionContext(torch.device("cpu"), "float32")
     with pytest.raises(InputError, match=r"^loop.batch: should be a multiple of the 3 processes, got 8$"):
@@ -133,7 +131,7 @@ def test_bfloat16_learns_and_keeps_float32_weights(kind: str) -> None:
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a card")
-def test_machine_gpu_without_a_card_is_one_line(tmp_path: Path) -> None:
+def test_machine_gpu_without_gpu_is_one_line_error(tmp_path: Path) -> None:
     workspace = toy_training(tmp_path, **STEPS)
     params = dict(workspace.params) | {"machine": workspace.params["machine"] | {"device": "cuda"}}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(params))
@@ -145,7 +143,7 @@ def test_machine_gpu_without_a_card_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.gpu
-def test_a_card_learns_what_the_cpu_does(tmp_path: Path) -> None:
+def test_gpu_training_equals_cpu_training(tmp_path: Path) -> None:
     """Equal within the float32 accuracy of different devices; then bfloat16."""
     results: list[Any] = []
     for device, precision in (("cpu", "float32"), ("cuda", "float32"), ("cuda", "bfloat16")):

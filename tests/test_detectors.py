@@ -115,7 +115,7 @@ def test_slow_movement_is_no_saccade():
 
 
 @pytest.mark.parametrize("fps", RATES)
-def test_whatever_moves_the_events_are_in_order_and_finite(fps):
+def test_events_are_ordered_and_finite_for_any_motion(fps):
     rng = np.random.default_rng(0)
     time_s = np.arange(int(4 * fps)) / fps
     noise = rng.standard_normal((len(time_s), 2))
@@ -142,7 +142,7 @@ def test_an_oscillation_after_a_saccade_is_no_saccade():
     assert len(detect_saccades(gaze[start - 5 :], 500.0)) > 0
 
 
-def test_frames_that_are_not_valid_take_no_part():
+def test_invalid_frames_are_ignored():
     made = chain()
     gaze, valid = gaze_at(25.0, made), np.ones(750, bool)
     valid[300:400] = False
@@ -209,7 +209,7 @@ def test_blinks_are_found(fps):
     assert np.array_equal(detect_blinks(lid, fps).onset_s, found.onset_s)
 
 
-def test_what_is_no_blink():
+def test_other_closures_are_no_blinks():
     times_s = np.arange(500) / 25
     squint = np.where(times_s > 10, 0.2, 0.0)
     asleep = np.where((times_s > 5) & (times_s < 8), 1.0, 0.0)
@@ -290,7 +290,7 @@ ALL = (
 
 
 @pytest.mark.parametrize("detect", ALL)
-def test_bad_input_is_refused_in_one_line(detect):
+def test_bad_input_is_one_line_error(detect):
     values = np.zeros((100, 3))
     wrong = values.copy()
     wrong[7] = np.nan
@@ -325,7 +325,7 @@ def test_runs_and_frames_during_events():
 
 
 @given(st.lists(st.floats(0, 10), max_size=12), st.lists(st.floats(0, 10), max_size=12), st.floats(0.01, 1.0))
-def test_pairs_are_one_to_one_and_as_many_as_can_be(found, known, tolerance_s):
+def test_matching_is_one_to_one_and_maximal(found, known, tolerance_s):
     from scipy.optimize import linear_sum_assignment
 
     left, right = np.sort(np.array(found, float)), np.sort(np.array(known, float))

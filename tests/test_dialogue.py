@@ -34,7 +34,7 @@ def talk() -> tuple[np.ndarray, np.ndarray]:
     return sounds[0], sounds[1]
 
 
-def test_turns_are_heard() -> None:
+def test_turns_are_detected() -> None:
     heard = detect_turns(*talk())
     assert len(heard.partner) == 7
     for (start, end, _), span in zip([each for each in TALK if each[2] == 1], heard.listening, strict=True):
@@ -65,7 +65,7 @@ def test_listeners_look_at_the_speaker_and_nod() -> None:
     assert np.median(nodded) > np.radians(1.0)
 
 
-def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
+def test_some_turns_begin_with_gaze_averted() -> None:
     sounds = talk()
     starts_s = long_turn_starts(detect_turns(*sounds))
     np.testing.assert_allclose(starts_s, [12.5, 26.5], atol=0.2)
@@ -84,7 +84,7 @@ def test_some_of_the_turns_that_are_taken_begin_averted() -> None:
     assert np.mean(eye_contact[True]) < 0.4 * np.mean(eye_contact[False])
 
 
-def test_whoever_answers_in_a_word_does_not_take_the_turn() -> None:
+def test_short_answer_does_not_take_the_turn() -> None:
     one, other = talk()
     word = np.zeros_like(one)
     word[int(8 * RATE) : int(8.8 * RATE)] = one[: int(0.8 * RATE)]

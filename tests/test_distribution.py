@@ -27,7 +27,7 @@ def test_wasserstein_agrees_with_scipy_in_units_of_the_references_spread(seed: i
     assert wasserstein.wasserstein(ours * 7 + 2, theirs * 7 + 2) == pytest.approx(expected)  # independent of the unit
 
 
-def test_wasserstein_of_drawn_clips_is_that_of_their_pool() -> None:
+def test_wasserstein_of_resampled_clips_is_that_of_their_pool() -> None:
     groups, reference = [normal(index, 3 + index) for index in range(5)], normal(9, 60)
     drawn = np.array([0, 0, 3, 4, 4])
     pool = np.concatenate([groups[index] for index in drawn])
@@ -67,7 +67,7 @@ def test_frechet_of_commuting_gaussians_by_hand() -> None:
 
 
 @given(st.integers(0, 1000))
-def test_frechet_is_symmetric_and_does_not_see_a_rotation(seed: int) -> None:
+def test_frechet_is_symmetric_and_rotation_invariant(seed: int) -> None:
     one, other = (Moments.of([normal(seed + k, 40, 4) @ normal(seed + 9 + k, 4, 4)]).gaussian() for k in (0, 1))
     turn = np.linalg.qr(normal(seed + 5, 4, 4))[0]
     turned = [Gaussian(turn @ each.mean, turn @ each.covariance @ turn.T) for each in (one, other)]
@@ -75,7 +75,7 @@ def test_frechet_is_symmetric_and_does_not_see_a_rotation(seed: int) -> None:
     assert frechet.frechet(*turned) == pytest.approx(frechet.frechet(one, other), rel=1e-6)
 
 
-def test_moments_of_drawn_clips_are_those_of_their_windows() -> None:
+def test_moments_of_resampled_clips_are_those_of_their_windows() -> None:
     groups = [normal(index, 4 + index, 3) for index in range(6)]
     drawn = np.array([5, 5, 1])
     pool = np.concatenate([groups[index] for index in drawn])
@@ -85,7 +85,7 @@ def test_moments_of_drawn_clips_are_those_of_their_windows() -> None:
     assert Moments.of(groups).is_sufficient == (sum(map(len, groups)) >= 30)
 
 
-def test_halves_of_one_set_are_nearer_than_another_set() -> None:
+def test_halves_of_one_set_are_closer_than_another_set() -> None:
     moments = Moments.of([normal(index, 6, 4) for index in range(60)])
     floor = frechet.split_half(moments, 20, seed=0)
     apart = frechet.frechet(Moments.of([normal(99, 360, 4) + 0.5]).gaussian(), moments.gaussian())
@@ -114,7 +114,7 @@ def test_truth_against_itself_is_no_better_than_against_other_truth() -> None:
     assert abs(mmd.mmd(one, one, paired=True)) < 1e-12
 
 
-def test_permutation_test_deals_whole_clips() -> None:
+def test_permutation_test_permutes_whole_clips() -> None:
     """Windows of a clip are similar: a test that permuted windows would nearly always reject."""
     below = []
     for seed in range(0, 60_000, 1500):
@@ -125,7 +125,7 @@ def test_permutation_test_deals_whole_clips() -> None:
     assert mmd.permutation_p_value(one, other, 99, 0) == pytest.approx(0.01)
 
 
-def test_windows_are_drawn_evenly_and_no_more_than_asked_for() -> None:
+def test_windows_are_sampled_evenly_and_limited_in_number() -> None:
     groups = [normal(index, 4 if index else 0, 2) for index in range(50)]
     drawn = mmd.sample_windows(groups, 98, 3)
     assert len(drawn.features) == 98
@@ -159,7 +159,7 @@ def test_energy_score_is_best_for_the_true_distribution() -> None:
     assert min(score, key=lambda name: score[name]) == "right"
 
 
-def test_windowed_energy_score_punishes_samples_that_freeze() -> None:
+def test_windowed_energy_score_penalises_frozen_samples() -> None:
     truth = np.repeat(normal(3, 60, 2), 5, axis=0)
     alive = np.repeat(normal(4, 10, 60, 2), 5, axis=1)
     frozen = np.repeat(normal(5, 10, 1, 2), 300, axis=1)
@@ -168,7 +168,7 @@ def test_windowed_energy_score_punishes_samples_that_freeze() -> None:
     assert len(energy.windowed_energy_score(alive, truth, 50)) == 6
 
 
-def test_reach_by_hand() -> None:
+def test_coverage_errors_by_hand() -> None:
     takes = np.zeros((2, 3, 1))
     takes[1] = 4.0
     samples = np.array([0.5, 1.0, 9.0])[:, None, None] * np.ones((3, 3, 1))
@@ -179,7 +179,7 @@ def test_reach_by_hand() -> None:
     assert np.isnan(coverage.reference_coverage_errors(takes[:1]).coverage_error)
 
 
-def test_manifold_of_a_mean_is_precise_but_covers_little_and_noise_the_other_way_round() -> None:
+def test_mean_is_precise_with_low_coverage_and_noise_the_opposite() -> None:
     truth = mmd.sample_windows(clustered(0, 60), 300, 0)
     other = coverage.precision_coverage(mmd.sample_windows(clustered(5000, 60), 300, 0), truth, 5)
     mean = coverage.precision_coverage(mmd.sample_windows([np.zeros((5, 3))] * 60, 300, 0), truth, 5)
@@ -191,7 +191,7 @@ def test_manifold_of_a_mean_is_precise_but_covers_little_and_noise_the_other_way
     assert noise.precise.mean() < 0.6
 
 
-def test_balls_reach_beyond_their_own_clip() -> None:
+def test_balls_use_neighbours_of_other_clips() -> None:
     truth = mmd.sample_windows([np.full((3, 2), 100.0 * index) for index in range(12)], 36, 0)
     near = mmd.sample_windows([np.full((1, 2), 240.0)], 1, 0)
     assert coverage.precision_coverage(near, truth, 2).precise.mean() == 1
@@ -212,7 +212,7 @@ def test_spectrum_agrees_with_scipy() -> None:
     assert found.segments == 1 + (400 - 64) // 32
 
 
-def test_spectra_of_clips_add_up_and_leave_gaps_out() -> None:
+def test_spectra_of_clips_are_additive_without_gaps() -> None:
     angles, valid = normal(0, 256, 2), np.ones(256, bool)
     valid[100] = False
     whole, gap = spectrum.spectrum(angles, FPS), spectrum.spectrum(angles, FPS, valid)
@@ -222,7 +222,7 @@ def test_spectra_of_clips_add_up_and_leave_gaps_out() -> None:
     assert spectrum.spectrum(angles[:30], FPS).segments == 0
 
 
-def test_trembling_shows_above_5_hz_and_steps_have_a_slope_of_two() -> None:
+def test_jitter_has_power_above_5_hz_and_steps_a_slope_of_two() -> None:
     steps = np.cumsum(normal(1, 20_000, 1) * (np.random.default_rng(0).random((20_000, 1)) < 0.05), axis=0) * 0.05
     still, shaken = (spectrum.spectrum(steps + amount * normal(2, 20_000, 1), FPS) for amount in (0.0, 0.01))
     assert spectrum.spectral_slope(still) == pytest.approx(-2, abs=0.2)

@@ -114,7 +114,7 @@ def test_every_command_of_the_docs_exists(page: Path) -> None:
     assert not wrong
 
 
-def test_a_command_that_does_not_exist_is_found() -> None:
+def test_nonexistent_command_is_detected() -> None:
     assert checked("talkingeyes animate speech.wav -o out --samples 2 --seed 0") is None
     for command in (
         "talkingeyes render motion.npz",
@@ -135,7 +135,7 @@ def test_a_command_that_does_not_exist_is_found() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_are_valid(page: Path) -> None:
     links = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     dead = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert not dead

@@ -48,7 +48,7 @@ def test_the_commands_of_a_page_run(page: Path, project: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_tutorial_leaves_what_it_says(project: Path) -> None:
+def test_tutorial_writes_the_stated_files(project: Path) -> None:
     page = REPOSITORY / "docs/tutorial.md"
     if not (project / "build/first").exists():
         test_the_commands_of_a_page_run(page, project)
@@ -56,7 +56,7 @@ def test_the_tutorial_leaves_what_it_says(project: Path) -> None:
         assert (project / "build" / made).stat().st_size > 0, made
 
 
-def test_what_does_not_run_is_in_the_docs_and_in_one_list() -> None:
+def test_commands_that_are_not_run_are_in_the_docs_and_listed() -> None:
     found = {line for page in RUN for line in lines(page)}
     assert ELSEWHERE.keys() <= found
     assert len(ELSEWHERE) == 9
@@ -73,7 +73,7 @@ def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
         assert said.stdout == "before\n"
 
 
-def test_what_is_made_small_is_what_the_docs_say_otherwise() -> None:
+def test_reduced_settings_match_commands_of_the_docs() -> None:
     assert shortened("python -m pipelines.experiment train.seed=1").endswith(
         "train.seed=1 experiment=tiny workspace=build/experiment"
     )

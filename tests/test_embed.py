@@ -72,7 +72,7 @@ def test_every_sound_is_embedded_once_and_statistics_come_from_train_alone(tmp_p
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_the_number_of_jobs_changes_no_byte(tmp_path: Path) -> None:
+def test_output_is_independent_of_jobs(tmp_path: Path) -> None:
     for jobs in (1, 2):
         embed.run(workspace(tmp_path / str(jobs), CLIPS, jobs))
     one, two = (tmp_path / str(jobs) / "data" / "embed" for jobs in (1, 2))
@@ -88,7 +88,7 @@ def test_the_number_of_jobs_changes_no_byte(tmp_path: Path) -> None:
         ([clip("a", "test")], "split train"),
     ],
 )
-def test_a_corpus_that_cannot_be_embedded_leaves_nothing_behind(tmp_path: Path, clips: list[Clip], words: str) -> None:
+def test_failing_corpus_leaves_no_output(tmp_path: Path, clips: list[Clip], words: str) -> None:
     place = workspace(tmp_path, clips)
     with pytest.raises(InputError, match=words):
         embed.run(place)
@@ -96,7 +96,7 @@ def test_a_corpus_that_cannot_be_embedded_leaves_nothing_behind(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("name", ["default", "logmel", "wav2vec2", "hubert"])
-def test_each_variant_of_the_section_is_whole(name: str) -> None:
+def test_each_variant_of_the_section_is_complete(name: str) -> None:
     section = compose([f"embed={name}"])["embed"]
     kind = validate_section("embed", EmbedSettings, section).encoder.kind
     assert kind == ("moonshine" if name == "default" else name)

@@ -116,7 +116,7 @@ def test_digital_silence_is_finite(encoder: SpeechEncoder) -> None:
     assert np.isfinite(encoder(np.zeros(16_000, np.float32), 25.0)).all()
 
 
-def test_features_speak_of_their_own_time(encoder: SpeechEncoder, speech: np.ndarray) -> None:
+def test_features_are_aligned_in_time(encoder: SpeechEncoder, speech: np.ndarray) -> None:
     """Linear prediction of the energy at a lag is best at lag 0, to within a frame of 20 ms, on held-out sound."""
     fps = 50.0
     features = encoder(speech, fps)[:, :-3]
@@ -164,12 +164,12 @@ def test_long_sound_is_like_short_sound(
         ({"kind": "moonshine", "window_s": 1.0, "overlap_s": 2.0}, "window_s.*greater than or equal to 6, got 1"),
     ],
 )
-def test_settings_name_the_key_and_the_value(node: dict[str, Any], words: str) -> None:
+def test_settings_errors_name_key_and_value(node: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         section(node)
 
 
-def test_a_checkpoint_that_does_not_fit_is_refused(
+def test_mismatched_checkpoint_is_an_error(
     checkpoints: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")

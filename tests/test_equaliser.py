@@ -21,7 +21,7 @@ def power(motions: list[Float[ndarray, "T 2"]]) -> Float[ndarray, " F"]:
     return np.asarray(np.mean([welch(each, nperseg=64, axis=0)[1].mean(axis=1) for each in motions], axis=0))
 
 
-def test_drawn_motion_gets_the_spectrum_of_true_motion() -> None:
+def test_sampled_motion_gets_the_spectrum_of_true_motion() -> None:
     true, drawn = swaying(0.8, 0), swaying(0.2, 1)
     equaliser = Equaliser(65)
     equaliser.match(true, drawn)
@@ -32,7 +32,7 @@ def test_drawn_motion_gets_the_spectrum_of_true_motion() -> None:
     assert after < 0.15, after
 
 
-def test_until_it_has_learnt_nothing_changes() -> None:
+def test_unfitted_equaliser_is_the_identity() -> None:
     equaliser = Equaliser(33)
     motion = np.stack(swaying(0.8, 3, clips=2))
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
@@ -43,7 +43,7 @@ def test_until_it_has_learnt_nothing_changes() -> None:
     np.testing.assert_allclose(equaliser(motion), motion, atol=1e-9)
 
 
-def test_a_row_is_the_same_alone_and_what_it_does_has_no_delay() -> None:
+def test_equaliser_is_independent_of_batch_and_zero_phase() -> None:
     equaliser = Equaliser(33)
     equaliser.match(swaying(0.9, 0), swaying(0.5, 1))
     motion = np.stack(swaying(0.8, 3, clips=4))
@@ -52,7 +52,7 @@ def test_a_row_is_the_same_alone_and_what_it_does_has_no_delay() -> None:
 
 
 @pytest.mark.parametrize("frames", [0, 33])
-def test_short_motion_teaches_nothing_and_no_filter_does_nothing(frames: int) -> None:
+def test_equaliser_ignores_short_motion(frames: int) -> None:
     equaliser = Equaliser(frames)
     equaliser.match(swaying(0.9, 0, frames=10), swaying(0.5, 1, frames=10))
     motion = np.stack(swaying(0.8, 3, clips=2))

@@ -50,7 +50,7 @@ def test_critic_reports_both_aucs_and_the_corr_of_baselines(workspace):
             assert all(each["low"] <= each["high"] for each in verdict.values())
 
 
-def test_every_row_has_every_split_part_and_figure(tables):
+def test_every_row_has_every_split_part_and_metric(tables):
     distances = {"diversity", "diversity_multi_take", "diversity_ratio", "diversity_ratio_fitted", "l2"}
     others = {
         "corr",
@@ -80,7 +80,7 @@ def test_references_compare_with_themselves(tables):
         assert tables["fitted"]["test"]["gaze_in_space"]["corr_minus_fitted"]["value"] == 0.0
 
 
-def test_the_mean_has_no_diversity_and_rests(tables):
+def test_mean_has_no_diversity_and_is_still(tables):
     for parts in tables["mean"].values():
         for part in ("gaze", "head"):
             assert parts[part]["diversity"]["value"] == parts[part]["diversity_ratio"]["value"] == 0
@@ -89,7 +89,7 @@ def test_the_mean_has_no_diversity_and_rests(tables):
             assert parts[part]["l2"]["value"] > 0
 
 
-def test_a_row_is_the_same_whatever_the_number_of_jobs(workspace, tables, tmp_path, monkeypatch):
+def test_row_is_independent_of_jobs(workspace, tables, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "SOUNDS_PER_PROCESS", 1)
     parallel = toy_workspace(tmp_path, jobs=2)
     shutil.copytree(workspace.data("critic"), parallel.data("critic"))
@@ -143,7 +143,7 @@ def test_a_model_without_samples_is_named(workspace):
     assert not workspace.data("evaluate", "nobody").exists()
 
 
-def test_takes_of_the_sound_itself_count_from_the_second_in_l2():
+def test_l2_excludes_the_first_take_of_the_same_sound():
     head = np.zeros((3, FRAMES, 3))
     head[1] += 0.1  # norm 0.1 sqrt 3
     head[2] += 0.3

@@ -59,7 +59,7 @@ def test_truth_against_itself_writes_table_and_plot(corpus, tmp_path):
         evaluate(corpus / "truth", corpus, tmp_path / "out", n_resamples=20)
 
 
-def test_samples_strangers_and_broken_files(corpus, tmp_path):
+def test_samples_unknown_and_broken_files(corpus, tmp_path):
     motions = tmp_path / "motions"
     (motions / "c1-t0").mkdir(parents=True)
     motion(10).save(motions / "c0-t0-s0.npz")
@@ -85,7 +85,7 @@ def test_motions_for_other_sounds_are_compared_with_all_truth(corpus, tmp_path):
     assert values(found)["eye/still_fraction"].reason.startswith("needs 1500 frames: the motions have 299")
 
 
-def test_other_rates_are_compared_as_far_as_they_can(corpus, tmp_path):
+def test_other_rates_are_compared_where_possible(corpus, tmp_path):
     motion(0, 60.0).save(tmp_path / "c0-t0.npz")
     motion(1, 60.0).save(tmp_path / "c1-t0.npz")
     assert evaluate(tmp_path, corpus, n_resamples=20).fps == 60
@@ -110,17 +110,17 @@ def test_mistakes_are_one_line(corpus, tmp_path):
     ("path", "name"),
     [("a/x-t0.npz", "x-t0"), ("a/x-t0-s3.npz", "x-t0"), ("a/x_sample_03.npz", "x"), ("a/sample_03.npz", "a")],
 )
-def test_names_say_which_clip(tmp_path, path, name):
+def test_file_names_give_the_clip(tmp_path, path, name):
     assert clip_id_of(tmp_path / path) == name
 
 
-def test_samples_must_be_as_many(tmp_path):
+def test_number_of_samples_must_agree(tmp_path):
     np.savez(tmp_path / "x.npz", fps=25.0, head=np.zeros((2, 50, 3)), gaze=np.zeros((3, 50, 2, 3)))
     with pytest.raises(InputError, match="the same number of samples"):
         list(read_motions(tmp_path / "x.npz"))
 
 
-def test_speech_is_where_the_sound_is_loud():
+def test_speech_is_detected_by_level():
     sound = np.random.default_rng(0).normal(0, 1e-4, 16000 * 6).astype(np.float32)
     for start, end in ((1.0, 2.0), (2.1, 3.0), (4.0, 5.0)):
         sound[int(start * 16000) : int(end * 16000)] *= 1000

@@ -47,7 +47,7 @@ def test_without_an_edit_nothing_changes(keys: tuple[Path, dict[str, Any]]) -> N
 
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
-def test_a_saccade_that_is_taken_out_is_not_seen(keys: tuple[Path, dict[str, Any]], fps: float) -> None:
+def test_removed_saccade_is_not_rendered(keys: tuple[Path, dict[str, Any]], fps: float) -> None:
     motion, (path, content) = toy_motions.motion(fps), keys
     del content["saccades"][1]  # at 1.1 s, from 12 degrees to -6
     was, now = space_deg(motion), space_deg(play(motion, path, content))
@@ -62,7 +62,7 @@ def test_a_saccade_that_is_taken_out_is_not_seen(keys: tuple[Path, dict[str, Any
     )  # degrees per second: only drift
 
 
-def test_a_saccade_goes_where_it_is_sent_by_the_law(keys: tuple[Path, dict[str, Any]]) -> None:
+def test_edited_saccade_follows_the_main_sequence(keys: tuple[Path, dict[str, Any]]) -> None:
     motion, (path, content) = toy_motions.motion(120.0), keys
     content["saccades"][3] = {"onset_s": 2.3, "end_rad": [float(np.radians(-15.0)), 0.0]}
     now = space_deg(play(motion, path, content))
@@ -71,7 +71,7 @@ def test_a_saccade_goes_where_it_is_sent_by_the_law(keys: tuple[Path, dict[str, 
     assert 380 < speed < 560  # main sequence for 19.7 degrees
 
 
-def test_blinks_come_and_go(keys: tuple[Path, dict[str, Any]]) -> None:
+def test_blinks_can_be_added_and_removed(keys: tuple[Path, dict[str, Any]]) -> None:
     motion, (path, content) = toy_motions.motion(), keys
     del content["blinks"][0]
     content["blinks"].append({"onset_s": 1.4})
@@ -104,7 +104,7 @@ def test_a_wrong_key_is_named(keys: tuple[Path, dict[str, Any]], change: dict[st
         play(toy_motions.motion(), keys[0], keys[1] | change)
 
 
-def test_render_takes_edited_keys_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_render_uses_edited_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     motion = toy_motions.motion(seconds=1.0)
     motion.save(tmp_path / "a.npz")
@@ -133,7 +133,7 @@ def pictures(path: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
-def test_keys_are_found_where_none_were_kept(fps: float) -> None:
+def test_keys_are_detected_without_stored_events(fps: float) -> None:
     found = detect_events(toy_motions.motion(fps))
     assert [round(key.onset_s, 1) for key in found.saccades] == [0.5, 1.1, 1.7, 2.4]
     for key, known in zip(found.saccades, toy_motions.events().saccades, strict=True):

@@ -17,7 +17,7 @@ FPS = 25.0
 
 
 @given(seed=st.integers(0, 10_000))
-def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
+def test_rendered_fixations_are_detected(seed: int) -> None:
     rng = np.random.default_rng(seed)
     onsets = np.concatenate([[0.0], np.cumsum(rng.integers(8, 20, size=8))])
     locations = np.concatenate([rng.uniform(-0.2, 0.2, (9, 2)), np.full((9, 1), 0.03)], axis=1)
@@ -33,7 +33,7 @@ def test_fixations_that_are_shown_are_found_again(seed: int) -> None:
 
 
 @pytest.mark.parametrize("fps", [25.0, 120.0])
-def test_shown_saccades_keep_the_main_sequence(fps: float) -> None:
+def test_rendered_saccades_keep_the_main_sequence(fps: float) -> None:
     """At 120 fps the peak speed is that of the main sequence; at 25 fps steps between frames show a part of it."""
     for degrees in (2.0, 5.0, 10.0, 20.0):
         amplitude = np.radians(degrees)
@@ -56,7 +56,7 @@ def test_a_saccade_waits_for_the_one_before() -> None:
     assert np.abs(np.diff(signal[:, 0])).max() < 0.05  # and has no jumps
 
 
-def test_strokes_give_a_smooth_head_back() -> None:
+def test_segments_reconstruct_a_smooth_head() -> None:
     """Poses at speed minima with cubic interpolation preserve a sum of waves (error for fitted heads: 0.4 degrees)."""
     times = np.arange(500) / FPS
     rng = np.random.default_rng(0)
@@ -70,7 +70,7 @@ def test_strokes_give_a_smooth_head_back() -> None:
     assert np.abs(made - head).mean() < 0.3 * head.std()
 
 
-def test_each_head_of_several_is_as_it_is_alone() -> None:
+def test_heads_are_independent_of_batch() -> None:
     """It also starts and ends at rest, at the first and the last pose, even after a long hold."""
     rng = np.random.default_rng(1)
     event, location = rng.random((3, 40)) < 0.3, rng.normal(size=(3, 40, 3))

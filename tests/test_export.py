@@ -29,7 +29,7 @@ def beeps(seconds: float, every_s: float) -> np.ndarray:
 
 @pytest.mark.parametrize("fps", [24.0, 25.0, 29.97, 60.0, 240.0])
 @pytest.mark.parametrize("seconds", [0.3, 2.213])
-def test_picture_and_sound_are_in_step_and_end_together(tmp_path: Path, fps: float, seconds: float) -> None:
+def test_picture_and_sound_are_synchronous_and_end_together(tmp_path: Path, fps: float, seconds: float) -> None:
     frames = frame_count(round(seconds * 16_000), fps)
     path = tmp_path / "a video.mp4"
     write_video(path, flashes(frames, round(fps)), fps, beeps(seconds, round(fps) / fps))

@@ -25,7 +25,7 @@ EYES = np.array([[0.0315, 0.03, 0.08], [-0.0315, 0.03, 0.08]])
 
 
 @given(ANGLE, ANGLE, st.floats(0.003, 0.009))
-def test_gaze_and_radius_come_out_of_the_iris_contour(yaw: float, pitch: float, radius: float):
+def test_gaze_and_radius_from_iris_contour(yaw: float, pitch: float, radius: float):
     gaze = angles_to_direction(np.array([yaw, pitch]))
     side = np.cross(gaze, [0.3, 0.9, 0.1])
     side /= np.linalg.norm(side)
@@ -52,7 +52,7 @@ def of_the_models_form(count: int, rng: np.random.Generator, noise: float = 0.0)
     return LabelledPostures(angles, curves, held=lid == 0, shut=lid == 1)
 
 
-def test_what_has_the_models_form_is_explained_whole():
+def test_data_of_the_model_form_is_explained_completely():
     rng = np.random.default_rng(0)
     labels = of_the_models_form(200, rng)
     shares = explained_variance(fit_eyelid_model(labels), labels)
@@ -132,7 +132,7 @@ def test_homogeneous_coordinates_of_one_point_are_one_target():
         np.testing.assert_allclose(aim_eyes(factor * point, EYES, still, still), first, atol=1e-12)
 
 
-def test_vergence_is_that_of_the_facts_and_its_gain_scales_it():
+def test_vergence_has_reference_values_and_scales_with_gain():
     """6.0 degrees at 0.6 m and 3.6 at 1 m with a pupil distance of 63 mm; people reach about 0.7 of it."""
     still, centred = np.zeros(3), EYES * [1, 0, 0]
     for distance_m, degrees in ((0.6, 6.0), (1.0, 3.6)):
@@ -143,7 +143,7 @@ def test_vergence_is_that_of_the_facts_and_its_gain_scales_it():
         np.testing.assert_allclose(aim_eyes(target, centred, still, still, 0.0)[0], [0, 0], atol=1e-12)
 
 
-def test_a_target_that_is_no_place_is_refused():
+def test_invalid_target_is_an_error():
     still = np.zeros(3)
     for target in ([np.nan, 0, 1, 1], [0, 0, 0, 0], [*EYES[0], 1.0]):
         with pytest.raises(InputError, match=r"^target:"):

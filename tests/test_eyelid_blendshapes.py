@@ -57,7 +57,7 @@ def test_at_rest_no_shape_has_weight_and_motion_carries_none(head: HeadModel):
 
 
 @pytest.mark.parametrize("gaze_deg", [(0, 0), (20, 5), (-20, -15), (0, 15), (0, -25)])
-def test_closure_is_the_share_of_the_opening_that_is_shut(head: HeadModel, gaze_deg: tuple[float, float]):
+def test_closure_is_closed_fraction_of_the_opening(head: HeadModel, gaze_deg: tuple[float, float]):
     alone = points_at(head, *gaze_deg, (0.0, 0.0))
     for lid in (0.5, 1.0, -0.2):
         closed = points_at(head, *gaze_deg, (lid, lid))

@@ -106,7 +106,7 @@ def test_the_best_sample_is_chosen_by_clip_not_by_frame(surface):
     assert found.ce == pytest.approx(0.25 * moved_mm(surface, "mouthFunnel", "lips").max(), rel=1e-3)
 
 
-def test_frames_that_were_not_seen_do_not_count(surface):
+def test_invalid_frames_do_not_count(surface):
     weight = np.where(np.arange(FRAMES) < 10, 1.0, 0.0)
     found = vertex_errors(surface, faces({}), faces({"mouthFunnel": weight}), [0], np.arange(FRAMES) >= 10)
     assert (found.frames, found.lve, found.mve) == (FRAMES - 10, 0.0, 0.0)
@@ -129,7 +129,7 @@ def test_dynamics_of_the_upper_face_have_a_sign(surface):
     assert vertex_errors(surface, mouth, faces({}), [0], EVERY).fdd_absolute < 0.01 * duller.fdd_absolute
 
 
-def test_blocks_change_nothing(surface, monkeypatch):
+def test_block_size_does_not_matter(surface, monkeypatch):
     rng = np.random.default_rng(0)
     shown = replace(faces({}, {}), expression=rng.uniform(0, 1, (2, FRAMES, len(NAMES))))
     whole = vertex_errors(surface, faces({}), shown, [0, 1], EVERY)
@@ -188,7 +188,7 @@ def felt(emotion, count, seed):
     return faces(*[dict.fromkeys(names, rng.uniform(0.3, 0.9)) | {"mouthPucker": rng.uniform()} for _ in range(count)])
 
 
-def test_emotions_are_told_by_what_was_learnt(surface):
+def test_emotions_are_classified(surface):
     kinds = ("happy", "surprised")
     seen = np.concatenate([emotion_features(surface, felt(kind, 12, seed)) for seed, kind in enumerate(kinds)])
     classifier = EmotionClassifier.learn(seen, ["happy"] * 12 + ["surprised"] * 12)
@@ -230,7 +230,7 @@ def test_frames_weigh_in_mve_and_lve_and_clips_in_the_others(surface):
     assert table["ce"].value == pytest.approx(0.5 * reach, rel=1e-3)
 
 
-def test_another_head_is_refused_in_one_line(surface):
+def test_other_head_is_one_line_error(surface):
     with pytest.raises(InputError, match=r"^face: should be of the head anny, got flame$"):
         vertex_errors(surface, faces({}), replace(faces({}), head_model="flame"), [0], EVERY)
     with pytest.raises(InputError, match="should have the landmark nose_middle, got none"):

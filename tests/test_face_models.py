@@ -122,7 +122,7 @@ def model_settings(name: str, **changes: Any) -> FaceTaskSettings:
 # Style
 
 
-def test_a_style_vector_is_one_hot_and_a_stranger_is_the_mean() -> None:
+def test_style_vector_is_one_hot_and_mean_for_unknown_speaker() -> None:
     known = StyleVocabulary(("a", "b", "c"))
     style_vector = known.style_vector(FaceStyle("b", "happy", 3))
     assert style_vector.tolist() == [0, 1, 0, *(1.0 if i == 1 else 0.0 for i in range(8)), 0, 0, 1]
@@ -141,7 +141,7 @@ def test_a_style_vector_is_one_hot_and_a_stranger_is_the_mean() -> None:
         (("a", "neutral", 2), r"^intensity: should be 0 with a neutral face, got 2$"),
     ],
 )
-def test_a_style_that_is_not_is_refused_with_the_choices(style: Any, line: str) -> None:
+def test_unknown_style_is_an_error_with_the_choices(style: Any, line: str) -> None:
     with pytest.raises(InputError, match=line):
         FaceStyle(*style)
 
@@ -171,13 +171,13 @@ def test_a_face_in_a_mirror_changes_sides_and_comes_back() -> None:
 
 
 @pytest.mark.parametrize("layout", ["frames", "channels"])
-def test_pieces_are_put_together_again(layout: Any) -> None:
+def test_splitting_codes_is_invertible(layout: Any) -> None:
     latents = torch.randn(2, 12, 16)
     torch.testing.assert_close(merge_codes(split_codes(latents, layout, 8), layout, 16), latents)
 
 
 @pytest.mark.parametrize(("layout", "changed"), [("frames", 2), ("channels", 2 * 8)])
-def test_what_one_frame_changes(layout: Any, changed: int) -> None:
+def test_number_of_codes_changed_by_one_frame(layout: Any, changed: int) -> None:
     """In the layout `frames` a frame has its own codes; in the released layout it affects every code of a clip."""
     settings = prior_settings(layout=layout).network
     assert isinstance(settings, FaceVQVAESettings)
@@ -205,7 +205,7 @@ def test_noise_is_standard_slow_and_the_same_for_a_seed() -> None:
     assert abs(float((white[:, 1:] * white[:, :-1]).mean())) < 0.05
 
 
-def test_codes_are_drawn_by_a_softmax_over_distances() -> None:
+def test_codes_are_sampled_by_softmax_over_distances() -> None:
     settings = prior_settings().network
     assert isinstance(settings, FaceVQVAESettings)
     torch.manual_seed(0)
@@ -229,13 +229,13 @@ def test_gumbel_noise_has_its_mean_and_variance() -> None:
     assert float(drawn.var()) == pytest.approx(np.pi**2 / 6, rel=0.03)
 
 
-def test_a_latent_that_no_whole_number_of_codes_fills_is_refused() -> None:
+def test_latent_size_must_be_multiple_of_code_size() -> None:
     network = prior_settings().network.model_dump() | {"latent": 12}
     with pytest.raises(ValueError, match=r"latent should be a multiple of quantiser\.width, 8, got 12"):
         FaceVQVAESettings.model_validate(network)
 
 
-def test_long_speech_is_attended_to_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_speech_has_blockwise_attention(monkeypatch: pytest.MonkeyPatch) -> None:
     torch.manual_seed(0)
     layer, x = WindowAttention(16, 2, 5, 3, 0.0).eval(), torch.randn(2, 40, 16)
     whole = layer(x, x)
@@ -247,7 +247,7 @@ def test_long_speech_is_attended_to_in_blocks(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(("kind", "layout"), [("vq", "frames"), ("vq", "channels"), ("vae", "frames")])
-def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout: str, tmp_path: Path) -> None:
+def test_autoencoder_trains_reproducibly_and_loads(kind: str, layout: str, tmp_path: Path) -> None:
     settings = prior_settings(kind, layout)
     build_face_tokenizer = FaceTokenizerTask(settings, faces(12, seed=1), faces(3, seed=2), BASIS)
     build_face_tokenizer.module.eval()
@@ -267,7 +267,7 @@ def test_an_autoencoder_learns_faces_repeats_and_is_read_back(kind: str, layout:
     assert again.basis == BASIS
 
 
-def test_a_prior_that_is_none_is_one_clear_line(tmp_path: Path) -> None:
+def test_invalid_tokenizer_is_one_line_error(tmp_path: Path) -> None:
     checkpoint.save(tmp_path, {}, {"network": {"kind": "vq"}})
     with pytest.raises(InputError, match=r"not a motion autoencoder of the face(.|\n)*`make repro` trains one$"):
         load_face_tokenizer(tmp_path)
@@ -277,7 +277,7 @@ def test_a_prior_that_is_none_is_one_clear_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", GENERATORS)
-def test_a_model_learns_is_saved_and_samples_the_same(
+def test_model_trains_and_samples_the_same_after_loading(
     name: str, tokenizers: dict[str, FaceTokenizer], tmp_path: Path
 ) -> None:
     settings, tokenizer, known = model_settings(name), tokenizer_for(name, tokenizers), data()
@@ -315,7 +315,7 @@ def talker(tokenizers: dict[str, FaceTokenizer]) -> Any:
     return task
 
 
-def test_the_emotion_is_seen_and_may_change_along_a_clip(talker: Any) -> None:
+def test_emotion_has_effect_and_can_change_within_a_clip(talker: Any) -> None:
     known = talker.data.vocabulary
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
     keys = [StyleKey(0.0, HAPPY), StyleKey(2.4, ANGRY)]
@@ -330,7 +330,7 @@ def test_the_emotion_is_seen_and_may_change_along_a_clip(talker: Any) -> None:
     assert after[0] > before[0] + 0.03, "the brows come down"
 
 
-def test_the_speaker_is_seen_and_without_a_style_nobody_is(talker: Any, tokenizers: dict[str, FaceTokenizer]) -> None:
+def test_speaker_has_effect_only_with_style(talker: Any, tokenizers: dict[str, FaceTokenizer]) -> None:
     speech = torch.from_numpy(faces(1, seed=7)[0].speech)
 
     def smile(task: Any, speaker: str) -> float:
@@ -349,9 +349,7 @@ def test_the_jaw_follows_the_speech(talker: Any) -> None:
     assert np.corrcoef(jaw, recording.jaw[:, 0])[0, 1] > 0.2
 
 
-def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
-    tokenizers: dict[str, FaceTokenizer], tmp_path: Path
-) -> None:
+def test_killed_training_resumes_to_the_same_weights(tokenizers: dict[str, FaceTokenizer], tmp_path: Path) -> None:
     settings = model_settings("latent", loop=LOOP | {"steps": 4, "validate_every": 2})
 
     class Killed(Exception):
@@ -373,7 +371,7 @@ def test_a_training_that_was_killed_goes_on_and_ends_in_the_same_weights(
 
 
 @pytest.mark.parametrize("name", ["latent", "autoregressive_codes"])
-def test_a_generator_without_its_prior_is_refused(name: str) -> None:
+def test_generator_without_tokenizer_is_an_error(name: str) -> None:
     with pytest.raises(InputError, match=r"^model\.tokenizer: should "):
         FaceTask(model_settings(name), 0, data(), None)
 
@@ -390,7 +388,7 @@ def baseline(kind: str, folder: Path) -> TrainedFaceGenerator:
     return load_face_generator(folder)
 
 
-def test_an_unknown_speaker_and_another_head_are_one_clear_line(tmp_path: Path) -> None:
+def test_unknown_speaker_and_other_head_are_one_line_errors(tmp_path: Path) -> None:
     generator = baseline("mean", tmp_path)
     line = r"^speaker: should be one of a, b or none for their mean, got bob$"
     with pytest.raises(InputError, match=line):
@@ -400,7 +398,7 @@ def test_an_unknown_speaker_and_another_head_are_one_clear_line(tmp_path: Path) 
         load_face_generator(tmp_path, flame)
 
 
-def test_a_folder_that_is_no_model_of_the_face_is_one_clear_line(tmp_path: Path) -> None:
+def test_invalid_face_model_folder_is_one_line_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="`make repro` trains"):
         load_face_generator(tmp_path / "none")
     with pytest.raises(InputError, match="not a trained model"):
@@ -428,7 +426,7 @@ def test_baselines_take_the_mean_or_a_piece_of_one_clip(tmp_path: Path) -> None:
 # Model selection
 
 
-def test_the_energy_score_is_least_for_the_true_distribution() -> None:
+def test_energy_score_is_minimal_for_the_true_distribution() -> None:
     rng = np.random.default_rng(0)
     true = rng.normal(0, 1.0, (400, 3))
     scores = {sd: energy_score(rng.normal(0, sd, (8, 400, 3)), true) for sd in (0.01, 0.5, 1.0, 2.0)}

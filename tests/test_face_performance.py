@@ -73,7 +73,7 @@ def felt(emotion, intensity=3, speaker=None):
     return (StyleKey(0.0, FaceStyle(speaker, emotion, intensity)),)
 
 
-def test_one_speech_and_one_seed_give_a_whole_motion():
+def test_one_speech_and_one_seed_give_a_complete_motion():
     one, many = perform(), perform(samples=3)
     motion = one[0].motion
     assert motion.expression_names == NAMES
@@ -86,7 +86,7 @@ def test_one_speech_and_one_seed_give_a_whole_motion():
     assert not np.array_equal(perform(seed=4)[0].motion.jaw, motion.jaw)
 
 
-def test_the_face_leaves_head_gaze_and_blinks_alone():
+def test_face_does_not_change_head_gaze_and_blinks():
     whole, bare = perform()[0], perform(animator=WITHOUT_FACE)[0]
     for name in ("head", "gaze", "lid"):
         assert np.array_equal(getattr(whole.motion, name), getattr(bare.motion, name)), name
@@ -116,7 +116,7 @@ def test_an_emotion_may_change_along_a_clip():
     )
 
 
-def test_other_frame_rates_pass_through_the_models_frames_and_never_beyond():
+def test_other_frame_rates_interpolate_frames_of_the_model():
     slow, fast = perform()[0].motion, perform(fps=75.0)[0].motion
     assert len(fast) == 3 * len(slow)
     assert np.allclose(fast.jaw[::3], slow.jaw)
@@ -169,7 +169,7 @@ def test_parts_are_switched_off(fps):
     assert np.array_equal(headless.jaw, own.motion.jaw)
 
 
-def test_parts_are_taken_from_other_motions():
+def test_parts_are_replaced_from_other_motions():
     donor = perform(seed=9)[0].motion
     parts = PartOverrides(replacements={"head": donor, "face": donor, "blinks": donor})
     own, recast = perform()[0], perform(Controls(parts=parts))[0]
@@ -189,7 +189,7 @@ def test_parts_are_taken_from_other_motions():
         perform(Controls(parts=PartOverrides(replacements={"face": donor.cut(0, 50)})))
 
 
-def test_what_is_not_there_is_refused_in_one_line():
+def test_missing_parts_are_one_line_errors():
     with pytest.raises(InputError, match=r"^emotion: should be one of neutral, happy, .*contempt, got bored$"):
         felt("bored")
     with pytest.raises(InputError, match=r"^intensity: should be 1, 2 or 3 with happy, got 4$"):
@@ -206,7 +206,7 @@ def test_what_is_not_there_is_refused_in_one_line():
         Controls(face=())
 
 
-def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
+def test_face_model_is_found_next_to_the_other_model(tmp_path):
     for name in ("talkingeyes", "probtalk3d"):
         (tmp_path / name).mkdir()
     assert find_face_model(tmp_path / "talkingeyes") == tmp_path / "probtalk3d"
@@ -225,7 +225,7 @@ def test_the_model_of_the_face_stands_beside_the_other(tmp_path):
         FaceAnimator.load(tmp_path / "talkingeyes", EmbedSettings.model_validate(compose()["embed"]), ENCODER)
 
 
-def test_another_encoder_hears_the_sound_itself():
+def test_face_model_with_other_encoder_encodes_the_sound():
     other = Encoder()
     animator = replace(WITH_FACE, face=FaceAnimator(Faces(), other))
     assert np.array_equal(perform(animator=animator)[0].motion.jaw, perform()[0].motion.jaw)

@@ -63,7 +63,7 @@ def tables(workspace):
     }
 
 
-def test_a_model_of_the_face_has_that_part_alone(workspace, tables):
+def test_face_model_has_only_the_face(workspace, tables):
     for table in tables.values():
         assert {split: set(parts) for split, parts in table.items()} == {"test": {"face"}, "unseen": {"face"}}
     copied, noise = tables["copy"]["test"]["face"], tables["noise"]["test"]["face"]
@@ -89,7 +89,7 @@ def test_true_takes_are_compared_with_each_other(workspace):
     assert again[0].errors == several.errors
 
 
-def test_seeds_are_averaged_and_their_range_told(workspace):
+def test_seeds_are_averaged_with_their_range(workspace):
     corpus = Corpus(workspace.corpus)
     sounds = [[clip] for clip in corpus.select("test", "unseen", take=0)]
     places = workspace.corpus, workspace.data("fit")
@@ -116,7 +116,7 @@ def test_the_page_has_the_rows_in_order_beside_the_papers_numbers(tables):
     assert "mean" not in page
 
 
-def test_heat_is_the_way_from_frame_to_frame():
+def test_heat_map_is_displacement_between_frames():
     surface, frames = FaceSurface(anny_head()), 200
     expression = np.zeros((1, frames, 1))
     expression[0, ::2] = 0.5  # back and forth, by the same amount each time
@@ -130,7 +130,7 @@ def test_heat_is_the_way_from_frame_to_frame():
     assert not np.allclose(colours[surface.regions["lips"]], surface.model.colours[surface.regions["lips"]])
 
 
-def test_the_table_is_asked_by_seeds_and_folder(tmp_path):
+def test_table_options_are_seeds_and_folder(tmp_path):
     wanted = options(["--out", str(tmp_path), "seeds=4,5", "train.seed=9"])
     assert (wanted.out, wanted.seeds) == (tmp_path, [4, 5])
     assert wanted.overrides == ["experiment=probtalk3d_table", "train.seed=9"]

@@ -94,7 +94,7 @@ def test_tracked_video_without_truth_gets_no_truth_columns(tmp_path: Path, repos
     assert "head_error_deg" not in report.metrics
 
 
-def test_nothing_to_fit_is_one_line_and_leaves_no_folder(tmp_path: Path, repository: Path):
+def test_nothing_to_fit_is_one_line_error_without_output(tmp_path: Path, repository: Path):
     make_corpus(tmp_path / "data/synthesize", good=0, bad=2)
     with pytest.raises(InputError, match="all 2 clips were rejected"):
         stage.run(workspace(tmp_path, repository))

@@ -129,7 +129,7 @@ def test_gain_of_the_pupils_is_found_where_a_head_turns(settings: FitSettings):
     assert still.gain == pytest.approx([1.0, 1.0], abs=0.1)  # a still head gives no information
 
 
-def test_axes_of_the_eyes_lie_between_what_is_seen_and_their_prior(settings: FitSettings):
+def test_axes_of_the_eyes_lie_between_observation_and_prior(settings: FitSettings):
     gaze = angles_to_gaze(
         np.tile(np.radians([[9.0, 2.0], [-3.0, -2.0]]), (50, 1, 1))
     )  # divergence of 6 degrees, vertical difference of 2
@@ -145,7 +145,7 @@ def test_axes_of_the_eyes_lie_between_what_is_seen_and_their_prior(settings: Fit
     np.testing.assert_allclose(kept, gaze, atol=1e-9)
 
 
-def test_eyes_that_drift_apart_are_believed_by_the_prior_alone(settings: FitSettings):
+def test_vergence_drift_is_shrunk_towards_the_prior(settings: FitSettings):
     drift = np.radians(4.0) * np.sin(np.linspace(0, 12, 300))[:, None] * np.array([1.0, -1.0])
     gaze = angles_to_gaze(np.stack([drift, np.zeros((300, 2))], axis=-1))
     known = np.ones((300, 2), bool)
@@ -214,7 +214,7 @@ def test_newton_reaches_at_least_adams_objective(settings: FitSettings):
 
 
 @pytest.mark.parametrize(("unit_px", "kept"), [(1.0, 1.0), (112.0, 0.5)])
-def test_the_unit_of_the_pupils_decides_what_the_symmetry_term_does(settings: FitSettings, unit_px: float, kept: float):
+def test_effect_of_symmetry_term_depends_on_pupil_unit(settings: FitSettings, unit_px: float, kept: float):
     yaw = np.array([[[0.0, 0.08, 0.0], [0.0, -0.08, 0.0]]])
     seen = observe(Motion.of(FPS, np.zeros((1, 3)), yaw), np.random.default_rng(0), 0.0)
     observations = PupilObservations(seen.pupils, np.zeros((1, 3)), np.zeros((1, 3)), CAMERA)
@@ -239,7 +239,7 @@ def test_frames_do_not_influence_each_other(settings: FitSettings):
         np.testing.assert_allclose(alone.objective[0], together.objective[t], rtol=1e-3, atol=1e-12)
 
 
-def test_hidden_eye_follows_the_other_and_hidden_frames_say_nothing(settings: FitSettings):
+def test_hidden_eye_follows_the_other_and_hidden_frames_are_ignored(settings: FitSettings):
     observations = sight_of(scene(4, frames=20, noise=0.0, blinks=False))
     pupils = observations.pupils.copy()
     pupils[5, 0] = np.nan
@@ -269,7 +269,7 @@ def test_head_pose_is_recovered_with_hidden_and_slipped_landmarks(settings: FitS
     assert np.abs(slipped.head[30] - silent.head[30]).max() < np.radians(1.0)
 
 
-def test_another_persons_head_is_not_turned(settings: FitSettings):
+def test_other_identity_is_not_fitted_as_rotation(settings: FitSettings):
     """A longer nose and another outline are attributed to identity, not to head rotation."""
     unsmoothed = settings.head_pose.model_copy(update={"window": 1, "order": 0})
     rng, errors = np.random.default_rng(0), []
@@ -285,7 +285,7 @@ def test_another_persons_head_is_not_turned(settings: FitSettings):
     assert 2 * fitted < mean
 
 
-def test_a_detector_with_its_own_idea_of_some_points_fits(settings: FitSettings):
+def test_biased_landmarks_are_fitted_as_identity(settings: FitSettings):
     marks = scene(5, frames=60, noise=0.0).observation.landmarks.copy()
     marks[:, RIGID_LANDMARKS[:3]] += (4.0, -5.0)
     who = face_identity(marks, CAMERA, settings.head_pose, settings.face_identity)
@@ -339,7 +339,7 @@ def test_gaze_is_held_over_blinks(smoothing: str):
         np.testing.assert_allclose(space[still], np.broadcast_to(space[kept], space[still].shape), atol=2e-3)
 
 
-def test_a_shift_under_a_blink_comes_with_its_beginning(settings: FitSettings):
+def test_gaze_shift_during_blink_is_at_its_start(settings: FitSettings):
     """Holding gaze, as in the paper, would place the shift at the end of the blink."""
     track = np.zeros((100, 2))
     track[54:, 0] = np.radians(12.0)
@@ -401,7 +401,7 @@ def test_a_step_survives_smoothing_and_a_burst_does_not():
     assert np.degrees(smooth[60] - smooth[59])[:, 0] == pytest.approx([8.0, 8.0], abs=0.6)
 
 
-def test_saccades_are_laid_where_they_were(settings: FitSettings):
+def test_saccades_are_fitted_with_true_speed(settings: FitSettings):
     """A saccade of 5 degrees takes 37 ms, mostly two steps between frames; a single step would be too fast."""
     rng = np.random.default_rng(1)
     sharp, fitted, true = [], [], []
@@ -420,7 +420,7 @@ def test_saccades_are_laid_where_they_were(settings: FitSettings):
 
 
 @pytest.mark.parametrize(("kind", "peak"), [("gaussian", 0.5), ("quadratic", 0.5), ("saccades", 0.8)])
-def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
+def test_temporal_terms_remove_noise_and_only_l0_keeps_peaks(kind: str, peak: float):
     rng = np.random.default_rng(2)
     space = np.zeros((200, 2, 2))
     space[100:, :, 0] = np.radians(2.0)  # takes 28 ms: one step between frames
@@ -431,7 +431,7 @@ def test_temporal_terms_take_noise_and_only_l0_keeps_peaks(kind: str, peak: floa
     assert (speed.max() / np.radians(2.0) > peak) == (kind == "saccades")
 
 
-def test_quadratic_term_is_the_least(settings: FitSettings):
+def test_quadratic_term_is_minimised(settings: FitSettings):
     rng = np.random.default_rng(3)
     track, known = rng.normal(size=(30, 2)), rng.random(30) < 0.8
 
@@ -455,7 +455,7 @@ def test_gaps_are_bridged_and_held(flags: list[bool]):
         np.testing.assert_array_equal(kept, expected)
 
 
-def test_noisy_scenes_stay_inside_the_bands_of_table_8(settings: FitSettings):
+def test_noisy_scenes_are_within_ranges_of_table_8(settings: FitSettings):
     evaluations = []
     for seed in range(12):
         known = scene(seed)
@@ -521,7 +521,7 @@ def test_speed_is_that_of_the_eye_alone():
         (lambda seen: replace(seen, landmarks=seen.landmarks * np.nan, pupils=seen.pupils * np.nan), "face hidden"),
     ],
 )
-def test_clips_that_show_too_little_are_rejected(settings: FitSettings, change, reason: str):
+def test_clips_with_too_few_valid_frames_are_rejected(settings: FitSettings, change, reason: str):
     fit = fit_clip(change(scene(9, blinks=False).observation), settings)
     assert reason in fit.reject_reason
 
@@ -574,6 +574,6 @@ def test_blinking_frames_of_the_scene_have_hidden_pupils():
     assert not (hidden & ~blink_frames(known)).any()
 
 
-def test_smoothing_settings_refuse_nonsense():
+def test_invalid_smoothing_settings_are_errors():
     with pytest.raises(ValueError, match="step_cost"):
         PiecewiseConstantSettings.model_validate({**compose()["fit"]["smoothing"], "step_cost": -1})

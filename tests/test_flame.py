@@ -73,7 +73,7 @@ def reference_lbs(content: dict[str, np.ndarray], pose: np.ndarray, shape: np.nd
     return (blend @ np.c_[posed_vertices, np.ones(len(posed_vertices))][..., None])[:, :3, 0]
 
 
-def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], head: HeadModel):
+def test_skinning_equals_independent_implementation(content: dict[str, np.ndarray], head: HeadModel):
     rng = np.random.default_rng(1)
     pose = rng.normal(0, 0.3, 15)
     pose[:3] = 0  # the head rotates about the neck; the root is fixed
@@ -92,7 +92,7 @@ def test_skinning_is_that_of_an_independent_one(content: dict[str, np.ndarray], 
     np.testing.assert_allclose(got, expected, atol=1e-9)
 
 
-def test_pupils_irises_and_sides_are_flames(content: dict[str, np.ndarray], head: HeadModel):
+def test_pupils_irises_and_sides_match_flame(content: dict[str, np.ndarray], head: HeadModel):
     assert tuple(head.pupils) == PUPILS == (4051, 4597)
     assert head.template[4051, 0] > 0 > head.template[4597, 0]  # the subject's left is +x
     reach = np.linalg.norm(content["v_template"][list(PUPILS)] - flame_file.EYES, axis=1)
@@ -131,7 +131,7 @@ class Evaluated(Command):
 
 
 @pytest.mark.parametrize("payload", [Command, Evaluated])
-def test_a_pickle_that_names_anything_else_is_refused_and_not_run(payload: type[Command], tmp_path: Path):
+def test_pickle_with_other_names_is_rejected_without_execution(payload: type[Command], tmp_path: Path):
     target = tmp_path / "made-by-the-pickle"
     file = tmp_path / "hostile.pkl"
     file.write_bytes(pickle.dumps({"v_template": payload(f"touch {target}")}))
@@ -143,7 +143,7 @@ def test_a_pickle_that_names_anything_else_is_refused_and_not_run(payload: type[
     assert target.exists()
 
 
-def test_a_hostile_file_cannot_reach_through_what_is_allowed(tmp_path: Path):
+def test_malicious_file_cannot_use_allowed_names_to_escape(tmp_path: Path):
     """Dotted names and attributes of allowed modules are separate names, and rejected."""
     for text in (b"cnumpy\ntestsuite\n.", b"cnumpy\nload\n.", b"\x80\x04\x8c\x05numpy\x8c\x0ddtype.__new__\x93."):
         (tmp_path / "a.pkl").write_bytes(text)
@@ -173,7 +173,7 @@ def bad_files(content: dict[str, np.ndarray]) -> dict[str, bytes]:
     }
 
 
-def test_a_wrong_file_is_one_clear_line(content: dict[str, np.ndarray], tmp_path: Path):
+def test_wrong_file_is_one_line_error(content: dict[str, np.ndarray], tmp_path: Path):
     small = {**content, "shapedirs": np.zeros((5023, 3, 400), np.float16)}
     for says, raw in bad_files(small).items():
         (tmp_path / "model.pkl").write_bytes(raw)
@@ -182,7 +182,7 @@ def test_a_wrong_file_is_one_clear_line(content: dict[str, np.ndarray], tmp_path
         assert "\n" not in str(refused.value)
 
 
-def test_a_truncated_file_is_one_clear_line(path: Path, tmp_path: Path):
+def test_truncated_file_is_one_line_error(path: Path, tmp_path: Path):
     raw = path.read_bytes()
     for keep in (10, 3_000, len(raw) // 2, len(raw) - 1):
         (tmp_path / "cut.pkl").write_bytes(raw[:keep])
@@ -191,7 +191,7 @@ def test_a_truncated_file_is_one_clear_line(path: Path, tmp_path: Path):
         assert "\n" not in str(refused.value)
 
 
-def test_a_missing_or_wrong_embedding_is_one_clear_line(path: Path, tmp_path: Path):
+def test_missing_or_wrong_embedding_is_one_line_error(path: Path, tmp_path: Path):
     with pytest.raises(InputError, match="no such file"):
         load_flame(tmp_path / "none.pkl")
     wrong = tmp_path / "embedding.npy"

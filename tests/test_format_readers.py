@@ -60,7 +60,7 @@ def test_diffposetalk_has_head_and_jaw_in_its_pose(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("width", "name"), [(53, "emote"), (403, "probtalk3d"), (106, "artalk"), (108, "unils")])
-def test_arrays_are_told_by_their_width(tmp_path: Path, width: int, name: str) -> None:
+def test_arrays_are_recognised_by_width(tmp_path: Path, width: int, name: str) -> None:
     rows = small(9, width)
     np.save(tmp_path / f"{name}.npy", rows[None] if width == 403 else rows)
     motion = read_motion(tmp_path / f"{name}.npy", 25.0).motion
@@ -89,14 +89,14 @@ class Hostile:
         return os.system, ("touch /tmp/never",)
 
 
-def test_a_torch_file_that_would_run_something_is_refused(tmp_path: Path) -> None:
+def test_torch_file_with_code_is_rejected(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.pt", "w") as archive:
         archive.writestr("archive/data.pkl", pickle.dumps(Hostile()))
     with pytest.raises(InputError, match="which is not on the list of allowed names"):
         read_motion(tmp_path / "a.pt", 25.0)
 
 
-def test_a_tensor_that_reaches_out_of_its_memory_is_refused(tmp_path: Path) -> None:
+def test_tensor_beyond_its_storage_is_rejected(tmp_path: Path) -> None:
     import torch
 
     content = io.BytesIO()
@@ -170,7 +170,7 @@ def test_openface_frames_that_are_missing_are_not_valid(tmp_path: Path) -> None:
     assert motion.fps == pytest.approx(30.0, abs=1e-3)
 
 
-def test_live_link_headers_differ_and_times_have_holes(tmp_path: Path) -> None:
+def test_live_link_headers_and_time_gaps(tmp_path: Path) -> None:
     """Variants in other recordings: order of columns, capital letters, a missing frame, a time of day."""
     made = toy_motions.motion(60.0, 2.5)
     conversion_rows(made, tmp_path / "a.csv")
@@ -189,7 +189,7 @@ def test_live_link_headers_differ_and_times_have_holes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("factor", "zero"), [(-1.0, False), (180 / np.pi, False), (1.0, True)])
-def test_live_link_angles_follow_the_looks(tmp_path: Path, factor: float, zero: bool) -> None:
+def test_live_link_angles_agree_with_look_shapes(tmp_path: Path, factor: float, zero: bool) -> None:
     """Other programs write the opposite sign, degrees, or zeros."""
     made = toy_motions.motion(60.0, 2.5)
     conversion_rows(made, tmp_path / "a.csv")
@@ -233,7 +233,7 @@ def test_a_map_places_the_columns_of_one_array(tmp_path: Path) -> None:
     np.testing.assert_allclose(motion.gaze.reshape(9, 6), rows[:, 3:])
 
 
-def test_a_map_turns_units_eyes_and_gaze_in_space(tmp_path: Path) -> None:
+def test_map_converts_units_eyes_and_gaze_in_space(tmp_path: Path) -> None:
     made = toy_motions.motion()
     space = np.degrees(rotation.gaze_in_space(made.head, made.gaze))
     euler_yxz = np.degrees(rotation_turns(made.head))
@@ -279,7 +279,7 @@ def test_axes_of_a_map_may_be_mirrored(tmp_path: Path) -> None:
         ("fps: [", "not a readable map"),
     ],
 )
-def test_a_map_that_does_not_fit_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_mismatched_map_is_one_line_error(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     np.save(tmp_path / "a.npy", small(9, 9))
     with pytest.raises(InputError, match=re.escape(message)) as told:
@@ -287,7 +287,7 @@ def test_a_map_that_does_not_fit_is_one_line(tmp_path: Path, text: str, message:
     assert "\n" not in str(told.value)
 
 
-def test_files_that_are_broken_inside_are_one_line(tmp_path: Path) -> None:
+def test_broken_files_are_one_line_errors(tmp_path: Path) -> None:
     made = toy_motions.motion()
     np.save(tmp_path / "zero.npy", np.zeros((9, 4)))
     (tmp_path / "map.yaml").write_text("fps: 25\nhead: {rotation_format: quaternion_xyzw}\n")
@@ -309,13 +309,13 @@ def test_files_that_are_broken_inside_are_one_line(tmp_path: Path) -> None:
         read_motion(tmp_path / "half.npz", 25.0)
 
 
-def test_degrees_where_radians_should_be_are_refused(tmp_path: Path) -> None:
+def test_degrees_instead_of_radians_are_an_error(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", eyes_pose=small(50, 6, size=10.0), expr=small(50, 100), rotation=small(50, 3))
     with pytest.raises(InputError, match=r"gaze should rotate by at most 1\.4 radians, got .*; if these are degrees"):
         read_motion(tmp_path / "a.npz", 25.0)
 
 
-def test_eyes_that_no_person_has_are_noted(tmp_path: Path) -> None:
+def test_implausible_eyes_are_noted(tmp_path: Path) -> None:
     eyes = np.tile([[0.0, 0.2, 0.0, 0.0, -0.2, 0.0]], (50, 1))
     np.savez(tmp_path / "a.npz", eyes_pose=eyes, expr=small(50, 100), rotation=small(50, 3))
     assert "left eye looks 22.9 degrees left of the right one" in read_motion(tmp_path / "a.npz", 25.0).notes[0]
@@ -347,7 +347,7 @@ def call(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
         (["empty", "-o", "out"], "should hold files that end in"),
     ],
 )
-def test_a_mistake_is_one_line_and_writes_nothing(
+def test_bad_input_is_one_line_error_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -362,7 +362,7 @@ def test_a_mistake_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_folder_becomes_a_folder_that_evaluate_reads(
+def test_imported_folder_is_readable_by_evaluate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "in").mkdir()

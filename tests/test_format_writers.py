@@ -168,7 +168,7 @@ def channels(gltf) -> dict[tuple[str, str], np.ndarray]:  # type: ignore[no-unty
     return found
 
 
-def test_glb_poses_the_head_as_we_do(made: Path, tmp_path: Path, vertices: np.ndarray) -> None:
+def test_glb_poses_the_head_like_this_package(made: Path, tmp_path: Path, vertices: np.ndarray) -> None:
     import pygltflib
 
     gltf = pygltflib.GLTF2().load(str(exported(made, tmp_path, "glb")))
@@ -219,7 +219,7 @@ def test_vrm_looks_where_both_eyes_look_and_blinks(made: Path, tmp_path: Path) -
     assert {"hips", "leftHand", "rightFoot", "neck"} <= set(vrm["humanoid"]["humanBones"])
 
 
-def test_usd_poses_the_head_as_we_do(made: Path, tmp_path: Path, vertices: np.ndarray) -> None:
+def test_usd_poses_the_head_like_this_package(made: Path, tmp_path: Path, vertices: np.ndarray) -> None:
     from pxr import Usd, UsdGeom, UsdSkel, Vt
 
     stage = Usd.Stage.Open(str(exported(made, tmp_path, "usd")))
@@ -321,7 +321,9 @@ def test_any_frame_rate_is_read_back(tmp_path: Path, format: str, fps: float) ->
         ({"format": "vhap", "sound": "a.wav"}, "should be used with mp4 only"),
     ],
 )
-def test_a_mistake_is_one_line_and_writes_nothing(made: Path, tmp_path: Path, options: dict, message: str) -> None:
+def test_bad_input_is_one_line_error_and_writes_nothing(
+    made: Path, tmp_path: Path, options: dict, message: str
+) -> None:
     with pytest.raises(InputError, match=re.escape(message)) as told:
         convert.export(made / "anny.npz", tmp_path / "out.npz", **options)
     assert "\n" not in str(told.value)
@@ -353,7 +355,7 @@ def test_faces_are_mapped_between_the_heads(made: Path, tmp_path: Path, flame: P
     assert np.array(content["coefficients"])[:, content["names"].index("mouthSmileLeft")].std() > 1e-3
 
 
-def test_what_vhap_tracked_is_filmed_on_flame(made: Path, tmp_path: Path, flame: Path) -> None:
+def test_vhap_tracks_are_rendered_on_flame(made: Path, tmp_path: Path, flame: Path) -> None:
     toy_motions.flame_motion().cut(0, 3).save(tmp_path / "a.npz")
     convert.export(tmp_path / "a.npz", tmp_path / "vhap.npz", format="vhap")
     convert.import_files([tmp_path / "vhap.npz"], tmp_path / "back.npz")

@@ -88,7 +88,7 @@ def test_conversation(tmp_path):
     assert isinstance(read.of("9", "SPEAK"), ConversationFixations) and not len(read.of("9", "SPEAK").onset_s)
 
 
-def test_bad_files_are_refused_in_one_line(tmp_path):
+def test_bad_files_are_one_line_errors(tmp_path):
     text = tmp_path / "text.mat"
     text.write_text("no matrix")
     other = tmp_path / "other.mat"

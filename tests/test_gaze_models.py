@@ -335,7 +335,7 @@ def test_noise_moves_codes_to_near_ones_and_leaves_stays() -> None:
     assert apart < torch.cdist(table[:-1], table[:-1]).mean()
 
 
-def test_training_in_free_running_sees_what_generation_makes() -> None:
+def test_free_running_training_equals_generation() -> None:
     network = model("regression_free")
     data = batch(2, 40)
     condition = GazeCondition(network.speech(data.speech), data.head, network.head.normal(data.head))
@@ -345,7 +345,7 @@ def test_training_in_free_running_sees_what_generation_makes() -> None:
     assert network.gaze.loss_terms(condition, data.gaze)["gaze_reconstruction"] > 1e-3
 
 
-def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
+def test_gradient_is_truncated_to_requested_frames() -> None:
     """Gradient of the last frame with respect to the features of the frames before it."""
     gaze = model("regression_free").gaze
     memory, kept = torch.randn(1, 12, 16), []
@@ -361,7 +361,7 @@ def test_the_gradient_goes_back_through_as_many_frames_as_asked() -> None:
         assert [bool(each.grad.abs().sum() > 0) for each in kept] == [False] * (12 - reached) + [True] * reached
 
 
-def test_gaze_sees_true_posterior_and_prior_heads_in_their_shares() -> None:
+def test_gaze_is_trained_on_true_posterior_and_prior_heads_in_proportion() -> None:
     seen = []
     network = model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.3}).train()
     loss_terms = network.gaze.loss_terms
@@ -376,7 +376,7 @@ def test_gaze_sees_true_posterior_and_prior_heads_in_their_shares() -> None:
         model("vae", head_mix={"truth": 0.5, "posterior": 0.2, "prior": 0.2})
 
 
-def test_a_prior_head_is_drawn_for_the_speech_alone() -> None:
+def test_prior_head_depends_only_on_speech() -> None:
     network = model("vae", head_mix={"truth": 0.0, "posterior": 0.0, "prior": 1.0})
     data = batch(3, 40)
     seen = []
@@ -388,7 +388,7 @@ def test_a_prior_head_is_drawn_for_the_speech_alone() -> None:
     torch.testing.assert_close(seen[0].normalised_head, seen[1].normalised_head)
 
 
-def test_draw_follows_the_probabilities() -> None:
+def test_samples_follow_the_probabilities() -> None:
     logits = torch.log(torch.tensor([0.7, 0.2, 0.1])).expand(10_000, 3)
     uniform = torch.rand(10_000, generator=torch.Generator().manual_seed(0))
     shares = torch.bincount(sample_categorical(logits, uniform, 1.0), minlength=3) / 10_000

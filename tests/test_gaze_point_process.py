@@ -45,7 +45,7 @@ def crowded() -> tuple[ndarray, ndarray]:
     return onsets_s, rng.uniform(-0.4, 0.4, (31, 3)) * [1.0, 0.5, 0.1]
 
 
-def test_what_is_over_may_be_forgotten() -> None:
+def test_past_saccades_can_be_discarded() -> None:
     onsets_s, locations = crowded()
     times_s = np.arange(0, 4, 0.04)
     chain, parts, most, at = SaccadeSequence(locations[0]), [], 0, 1
@@ -61,7 +61,7 @@ def test_what_is_over_may_be_forgotten() -> None:
     assert most < 25
 
 
-def test_rows_that_are_shown_together_know_nothing_of_each_other() -> None:
+def test_rows_are_rendered_independently() -> None:
     onsets_s, locations = crowded()
     event = np.random.default_rng(5).random((4, len(onsets_s))) < 0.7
     event[:, 0] = True
@@ -94,7 +94,7 @@ def condition(frames: int) -> GazeCondition:
 
 
 @pytest.mark.parametrize("frames", [1, 2, 101])
-def test_a_stream_is_what_is_drawn_for_the_whole(frames: int) -> None:
+def test_stream_equals_samples_of_the_whole(frames: int) -> None:
     made, told = gaze(lookahead=0), condition(frames)
     expected = made.sample(told, [7], 1.0)
     stream, parts = made.stream(7, 1.0), []
@@ -108,7 +108,7 @@ def test_a_stream_is_what_is_drawn_for_the_whole(frames: int) -> None:
 
 
 @pytest.mark.parametrize("lookahead", [0, 3])
-def test_a_causal_process_hears_so_far_ahead(lookahead: int) -> None:
+def test_causal_process_has_limited_lookahead(lookahead: int) -> None:
     made, told = gaze(lookahead=lookahead), condition(60)
     assert isinstance(made, StreamableGazeGenerator)
     assert made.has_lookahead == (lookahead > 0)
@@ -119,7 +119,7 @@ def test_a_causal_process_hears_so_far_ahead(lookahead: int) -> None:
     assert gaze().has_lookahead  # the default uses past and future speech
 
 
-def test_eyes_turn_no_further_than_they_can() -> None:
+def test_eyes_stay_within_range() -> None:
     made, told = gaze(), condition(200)
     far = GazeCondition(told.speech, told.head + torch.tensor([0.3, 0.6, 0.0]), told.normalised_head)
     angles = gaze_to_angles(made.sample(far, [7], 1.0).numpy())

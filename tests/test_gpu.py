@@ -51,7 +51,7 @@ def shortened(raw: dict[str, Any]) -> dict[str, Any]:
 class TestPretence:
     """What the simulated GPU rejects and accepts."""
 
-    def test_tensors_of_both_places_are_refused(self) -> None:
+    def test_tensors_on_different_devices_are_rejected(self) -> None:
         with fake_gpu():
             here, there = torch.zeros(3), torch.zeros(3, device="cuda")
             for mixed in (lambda: here + there, lambda: torch.cat([there, here]), lambda: here[there.long()]):
@@ -74,7 +74,7 @@ class TestPretence:
             assert there.copy_(here).device.type == "cuda"
             assert torch.zeros_like(there).device.type == "cuda"
 
-    def test_a_module_goes_there_and_learns_there(self) -> None:
+    def test_module_moves_to_gpu_and_trains(self) -> None:
         net = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.LayerNorm(4))
         with fake_gpu():
             net.to(torch.device("cuda", 0))
@@ -105,7 +105,7 @@ def test_models_of_head_and_gaze(name: str, tmp_path: Path) -> None:
     assert np.isfinite(load_generator(tmp_path).generate(recordings(1, seed=9)[0].speech, [5], 25.0).gaze).all()
 
 
-def test_an_encoder_that_is_trained_along(folder: Path, tmp_path: Path) -> None:
+def test_encoder_trained_jointly(folder: Path, tmp_path: Path) -> None:
     clips = recordings(4, seed=1, frames=100), recordings(1, seed=2, frames=100)
     node = translation("vae", **SHORT).model_dump(mode="json")
     node["speech"] |= {"channels": [], "waveform_encoder": waveform_encoder(folder).model_dump()}

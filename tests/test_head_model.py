@@ -93,7 +93,7 @@ def test_expression_of_another_head_is_refused() -> None:
         motion_to_pose(anny_head(), motion)
 
 
-def test_a_model_that_does_not_hold_together_is_refused() -> None:
+def test_inconsistent_model_is_an_error() -> None:
     with pytest.raises(InputError, match="head anny: joints should be finite"):
         replace(anny_head(), joints=np.full((5, 3), np.nan))
     with pytest.raises(InputError, match="head anny: faces should name vertices"):

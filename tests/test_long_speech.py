@@ -21,7 +21,7 @@ def change_at_seams(features: np.ndarray, seams_s: list[float]) -> float:
     return float(np.median(speed[at]) / np.median(speed[~at]))
 
 
-def test_seams_between_windows_are_not_seen() -> None:
+def test_no_visible_seams_between_windows() -> None:
     sound = read_speech(package_file(EXAMPLE_SPEECH))
     heard = MoonshineEncoder(MoonshineSettings(kind="moonshine", window_s=6.0, overlap_s=2.0))(sound, 25.0)
     starts = window_starts(len(sound), 6 * SAMPLE_RATE, 2 * SAMPLE_RATE)[1:]
@@ -36,7 +36,7 @@ def test_seams_between_windows_are_not_seen() -> None:
 
 
 @pytest.mark.parametrize("fps", [50.0, 100.0, 200.0])
-def test_directed_motion_is_the_same_performance_at_any_rate(fps: float) -> None:
+def test_controlled_motion_is_the_same_at_any_rate(fps: float) -> None:
     track = TargetTrack((Target(2.0, 4.0, "lamp"),), {"lamp": ObjectTrack.fixed(0.9, 0.3, 1.2)})
     asked = {"targets": track, "eye_contact": 0.6, "liveliness": Liveliness(1.3, 0.9, 1.5)}
     slow, fast = motion(fps=25.0, **asked), motion(fps=fps, **asked)

@@ -81,7 +81,7 @@ def test_still_counts_frames_below_the_threshold() -> None:
     assert still_fraction(np.array([0.0, 2.4, 2.6, 100.0])) == 0.5
 
 
-def test_interval_covers_the_mean_about_as_often_as_it_says() -> None:
+def test_interval_has_nominal_coverage() -> None:
     rng = np.random.default_rng(0)
     inside = 0
     for _ in range(200):

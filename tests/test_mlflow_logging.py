@@ -53,7 +53,7 @@ def test_a_row_has_the_parameters_that_it_depends_on():
     assert with_prior["model.weights.head_kl"] == 1.0
 
 
-def test_the_synthetic_world_is_no_parameter_of_a_corpus_from_elsewhere():
+def test_synthesis_settings_are_not_logged_for_other_corpora():
     assert "synthesize.seed" not in method_parameters("truth", {**PARAMS, "corpus": "elsewhere"})
 
 
@@ -75,7 +75,7 @@ def test_runs_have_readable_names(method, overrides, name):
     assert run_name(method, PARAMS, "default", overrides) == name
 
 
-def test_a_name_says_another_seed_of_sampling_and_an_experiment_without_overrides():
+def test_run_name_has_sampling_seed_and_experiment():
     params = {**PARAMS, "sample": {"seed": 2}}
     assert run_name("vae", params, "calm", []) == "vae seed 1, sampled 2, calm"
 
@@ -89,7 +89,7 @@ def test_an_experiment_is_a_study_a_delta_or_dvcs_own(monkeypatch):
     assert experiment_name(PARAMS, ["experiment=tiny"]) == "calm"
 
 
-def test_a_row_is_there_once_with_its_plot_and_composition(tmp_path, recorded_root):
+def test_row_is_logged_once_with_plot_and_configuration(tmp_path, recorded_root):
     plot = tmp_path / "plot.png"
     plot.write_bytes(b"png")
     report = Report(

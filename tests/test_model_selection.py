@@ -65,7 +65,7 @@ def benchmark(jump_rad):
     return paired.table(BOOTSTRAP)
 
 
-def test_motion_without_saccades_is_not_spared_what_it_lacks():
+def test_motion_without_saccades_counts_missing_metrics_as_worse():
     alike, frozen = benchmark(0.15), benchmark(0.0)
     assert alike.missing == 0
     assert alike.worse < 0.3 * alike.comparable
@@ -96,7 +96,7 @@ def workspace(tmp_path_factory):
     return Workspace(made.root, {**made.params, "validate": section})
 
 
-def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(workspace):
+def test_sweep_metrics_exist_for_any_number_of_processes(workspace):
     path, found = workspace.data("validate", "random"), []
     for jobs in (1, 2):
         validate.run(replace(workspace, params={**workspace.params, "machine": {"jobs": jobs}}), "random")
@@ -111,7 +111,7 @@ def test_what_a_sweep_may_ask_for_is_there_whatever_the_number_of_processes(work
     assert table["metrics"]["eye/speed"]["value"] is not None
 
 
-def test_a_combination_is_measured_with_what_it_costs(workspace):
+def test_combination_has_metrics_and_cost(workspace):
     validate.run(workspace, "random")
     combinations._measure(StageCall("combination_metrics", "random", (), (), ()), workspace)
     figures = json.loads(workspace.data("combination_metrics", "random", "metrics.json").read_text())
@@ -152,7 +152,7 @@ def seed_of(comparable=60.0, training=10.0, corr=0.2):
     return {"parameters": 12345, "one_cpu_s": 0.1, "ten_cpu_s": 0.5, "val": val, "training_cpu_s": training}
 
 
-def test_the_page_says_what_was_taken_and_what_is_not_known():
+def test_page_has_settings_and_missing_values():
     params = compose(["experiment=head_gaze_combinations"])
     table = {
         "vae_point_process": [seed_of(), seed_of(corr=0.4, training=20.0)],
@@ -178,7 +178,7 @@ def test_what_is_asked():
     assert combinations.options(["seeds=1,2"]).seeds == [1, 2]
 
 
-def test_a_row_asks_for_what_it_reads_and_says_what_training_took(monkeypatch, tmp_path):
+def test_row_needs_its_inputs_and_has_training_time(monkeypatch, tmp_path):
     params, asked = compose(["experiment=head_gaze_combinations", f"result_store={tmp_path}"]), []
 
     def obtained(params, call, upstream):

@@ -57,7 +57,7 @@ def test_steps_hold_angles_in_degrees_and_logarithms_of_speed() -> None:
     assert np.exp(steps[0, :, 7:]) - 1 == pytest.approx(np.tile([0, 10, 10, 0, 10, 10], (16, 1)), abs=1e-5)
 
 
-def test_it_learns_and_keeps_unseen_people_too(learnt) -> None:
+def test_encoder_generalises_to_unseen_speakers(learnt) -> None:
     explained = [row["explained_variance"] for row in learnt.history]
     assert explained[-1] > max(0.15, explained[0])
 
@@ -92,7 +92,7 @@ def test_windows_are_those_of_each_sample_in_turn(learnt) -> None:
     assert encoder(head[:, :40], gaze[:, :40], FPS).shape == (0, 10)
 
 
-def test_higher_rates_are_point_sampled_and_others_refused(learnt) -> None:
+def test_higher_rates_are_subsampled_and_others_are_errors(learnt) -> None:
     encoder, one = learnt.encoder, recordings(1, 5)[0]
     head, gaze = one.head[None].astype(float), one.gaze[None].astype(float)
     twice = encoder(np.repeat(head, 2, axis=1), np.repeat(gaze, 2, axis=1), 50.0)
@@ -102,7 +102,7 @@ def test_higher_rates_are_point_sampled_and_others_refused(learnt) -> None:
             encoder(head, gaze, fps)
 
 
-def test_frozen_smoothed_and_trembling_motion_is_farther_than_half_of_the_truth(learnt) -> None:
+def test_frozen_smoothed_and_jittered_motion_is_farther_than_split_half(learnt) -> None:
     encoder = learnt.encoder
     kernel = np.ones(25) / 25
 
@@ -128,6 +128,6 @@ def test_frozen_smoothed_and_trembling_motion_is_farther_than_half_of_the_truth(
         assert frechet(moments(change).gaussian(), truth.gaussian()) > 2 * floor, name
 
 
-def test_a_clip_shorter_than_a_window_is_refused() -> None:
+def test_clip_shorter_than_window_is_an_error() -> None:
     with pytest.raises(InputError, match="window_s: should fit into a train clip"):
         fit_motion_encoder(recordings(2, 0, frames=40), recordings(2, 1), SETTINGS, seed=0)

@@ -117,7 +117,7 @@ def test_heads_differ_and_eyes_stay():
         rest_landmarks((0.1, 0.2))
 
 
-def test_the_spread_of_heads_is_that_asked_for():
+def test_spread_of_heads_is_as_configured():
     numbers = np.random.default_rng(0).standard_normal((500, 6))
     shapes = np.array([identity_weights(tuple(each), CAMERA) for each in numbers])
     assert shapes.std() == pytest.approx(CAMERA.identity_std, rel=0.1)
@@ -125,7 +125,7 @@ def test_the_spread_of_heads_is_that_asked_for():
     assert not any(identity_weights((1.0, -1.0), CAMERA.model_copy(update={"identity_std": 0.0})))
 
 
-def test_nothing_wrong_is_exact():
+def test_observation_without_errors_is_exact():
     motion = motion_ahead(50)
     observed = seen(quiet(), motion)
     assert np.array_equal(observed.pupils, exact_pupils_px(motion, camera()))
@@ -199,7 +199,7 @@ def test_only_hair_is_at_the_sides():
 
 
 @pytest.mark.parametrize("repeated", [0.0, 1.0])
-def test_lost_frames_are_empty_or_shown_again(repeated):
+def test_lost_frames_are_empty_or_repeated(repeated):
     settings = quiet(
         frame_drops=NOISE.frame_drops.model_copy(update={"dropped_fraction": 0.1, "repeat_probability": repeated})
     )
@@ -224,7 +224,7 @@ def test_low_resolution_makes_errors_larger_and_coordinates_coarse():
     assert np.abs(observed.landmarks - exact).max() <= 0.25 + 1e-9
 
 
-def test_an_observation_keeps_what_is_known_of_the_head(tmp_path):
+def test_observation_keeps_head_information(tmp_path):
     observed = seen(NOISE, identity=SOMEBODY)
     observed.save(tmp_path / "seen.npz")
     assert Observation.load(tmp_path / "seen.npz").identity == SOMEBODY
@@ -252,7 +252,7 @@ def test_an_observation_keeps_what_is_known_of_the_head(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_is_refused(settings, section, changes, message):
+def test_impossible_settings_are_errors(settings, section, changes, message):
     with pytest.raises(ValidationError, match=message):
         settings.model_validate({**section, **changes})
 

@@ -43,7 +43,7 @@ def head_yaw_deg(made: GazeTrajectory) -> Float[ndarray, " T"]:
     return np.asarray(np.degrees(made.head[:, 1]))
 
 
-def test_the_head_goes_along_where_gaze_is_far_and_comes_back_with_it() -> None:
+def test_head_contributes_to_eccentric_gaze_and_returns() -> None:
     own = trajectory([1.0, 4.0], [25.0, 0.0])
     yaw = head_yaw_deg(add_head_contribution(own, context()))
     np.testing.assert_allclose(yaw[: int(1.0 * FPS)], 0.0, atol=1e-6)
@@ -74,12 +74,12 @@ def test_one_that_is_followed_at_once_falls_short_alone() -> None:
     np.testing.assert_allclose(np.degrees(made.steps_rad[:, 0]), [-20.0, 27.5, 2.5], atol=1e-6)
 
 
-def test_what_is_small_enough_stays_as_it_is() -> None:
+def test_small_saccades_are_unchanged() -> None:
     own = trajectory([1.0], [20.0])
     assert limit_amplitude(own, context()) is own
 
 
-def test_intrusions_come_within_fixations_and_go_back() -> None:
+def test_intrusions_occur_within_fixations_and_return() -> None:
     onsets = [0.5 + 4.0 * index for index in range(200)]
     own = trajectory(onsets, [5.0 * (index % 2 == 0) for index in range(200)], seconds=802.0)
     made = add_saccadic_intrusions(own, context(1.0, 7))

@@ -50,7 +50,7 @@ def test_a_packed_model_performs_as_its_folder_does(place: Path) -> None:
     assert one.events == other.events
 
 
-def test_it_says_what_it_was_made_of(place: Path) -> None:
+def test_pack_lists_its_sources(place: Path) -> None:
     packed = read_packed_metadata(place / "toy.safetensors")
     assert packed.models == ("toy",)
     assert json.loads(packed.files["toy/config.json"])["model"]["kind"] == "similar"
@@ -64,7 +64,7 @@ def test_the_same_model_packs_into_the_same_bytes(place: Path, tmp_path: Path) -
     assert (tmp_path / "one.safetensors").read_bytes() == (tmp_path / "two.safetensors").read_bytes()
 
 
-def test_others_stand_beside_the_first(place: Path, tmp_path: Path) -> None:
+def test_pack_can_contain_several_models(place: Path, tmp_path: Path) -> None:
     shutil.copytree(place / "train" / "toy", tmp_path / "face")
     done = pack([place / "train" / "toy", tmp_path / "face"], tmp_path / "both.safetensors")
     assert done.models == ("toy", "face")
@@ -74,7 +74,7 @@ def test_others_stand_beside_the_first(place: Path, tmp_path: Path) -> None:
     assert not folder.exists()
 
 
-def test_another_machine_needs_no_conf(place: Path, repository: Path, tmp_path: Path) -> None:
+def test_packed_model_needs_no_conf(place: Path, repository: Path, tmp_path: Path) -> None:
     """An installed copy of the package in another folder, without the repository."""
     shutil.copytree(
         repository / "src" / "talkingeyes",
@@ -197,7 +197,7 @@ def other_encoder(path: Path) -> None:
         (Path.unlink, "no trained model here"),
     ],
 )
-def test_what_is_no_model_is_one_clear_line(place: Path, tmp_path: Path, spoil, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_model_is_one_line_error(place: Path, tmp_path: Path, spoil, message: str) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "model.safetensors"
     shutil.copy(place / "toy.safetensors", path)
     spoil(path)
@@ -217,7 +217,7 @@ def test_what_is_no_model_is_one_clear_line(place: Path, tmp_path: Path, spoil, 
         (shutil.rmtree, "should be a trained model"),
     ],
 )
-def test_what_cannot_be_packed_leaves_nothing(place: Path, tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_failed_packing_leaves_no_file(place: Path, tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
     shutil.copytree(place / "train" / "toy", tmp_path / "toy")
     change(tmp_path / "toy")
     with pytest.raises(InputError, match=message):

@@ -82,14 +82,14 @@ def test_eyes_alive():
     assert cardinal.sum() / (~cardinal).sum() == pytest.approx(2.2, abs=0.3)
 
 
-def test_drawn_saccades_scatter_about_the_law():
+def test_sampled_saccades_scatter_about_the_main_sequence():
     rng = np.random.default_rng(0)
     drawn = [saccades.saccade(0.0, np.zeros(2), np.array([0.1, 0.0]), rng) for _ in range(500)]
     logs = np.log([each.duration_s / saccades.duration_s(0.1) for each in drawn])
     assert abs(logs.mean()) < 0.02 and logs.std() == pytest.approx(0.08, abs=0.015)
 
 
-def test_the_head_joins_beyond_its_threshold():
+def test_head_contributes_beyond_its_threshold():
     eccentricity = np.radians([[-30.0, 0.0], [-5.0, 3.0], [0.0, 5.0], [18.0, 24.0]])
     turn = np.degrees(eye_head.head_contribution(eccentricity, np.radians(10.0), 0.5))
     assert np.allclose(turn, [(-10.0, 0.0), (0.0, 0.0), (0.0, 0.0), (6.0, 8.0)])
@@ -265,7 +265,7 @@ EVENTS = Events(
 )
 
 
-def test_any_frame_rate_is_the_same_performance(continuous_motion):
+def test_motion_is_the_same_at_any_frame_rate(continuous_motion):
     slow = render.render_at(EVENTS, continuous_motion, 25.0, 50)
     fast = render.render_at(EVENTS, continuous_motion, 100.0, 200)
     for name in ("head", "gaze", "lid", "jaw", "expression", "translation"):

@@ -60,7 +60,7 @@ def test_events_of_frames() -> None:
     assert found.mask.all()
 
 
-def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
+def test_learns_rare_locations_in_all_directions() -> None:
     """One event in twenty lies on a wide ring, far from all initial components."""
     rng, bins = torch.Generator().manual_seed(2), 16
 
@@ -80,7 +80,7 @@ def test_it_learns_places_that_are_seldom_gone_to_on_every_side() -> None:
     assert np.mean(gone) == pytest.approx(0.05, abs=0.02)
 
 
-def test_it_learns_when_and_where() -> None:
+def test_learns_times_and_locations() -> None:
     """The condition determines the times of events and the side of their locations."""
     torch.manual_seed(1)
     process = made().train()
@@ -111,7 +111,7 @@ def test_it_learns_when_and_where() -> None:
     assert right.mean() > 0.9
 
 
-def test_it_learns_by_how_much_events_are_drawn_back() -> None:
+def test_learns_regression_to_the_centre() -> None:
     """Each event moves half the way to the centre; free running keeps the spread of the data."""
     torch.manual_seed(2)
     process = made(absolute_components=0, relative_components=3)
@@ -136,7 +136,7 @@ def told(locations: list[tuple[float, float]], count: int) -> list[list[float]]:
     return previous_step_encodings(torch.tensor([locations]), count)[0].tolist()
 
 
-def test_the_last_steps_are_told_by_direction_and_length() -> None:
+def test_previous_steps_are_encoded_by_direction_and_length() -> None:
     locations = [(1.0, 1.0), (4.0, 5.0), (4.0, 5.01)]
     none, far, near = [0.0, 0.0, math.log(0.05)], [3 / 5.05, 4 / 5.05, math.log(5.05)], [0.0, 1 / 6, math.log(0.06)]
     expected = [none + none, none + none, far + none, near + far]  # before each, and after the last
@@ -144,7 +144,7 @@ def test_the_last_steps_are_told_by_direction_and_length() -> None:
     assert told(locations, 0) == [[], [], [], []]
 
 
-def test_it_learns_to_go_on_the_same_way_as_far() -> None:
+def test_learns_direction_and_length_of_steps() -> None:
     """Each sequence has a direction and a step length between 0.1 and 3, which free running keeps."""
     torch.manual_seed(3)
     process = made(absolute_components=0, relative_components=4, previous_steps=1)
@@ -168,7 +168,7 @@ def test_it_learns_to_go_on_the_same_way_as_far() -> None:
     assert np.corrcoef(*np.log(far))[0, 1] > 0.8
 
 
-def test_what_is_drawn_does_without_the_noise_of_what_was_learnt() -> None:
+def test_samples_exclude_observation_noise() -> None:
     """Locations jump between -1 and 1 and are observed with noise: samples lie closer to -1 and 1 than observations."""
     torch.manual_seed(4)
     noise = 0.2
@@ -188,7 +188,7 @@ def test_what_is_drawn_does_without_the_noise_of_what_was_learnt() -> None:
 
 
 @pytest.mark.parametrize("mixture_centres", ["k_means", "vq_vae"])
-def test_a_codebook_finds_the_places_that_events_lead_to(mixture_centres: str) -> None:
+def test_codebook_finds_event_locations(mixture_centres: str) -> None:
     process = made(mixture_centres=mixture_centres, absolute_components=8).train()
     targets = torch.tensor([[1.0, 0.5], [-1.0, 0.5], [1.0, -0.5], [-1.0, -0.5]])
     optimiser = torch.optim.Adam(process.mixture_centres.parameters(), lr=1e-2) if mixture_centres == "vq_vae" else None
@@ -209,6 +209,6 @@ def test_a_codebook_finds_the_places_that_events_lead_to(mixture_centres: str) -
     torch.testing.assert_close(process.means(), found)  # nor does evaluation
 
 
-def test_clusters_need_fixed_places() -> None:
+def test_clusters_need_absolute_components() -> None:
     with pytest.raises(ValueError, match="absolute_components should be 2 or more"):
         made(mixture_centres="k_means", absolute_components=0)

@@ -33,7 +33,7 @@ def bin_by_bin(sampler: Sampler, encoded_condition: np.ndarray, uniform: np.ndar
 
 
 @pytest.mark.parametrize("bias", [-6.0, -2.0, 3.0])  # rare, occasional, and in nearly every bin
-def test_from_event_to_event_is_bin_by_bin(bias: float) -> None:
+def test_sampling_by_event_equals_sampling_by_bin(bias: float) -> None:
     process, condition, uniform = lively(bias), torch.randn(5, 90, 3), torch.rand(5, 90, 5)
     sampled = sample_events(process, condition, uniform, 1.0)
     with torch.no_grad():
@@ -60,7 +60,7 @@ def sequence(sampled: SampledEvents) -> EventSequence:
     ("temperature", "changes"),
     [(1.0, {}), (0.5, {}), (1.0, {"previous_steps": 0}), (1.0, {"adaptive_components": False})],
 )
-def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes: dict[str, object]) -> None:
+def test_free_running_agrees_with_training_likelihood(temperature: float, changes: dict[str, object]) -> None:
     """Hazards of all bins, and mixture component and its index at every event, given the sampled events."""
     process, condition, uniform = lively(-1.5, **changes), torch.randn(1, 160, 3), torch.rand(1, 160, 5)
     sampled = sample_events(process, condition, uniform, temperature)
@@ -91,7 +91,7 @@ def test_a_free_run_follows_the_formulas_of_training(temperature: float, changes
     assert (chosen >= near).any() and (chosen < near).any(), "both kinds of Gaussians were drawn"
 
 
-def test_without_a_temperature_the_most_probable_is_drawn() -> None:
+def test_zero_temperature_samples_the_mode() -> None:
     process, condition = lively(-1.5), torch.randn(1, 60, 3)
     one, other = (sample_events(process, condition, torch.rand(1, 60, 5), 0.0) for _ in range(2))
     np.testing.assert_array_equal(one.location[0, 0], other.location[0, 0])

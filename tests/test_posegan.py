@@ -210,7 +210,7 @@ def _save_gaze(folder: Path) -> None:
 class TestContest:
     """Adversarial training in the common loop."""
 
-    def test_each_turn_moves_its_own_weights(self) -> None:
+    def test_each_adversarial_step_updates_its_own_weights(self) -> None:
         made = task("posegan")
         assert isinstance(made, AdversarialTask)
         before = {name: value.clone() for name, value in made.module.state_dict().items()}
@@ -220,7 +220,7 @@ class TestContest:
         assert any(name.startswith("discriminator.") for name in moved)
         assert any(name.startswith("head.") for name in moved)
 
-    def test_the_rival_learns_to_tell_and_does_not_help_the_generator(self) -> None:
+    def test_discriminator_learns_without_gradient_to_generator(self) -> None:
         made = task("posegan")
         made.losses(1)
         made.discriminator_losses(1)["total"].backward()
@@ -237,7 +237,7 @@ class TestContest:
             told.append(float((loss_terms["real_probability"] - loss_terms["fake_probability"]).detach()))
         assert told[-1] > told[0] + 0.2
 
-    def test_one_that_was_killed_ends_in_the_same_weights(self, tmp_path: Path) -> None:
+    def test_killed_adversarial_training_ends_in_the_same_weights(self, tmp_path: Path) -> None:
         whole = task("posegan")
         train(whole, LoopSettings.model_validate(_loop(whole)), "whole")
 
@@ -276,7 +276,7 @@ class TestChaining:
         torch.testing.assert_close(made[20][:, 0], start)
         torch.testing.assert_close(made[20][:, 20:], made[0][:, 20:])
 
-    def test_a_stream_is_what_is_sampled(self) -> None:
+    def test_stream_equals_sampling(self) -> None:
         made = task("posegan").module
         speech = np.random.default_rng(0).standard_normal((200, CHANNELS)).astype(np.float32)
         parts = list(made.stream(speech, [5], None))
@@ -293,7 +293,7 @@ class TestMeasures:
         assert found[1, 2, 4] == pytest.approx(np.corrcoef(speech[1, :, 2], pose[1, :, 4])[0, 1])
         assert (found[:, :, 5] == 0).all()
 
-    def test_the_svm_prefers_own_poses_where_speech_and_pose_are_tied(self) -> None:
+    def test_svm_prefers_matched_poses_if_speech_and_pose_are_coupled(self) -> None:
         rng = np.random.default_rng(0)
 
         def made(count: int) -> PoseWindows:
@@ -305,7 +305,7 @@ class TestMeasures:
         assert found.matched[0] > 0.6
         assert found.random_poses[0, 0] < 0.2
 
-    def test_the_classifier_tells_people_and_a_still_head_is_nobodys(self) -> None:
+    def test_classifier_identifies_speakers_but_not_from_still_head(self) -> None:
         windows = pose_windows(recordings(300, 6), ["a", "b"], 64, 8)
         labelled = LabelledWindows(windows.pose, windows.speaker)
         loop = dict(
@@ -321,7 +321,7 @@ class TestMeasures:
         with pytest.raises(InputError, match="at least"):
             blend_styles(classifier, np.zeros((5, 6), np.float32))
 
-    def test_distances_jitter_seams_and_variety_on_cases_made_by_hand(self) -> None:
+    def test_distances_jitter_seams_and_clip_difference_by_hand(self) -> None:
         times = np.arange(301)[:, None] / 30
         slow, fast = (np.sin(2 * np.pi * hz * times) * np.ones(6) for hz in (0.5, 8.0))
         assert distances([slow], [slow + 2.0]).pose == pytest.approx(2.0)
@@ -363,7 +363,7 @@ def pgface_task() -> PGFaceTask:
 class TestPGFace:
     """Soft tissue depends on head pose, and PGFace learns the dependence."""
 
-    def test_tissue_hangs_down_and_not_at_the_brow(self) -> None:
+    def test_tissue_sags_except_at_the_brow(self) -> None:
         surface = FaceSurface(anny_head())
         motion = Motion.of(30.0, np.zeros((2, 3)), np.zeros((2, 2, 3)))
         up = np.array([[0.0, 0.0, 0.0], [-np.radians(18), 0.0, 0.0]])
@@ -374,7 +374,7 @@ class TestPGFace:
         # The head looks up, so gravity pulls the tissue towards the back of the head.
         assert (raised - upright)[surface.lower][:, 2].mean() < 0
 
-    def test_it_learns_the_pose(self) -> None:
+    def test_pgface_learns_the_pose(self) -> None:
         made = pgface_task()
         history = train(made, made.settings.loop, "pgface")
         assert history[-1]["vertex_error_mm"] < 0.7 * history[-1]["mean_shape_error_mm"]
@@ -424,7 +424,7 @@ class TestTables:
         assert set(languages) == {"en"}
         assert 0 <= np.nanmean(languages["en"]["confidence"]) <= 1
 
-    def test_the_page_has_every_table_with_the_paper_beside(self) -> None:
+    def test_page_has_all_tables_with_published_values(self) -> None:
         from talkingeyes.evaluation.head_pose.page import page
 
         row = {

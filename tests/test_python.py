@@ -25,7 +25,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_four_lines(place: Path) -> None:
+def test_minimal_example_in_four_lines(place: Path) -> None:
     m = te.animate("speech.wav", seed=1)
     m.save("speech.npz")
     te.export(m, "out.glb")

@@ -80,7 +80,7 @@ def test_the_blender_script_reads_the_rate(repository: Path, tmp_path: Path, mon
 
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="the package bpy (Blender) is not installed")
-def test_blender_poses_the_head_as_we_do(repository: Path, tmp_path: Path) -> None:
+def test_blender_poses_the_head_like_this_package(repository: Path, tmp_path: Path) -> None:
     te.export(toy_motions.motion(), tmp_path / "a.glb")
     script = repository / "docs" / "recipes" / "blender_import.py"
     subprocess.run([sys.executable, str(script), str(tmp_path / "a.glb"), str(tmp_path / "a.blend")], check=True)

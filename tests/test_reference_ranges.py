@@ -46,7 +46,7 @@ def space(yaw_deg, fps=25.0):
     return behaviour(fps, {"head": still, "gaze": np.repeat(gaze[:, None], 2, axis=1)})
 
 
-def test_names_are_those_of_figures_and_bands_are_ordered():
+def test_range_names_match_measurements_and_bounds_are_ordered():
     names = [fact.name for fact in REFERENCE_RANGES]
     assert len(set(names)) == len(names)
     assert all(fact.low <= fact.high and fact.source for fact in REFERENCE_RANGES)
@@ -82,7 +82,7 @@ def saccading(fps, seed):
     return space(np.degrees(kinematics[:, 0]), fps)
 
 
-def test_durations_and_peaks_of_rendered_saccades_are_those_of_the_law():
+def test_rendered_saccades_follow_the_main_sequence():
     fine = join_pools(
         saccades.extract_at_rate("at500", one, saccades.detect_rendered(one))
         for one in (saccading(500.0, seed) for seed in range(12))
@@ -97,7 +97,7 @@ def test_durations_and_peaks_of_rendered_saccades_are_those_of_the_law():
     assert saccades.peak_ratio(pairs, "same25", 9.0, 11.0).value == pytest.approx(0.60, abs=0.05)
 
 
-def test_too_few_say_so():
+def test_too_few_events_are_reported():
     pool = saccades.extract(saccading(25.0, 0))
     found = saccades.fraction_below(pool, 5.0)
     assert found.value is None and found.reason == "too few saccades: got 10, needs 100"
@@ -114,7 +114,7 @@ def test_head_follows_after_the_eyes():
     assert pool["lag.s"] == pytest.approx([0.03])  # the second has another direction
 
 
-def test_heads_share_and_squint():
+def test_head_contribution_and_vergence():
     times = np.arange(250) / 25
     yaw = np.radians(np.where(times > 4, 20.0, 0.0))
     turned = np.radians(10.0) * np.clip((times - 4) / 0.5, 0, 1)
@@ -130,7 +130,7 @@ def test_heads_share_and_squint():
     assert eyes.in_range(pool).value == 100.0
 
 
-def test_dwells_that_the_clip_cuts_count_as_at_least_so_long():
+def test_truncated_dwells_are_censored():
     rng = np.random.default_rng(1)
     length, seen = rng.exponential(3.0, 4000), rng.uniform(1.0, 8.0, 4000)
     cut = length > seen
@@ -173,7 +173,7 @@ def blinking(fps, onsets):
     return behaviour(fps, {"head": still, "gaze": np.repeat(still[:, None], 2, axis=1), "lid": lid})
 
 
-def test_course_of_blinks():
+def test_blink_kinematics_are_measured():
     pool = join_pools(blinks.extract_kinematics(blinking(500.0, np.arange(0.5, 19, 0.6))) for _ in range(2))
     found = blinks.kinematics(pool)
     assert found["length"].value == pytest.approx(320, abs=25)
@@ -222,7 +222,7 @@ def test_jaw_that_follows_the_envelope():
     assert face.jaw_opening_p95(pool).value == pytest.approx(0.2, abs=0.005)
 
 
-def test_probes_tell_what_can_be_told():
+def test_probes_detect_predictable_targets():
     rng = np.random.default_rng(0)
     weights = rng.standard_normal((4, 6))
     weights[:, :2] = 0  # without the eyes
@@ -235,14 +235,14 @@ def test_probes_tell_what_can_be_told():
     assert abs(found["eye_r2"].value) < 0.02 and found["head_r2"].value > 0.3 and found["averted_auc"].value > 0.6
 
 
-def test_features_look_around():
+def test_features_include_context():
     speech = np.arange(200.0)[:, None] * [1.0, 10.0]
     wide = probes.with_context(speech, [1], 25.0)
     assert wide.shape == (200, 2 + 10 + 1)
     assert wide[100, 2:12].tolist() == [10 * (100 + round(lag * 25)) for lag in probes.LAGS_S if lag]
 
 
-def test_variance_of_a_new_draw():
+def test_variance_between_takes():
     rng = np.random.default_rng(0)
     kinematics = np.sin(np.linspace(0, 20, 500))[:, None]
     match_frame_rates, apart = np.stack([kinematics] * 4), rng.standard_normal((8, 500, 1))
@@ -255,20 +255,20 @@ def test_variance_of_a_new_draw():
     assert probes.between_take_fraction(pool, "jaw").reason == "too few sounds with several takes: got 0, needs 3"
 
 
-def test_styles_agree_as_much_as_people_differ():
+def test_style_icc_increases_with_differences_between_people():
     rng = np.random.default_rng(0)
     groups = [rng.normal(rng.normal(0, 2.0), 1.0, 5) for _ in range(400)]
     assert probes.intraclass_correlation(groups) == pytest.approx(0.8, abs=0.04)
 
 
-def test_observing_people_gives_the_sums_of_the_benchmark():
+def test_extract_gives_the_sums_of_the_benchmark():
     pool = join_pools(measurements.extract(ClipData("a", "s", one.at())) for one in people(8))
     assert pool["head.frames"].sum() == sum(benchmark_sums(one.at())["head.frames"][0] for one in people(8))
     found = measurements.measure_gaze(pool)
     assert found["vor_yaw"].value == pytest.approx(-1.0, abs=0.05) and found["torsion"].value < 1e-6
 
 
-def test_the_page_tells_in_from_out_and_why_there_is_nothing():
+def test_page_has_status_and_reasons_for_missing_values():
     found = {
         "below_5": Measurement(0.5, 900, "saccades"),
         "rate": Measurement(9.0, 900, "saccades"),
@@ -314,7 +314,7 @@ def test_a_corpus_without_features_and_fit(tiny, monkeypatch, capsys):
     assert str(tiny) not in (tiny / "docs/reference_ranges.md").read_text()
 
 
-def test_a_take_that_is_not_the_corpus_s_own_is_refused(tiny):
+def test_take_of_another_corpus_is_an_error(tiny):
     from talkingeyes.orchestration.run import Workspace
 
     workspace = Workspace.open(tiny)

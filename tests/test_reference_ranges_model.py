@@ -8,7 +8,7 @@ from talkingeyes.evaluation.reference_ranges.clip_data import measurement, no_me
 from talkingeyes.evaluation.reference_ranges.ranges import REFERENCE_RANGES
 
 
-def test_a_model_is_held_to_the_same_bands_beside_the_truth(tiny, monkeypatch, capsys):
+def test_model_is_compared_with_ranges_and_truth(tiny, monkeypatch, capsys):
     monkeypatch.chdir(tiny)
     monkeypatch.setattr("sys.argv", ["reference_ranges_model", "vae"])
     reference_ranges_model.main()
@@ -32,7 +32,7 @@ def test_half_minutes_of_a_style_are_of_several_sounds():
     np.testing.assert_array_equal(taken["blinks"], sound)
 
 
-def test_a_figure_out_of_its_band_is_marked():
+def test_value_outside_its_range_is_marked():
     fact = next(each for each in REFERENCE_RANGES if each.name == "rate")
     assert reference_ranges_model.cell(fact, measurement(1.5, 40, "saccades")) == "1.5"
     assert reference_ranges_model.cell(fact, measurement(3.5, 40, "saccades")) == "3.5 **outside**"

@@ -73,7 +73,7 @@ def test_the_same_motion_plays_on_flame(place: Path) -> None:
         (["a.npz", "-o", "b.mp4", "--sound", "none.wav"], "none.wav: cannot be opened"),
     ],
 )
-def test_a_mistake_is_one_line_and_changes_nothing(
+def test_bad_input_is_one_line_error_and_changes_nothing(
     place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     good = dict(np.load("a.npz"))

@@ -78,7 +78,7 @@ def test_reports_are_repeatable(workspace, reported):
     assert {path.name: path.read_bytes() for path in workspace.data("report").iterdir()} == before
 
 
-def test_nothing_to_report_on_is_said(tmp_path):
+def test_nothing_to_report_is_an_error(tmp_path):
     empty = toy_workspace(tmp_path)
     with pytest.raises(InputError, match="got none"):
         report.run(empty)
@@ -93,7 +93,7 @@ def made(**figures):
     return {"test": parts, "unseen": parts}
 
 
-def test_requirements_say_what_is_reached_and_by_how_much_not():
+def test_requirements_have_status_and_deviation():
     alive = {"gaze_diversity": 0.2, "gaze_diversity_ratio": 0.9, "gaze_speed_ratio": 1.0, "gaze_speed_p99_ratio": 1.6}
     rows = {
         "mean": made(gaze_diversity=0.0),
@@ -117,5 +117,5 @@ def test_bounds_are_closed():
     assert not Requirement("", math.nextafter(1.3, 2), 0.5, 1.3).is_met
 
 
-def test_a_row_without_figures_has_empty_cells():
+def test_row_without_metrics_has_empty_cells():
     assert "| Truth |  |  |" in markdown({"truth": {"test": {}, "unseen": {}}})

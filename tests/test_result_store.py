@@ -173,7 +173,7 @@ def test_a_stage_that_fails_leaves_nothing(toy):
     assert [path.name for path in toy.store.iterdir() if path.suffix != ".lock"] == []
 
 
-def test_of_two_that_want_the_same_one_makes_it(toy):
+def test_concurrent_requests_run_a_stage_once(toy):
     def slowly(call, workspace):
         time.sleep(0.2)
         return toy.make(call, workspace)
@@ -204,7 +204,7 @@ Path("data/synthesize/SHA256SUMS").write_text("".join(lines))
 """
 
 
-def test_what_dvc_made_is_taken_when_it_fits(toy):
+def test_matching_dvc_output_is_reused(toy):
     (toy.root / "made.py").write_text(MADE)
     (toy.root / "params.yaml").write_text(yaml.safe_dump(PARAMS))
     for command in (["init", "--no-scm", "--quiet"], ["repro", "--quiet", "synthesize"]):
@@ -221,7 +221,7 @@ def test_what_dvc_made_is_taken_when_it_fits(toy):
     assert toy.run(target="synthesize")["synthesize"].origin == "made"
 
 
-def test_what_a_trial_needs():
+def test_stages_needed_by_a_trial():
     params = compose(["target=validate@talkingeyes_paper"])
     found = [call.address for call in required_calls(stage_calls(params, stage_order(params)), params["target"])]
     assert found == [
@@ -235,7 +235,7 @@ def test_what_a_trial_needs():
     ]
 
 
-def test_a_model_reads_its_own_prior():
+def test_model_reads_its_tokenizer():
     params = compose(["+pretrain@pretrain.gaze_patches=gaze_patches", "model.talkingeyes_paper.tokenizer=gaze_patches"])
     found = [
         call.address for call in required_calls(stage_calls(params, stage_order(params)), "train@talkingeyes_paper")

@@ -117,7 +117,7 @@ def restored(resume: ResumeFile) -> TrainingState:
     return resume.restore(task.module, torch.optim.AdamW(task.module.parameters()), task.rng)
 
 
-def test_progress_of_something_else_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_of_other_settings_is_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     resume = interrupted(tmp_path / "p", "a")
     assert restored(resume).step == 20
     assert "resuming from step 20" in capsys.readouterr().err
@@ -149,7 +149,7 @@ def test_a_damaged_file_is_one_line_and_a_new_start(
     assert capsys.readouterr().err == "p: is damaged; training restarts\n"
 
 
-def test_nothing_half_written_takes_the_place_of_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_partial_file_does_not_replace_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     resume = interrupted(tmp_path / "p", "a")
     task = Noisy()
 

@@ -31,7 +31,7 @@ def sequence(seed: int, count: int) -> EventSequence:
     return EventSequence(bins, torch.randn(2, count, 3, generator=rng), torch.ones(2, count, dtype=torch.bool))
 
 
-def test_a_free_run_leaves_places_as_training_tells_them():
+def test_free_running_has_the_previous_locations_of_training():
     events, rows = sequence(0, 7), np.arange(2)
     told = PreviousLocations.before(events.bins, events.locations, 3)
     location, longest_dwell_location, age = np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32), np.zeros(2, int)
@@ -61,7 +61,7 @@ def test_a_free_run_leaves_places_as_training_tells_them():
     assert told.dwell_bins[:, 0].sum() == told.dwell_bins[:, 1].sum() == 0, "the first two events have left nothing"
 
 
-def test_home_is_where_gaze_was_longest():
+def test_longest_dwell_location():
     locations = torch.arange(6.0).reshape(1, 3, 2)
     present = torch.full((1, 2), 9.0)
     assert torch.equal(
@@ -70,7 +70,7 @@ def test_home_is_where_gaze_was_longest():
     assert torch.equal(PreviousLocations(locations, torch.zeros(1, 3)).longest_dwell_location(present), present)
 
 
-def test_a_place_that_there_is_not_is_never_gone_to():
+def test_missing_locations_are_never_revisited():
     torch.manual_seed(0)
     previous_locations = PreviousLocations(torch.randn(1, 3, 3), torch.tensor([[4.0, 0.0, 2.0]]))
     logits = RevisitMixture(3, 8, (1.0, 1.0, 1.0)).logits(torch.randn(1, 8), previous_locations, torch.randn(1, 3))
@@ -86,7 +86,7 @@ def alternating(count: int, seed: int) -> EventSequence:
     return EventSequence(bins, locations, torch.ones(count, 8, dtype=torch.bool))
 
 
-def test_it_learns_to_go_back():
+def test_learns_revisits():
     """Locations differ between sequences, so only previous locations predict the third event."""
     torch.manual_seed(0)
     process = PointProcess(SETTINGS, 2, (1.0, 1.0, 1.0))

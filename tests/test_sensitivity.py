@@ -114,12 +114,12 @@ MUST_OF_SEVERAL = {
 
 
 @pytest.mark.parametrize("name", MUST_OF_SEVERAL)
-def test_samples_together_and_the_encoder_catch_what_they_are_there_for(found_of_several, name: str) -> None:
+def test_sample_and_encoder_metrics_detect_their_corruptions(found_of_several, name: str) -> None:
     caught = {metric for metric, cells in found_of_several.items() if name in detected_corruptions(cells)}
     assert set(MUST_OF_SEVERAL[name]) <= caught
 
 
-def test_the_mean_pose_wins_l2_and_the_nearest_sample(several, found_of_several) -> None:
+def test_mean_pose_has_best_l2_and_nearest_sample(several, found_of_several) -> None:
     """L2 and the distance to the nearest sample rank a constant above the truth; the energy score does not."""
     assert l2(several, BY_NAME["mean pose"]) < 0.9 * l2(several, UNCORRUPTED)
     assert found_of_several["samples/min_ade_head"]["mean pose"].rated_better
@@ -127,27 +127,27 @@ def test_the_mean_pose_wins_l2_and_the_nearest_sample(several, found_of_several)
 
 
 @pytest.mark.parametrize("name", MUST)
-def test_each_fault_is_caught(found, name: str) -> None:
+def test_each_corruption_is_detected(found, name: str) -> None:
     assert set(MUST[name]) <= {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
 
 
 @pytest.mark.parametrize("name", MUST_NOT)
-def test_no_fault_moves_what_it_leaves_alone(found, name: str) -> None:
+def test_unaffected_metrics_do_not_detect_corruptions(found, name: str) -> None:
     assert not set(MUST_NOT[name]) & {metric for metric, cells in found.items() if name in detected_corruptions(cells)}
 
 
-def test_every_measure_ranks_the_truth_above_some_fault(found) -> None:
+def test_every_metric_detects_some_corruption(found) -> None:
     """Metrics that detect nothing in this pool are named on the page."""
     blind = {name for name, cells in found.items() if not detected_corruptions(cells)}
     assert blind <= {"reference_correlation/head_yaw", "eye/pitch_skew"}
 
 
-def test_true_takes_are_told_apart_no_oftener_than_by_chance(found) -> None:
+def test_true_takes_differ_no_more_often_than_by_chance(found) -> None:
     false = [name for name, cells in found.items() if cells[UNCORRUPTED.name].effect_size > 1]
     assert len(false) <= 0.1 * len(found), false
 
 
-def test_averted_curves_of_true_takes_agree_and_those_of_late_motion_do_not() -> None:
+def test_aversion_curves_agree_for_true_takes_but_not_for_late_motion() -> None:
     """The curves need 400 onsets and offsets, so they have a larger pool and only their extractor is run."""
     takes = split_takes(sketch_clips(75, 1, 2, 16.0, 25.0, seed=0))
     evaluated = [motions[0] for motions in takes.evaluated]
@@ -172,7 +172,7 @@ def _totals(motions):
 
 
 @pytest.mark.parametrize("corruption", CORRUPTIONS, ids=lambda each: each.name)
-def test_a_fault_of_no_strength_is_none_and_the_same_seed_is_the_same_fault(takes, corruption) -> None:
+def test_zero_strength_is_identity_and_seed_is_reproducible(takes, corruption) -> None:
     motions, speakers = [sounds[0] for sounds in takes.evaluated[:6]], takes.speakers[:6]
     nothing = apply_corruption(motions, speakers, corruption, 0.0, seed=0)
     once, again = (apply_corruption(motions, speakers, corruption, 1.0, seed=0) for _ in range(2))
@@ -189,7 +189,7 @@ def test_a_fault_of_no_strength_is_none_and_the_same_seed_is_the_same_fault(take
     )
 
 
-def test_faults_do_what_they_say(takes) -> None:
+def test_corruptions_have_their_stated_effect(takes) -> None:
     motion = takes.evaluated[0][0]
 
     def made(name: str):
@@ -209,7 +209,7 @@ def test_faults_do_what_they_say(takes) -> None:
     assert np.degrees((made("jittered").head - motion.head).std()) == pytest.approx(0.3, rel=0.1)
 
 
-def test_swapped_motion_is_another_speakers(takes) -> None:
+def test_swapped_motion_is_of_another_speaker(takes) -> None:
     motions, speakers = [sounds[0] for sounds in takes.evaluated], takes.speakers
     for motion, speaker in zip(apply_corruption(motions, speakers, SWAPPED, 1.0, 0), speakers, strict=True):
         owner = next(i for i, each in enumerate(motions) if np.array_equal(each.head, motion.head))

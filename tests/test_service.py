@@ -144,7 +144,7 @@ def well(service: Service) -> None:
 
 
 class TestFiles:
-    def test_a_file_becomes_a_performance_with_its_sound(self, service: Service) -> None:
+    def test_upload_becomes_animation_with_sound(self, service: Service) -> None:
         sound = speech(SECONDS)
         made = service.ask("performances?seed=3", wav(sound))
         assert made.status == 200
@@ -157,7 +157,7 @@ class TestFiles:
         assert (rate, len(heard)) == (SAMPLE_RATE, len(sound))
         np.testing.assert_allclose(heard, sound, atol=1e-3)
 
-    def test_seed_and_dials_count(self, service: Service) -> None:
+    def test_seed_and_controls_have_effect(self, service: Service) -> None:
         def poses(asked: str) -> bytes:
             made = service.ask(f"performances?{asked}", wav(speech(SECONDS)))
             assert made.status == 200, made.body
@@ -177,7 +177,7 @@ class TestFiles:
         assert as_each.count(first) == 1  # the speaker selected by the seed
         assert len(as_each) == 2
 
-    def test_other_formats_and_rates_are_heard(self, service: Service) -> None:
+    def test_other_audio_formats_and_rates_are_accepted(self, service: Service) -> None:
         for format, rate in (("FLAC", 44_100), ("OGG", 48_000), ("MP3", 22_050)):
             assert service.ask("performances", wav(speech(1.0), rate, format)).status == 200
 
@@ -216,12 +216,10 @@ class TestStreams:
 
         np.testing.assert_allclose(rows, pose_rows(anny_head(), whole), atol=1e-4)
 
-    def test_several_at_once_do_not_mix_and_one_more_is_refused(self, service: Service) -> None:
+    def test_concurrent_streams_are_separate_and_limited(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:
             streams = [stack.enter_context(service.stream()) for _ in range(STREAMS)]
-            for seed, each in enumerate(
-                streams
-            ):  # all at once, since a stream must not be idle while a worker starts for another
+            for seed, each in enumerate(streams):  # all at once: an idle stream would be closed
                 each.send(json.dumps({"seed": seed}))
             for each in streams:
                 assert "latency_s" in each.recv(120)
@@ -256,7 +254,7 @@ class TestStreams:
             (["{}", *[b"\0" * 64_000] * 16], "at most 30 s"),
         ],
     )
-    def test_a_mistake_is_told_before_the_end(self, service: Service, messages: list[Any], reason: str) -> None:
+    def test_stream_error_is_reported_before_the_end(self, service: Service, messages: list[Any], reason: str) -> None:
         with service.stream() as connection:
             with contextlib.suppress(ConnectionClosed):
                 for message in messages:
@@ -267,13 +265,13 @@ class TestStreams:
                     told.append(connection.recv(120))
         assert reason in json.loads(told[-1])["error"]
 
-    def test_a_message_beyond_all_bounds_ends_the_stream(self, service: Service) -> None:
+    def test_oversized_message_ends_the_stream(self, service: Service) -> None:
         with service.stream() as connection, pytest.raises(ConnectionClosed, match="1009"):
             connection.send(b"\0" * (1 << 20))
             connection.recv(120)
         well(service)
 
-    def test_who_says_nothing_is_sent_away(self, service: Service) -> None:
+    def test_idle_client_is_disconnected(self, service: Service) -> None:
         for first in ([], ["{}"]):
             with service.stream() as connection:
                 for each in first:
@@ -282,7 +280,7 @@ class TestStreams:
                 assert "no data received" in connection.recv(120)
         well(service)
 
-    def test_who_leaves_in_the_middle_leaves_room(self, service: Service) -> None:
+    def test_disconnect_frees_the_stream(self, service: Service) -> None:
         for _ in range(STREAMS):
             with service.stream() as connection:
                 connection.send("{}")
@@ -349,7 +347,7 @@ class TestMistakes:
                 assert answer.status in (400, 404), (path, answer.status)
                 assert b"root:" not in answer.body
 
-    def test_pages_from_elsewhere_are_refused(self, service: Service) -> None:
+    def test_requests_of_other_origins_are_rejected(self, service: Service) -> None:
         elsewhere = "http://elsewhere.example"
         assert service.ask("performances", wav(speech(0.4)), Origin=elsewhere).status == 403
         assert service.ask("service.json", Host="elsewhere.example").status == 400
@@ -357,7 +355,7 @@ class TestMistakes:
             service.stream(Origin=elsewhere)
         assert service.ask("performances", wav(speech(0.4)), Origin=service.address.rstrip("/")).status == 200
 
-    def test_a_body_that_stalls_is_given_up(self, service: Service) -> None:
+    def test_stalled_request_body_times_out(self, service: Service) -> None:
         with socket.create_connection(("127.0.0.1", service.port)) as stalled:
             stalled.sendall(b"POST /performances HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000\r\n\r\nRIFF")
             stalled.settimeout(20)
@@ -368,7 +366,7 @@ class TestMistakes:
 
     @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.data())
-    def test_damaged_and_invented_files(self, service: Service, data: st.DataObject) -> None:
+    def test_damaged_and_random_files(self, service: Service, data: st.DataObject) -> None:
         whole = wav(speech(0.5), format=data.draw(st.sampled_from(("WAV", "FLAC", "OGG"))))
         cut = whole[: data.draw(st.integers(0, len(whole)))]
         body = bytearray(
@@ -383,7 +381,7 @@ class TestMistakes:
 
     @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(st.one_of(st.text(max_size=30), st.binary(max_size=300), st.just('{"end": true}')), max_size=6))
-    def test_invented_streams(self, service: Service, messages: list[str | bytes]) -> None:
+    def test_random_streams(self, service: Service, messages: list[str | bytes]) -> None:
         with service.stream() as connection, contextlib.suppress(ConnectionClosed):
             connection.send("{}")
             for message in messages:
@@ -392,7 +390,7 @@ class TestMistakes:
             while True:
                 connection.recv(120)
 
-    def test_it_still_works_after_all_that_and_wrote_only_in_its_folder(self, service: Service) -> None:
+    def test_service_still_works_and_wrote_only_in_its_folder(self, service: Service) -> None:
         well(service)
         assert {each.name for each in service.place.iterdir()} == {"talkingeyes", "talkingeyes_live", "temporary"}
 
@@ -400,7 +398,7 @@ class TestMistakes:
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 class TestPage:
-    def test_an_upload_is_performed_with_sound_and_dials(self, service: Service, tmp_path: Path) -> None:
+    def test_upload_is_animated_with_sound_and_controls(self, service: Service, tmp_path: Path) -> None:
         (tmp_path / "speech.wav").write_bytes(wav(speech(3.0)))
         with open_browser(tmp_path / "profile") as browser:
             browser.open(service.address)
@@ -426,7 +424,7 @@ class TestPage:
             browser.screenshot(tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 20_000
 
-    def test_the_microphone_moves_the_head_and_becomes_a_performance(
+    def test_microphone_moves_the_head_and_becomes_an_animation(
         self, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         (tmp_path / "speech.wav").write_bytes(wav(speech(3.0), 48_000))

@@ -60,7 +60,7 @@ def head(seed: int = 0, **asked: Any) -> np.ndarray:
     return made(1, seed, no_postprocessing=True, **asked)[0].motion.head
 
 
-def test_the_model_is_told_who_moves_by_name_or_by_a_kept_style() -> None:
+def test_model_is_conditioned_on_speaker_by_name_or_stored_style() -> None:
     assert TOLD.persons == PERSONS
     assert UNTOLD.persons == ()
     anna, bert = head(person="anna"), head(person="bert")
@@ -71,7 +71,7 @@ def test_the_model_is_told_who_moves_by_name_or_by_a_kept_style() -> None:
     np.testing.assert_array_equal(named, same)
 
 
-def test_nobody_asked_for_is_a_person_whom_the_seed_draws() -> None:
+def test_default_speaker_is_random_by_seed() -> None:
     as_each = {name: [head(seed, person=name) for seed in range(12)] for name in PERSONS}
     drawn = [head(seed) for seed in range(12)]
     who = [
@@ -87,7 +87,7 @@ def test_samples_are_takes_of_one_person() -> None:
     assert np.abs(five[0].motion.head - five[1].motion.head).max() > 1e-3
 
 
-def test_where_people_look_is_told_apart_by_a_size_of_its_own() -> None:
+def test_gaze_of_speakers_has_its_own_embedding_scale() -> None:
     same, more = (
         animator([{"kind": "speaker", "condition_dropout": 0.0, "embedding_scale": {"head": 1.0, "gaze": size}}])
         for size in (1.0, 3.0)
@@ -98,7 +98,7 @@ def test_where_people_look_is_told_apart_by_a_size_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("profile", [PHYSIOLOGICAL, PAPER])
-def test_a_share_of_people_blinks_less_often(profile: Any) -> None:
+def test_a_fraction_of_people_blinks_less_often(profile: Any) -> None:
     shares = (np.arange(2000) + 0.5) / 2000
     rates = np.array([blink_rate_quantile(profile, share) for share in shares])
     assert (np.diff(rates) >= 0).all()
@@ -125,7 +125,7 @@ def dialogue_of(persons: str) -> AnimationOptions:
     return AnimationOptions(1, 0, 25.0, Controls(person=persons), previews=False)
 
 
-def test_two_who_talk_are_two_persons(tmp_path: Path) -> None:
+def test_dialogue_has_two_speakers(tmp_path: Path) -> None:
     model = write_live_model(
         tmp_path / "model",
         PERSONS,

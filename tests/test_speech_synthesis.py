@@ -165,7 +165,7 @@ def test_voices_differ_in_pitch() -> None:
     assert high > 1.15 * low
 
 
-def test_moods_bend_a_voice_the_way_of_the_literature() -> None:
+def test_emotions_change_the_voice_as_in_the_literature() -> None:
     script = script_of(*words_of("My young cousin will borrow a yellow umbrella near the old library."))
     voice = Voice("", "en", "en-us+m1", 170, 50, 50)
     plain = synthesize_script(script, voice)
@@ -244,7 +244,7 @@ def test_every_language_is_spoken(language: str) -> None:
     assert sum(p.stressed for p in each.annotation.phonemes) >= 4
 
 
-def test_drawn_voices_are_many() -> None:
+def test_sampled_voices_are_diverse() -> None:
     rng = np.random.default_rng(4)
     voices = [sample_voice(rng, "en") for _ in range(300)]
     assert len({voice.name for voice in voices}) >= 299

@@ -22,7 +22,7 @@ def fails(error):
     ("error", "status", "line"),
     [(InputError("fit.steps: wrong"), 2, "error: fit.steps: wrong\n"), (KeyboardInterrupt(), 130, "interrupted\n")],
 )
-def test_an_error_that_a_person_can_mend_is_one_line(error, status, line, capsys):
+def test_user_error_is_one_line(error, status, line, capsys):
     with pytest.raises(SystemExit) as stop:
         run_command(fails(error))
     assert stop.value.code == status
@@ -38,7 +38,7 @@ def a_stage(workspace, name):
     return Report()
 
 
-def test_a_stage_without_its_item_says_so(tmp_path, monkeypatch, capsys):
+def test_stage_without_item_is_an_error(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "params.yaml").write_text("corpus: data/synthesize\n")
     monkeypatch.setattr(sys, "argv", ["stage"])
@@ -56,7 +56,7 @@ def test_a_workspace_needs_its_params(tmp_path, text):
         Workspace.open(tmp_path)
 
 
-def test_an_output_appears_whole_or_not_at_all(tmp_path):
+def test_output_is_atomic(tmp_path):
     workspace = Workspace(tmp_path, {})
     with workspace.output("fit") as folder:
         (folder / "a").write_text("old")

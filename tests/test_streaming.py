@@ -76,7 +76,7 @@ def test_a_stream_is_what_the_whole_speech_gives(live: LiveModel, seconds: float
     close(streamed(live, sound, [640]), whole)
 
 
-def test_no_bit_depends_on_the_chunks(live: LiveModel) -> None:
+def test_output_is_independent_of_chunks(live: LiveModel) -> None:
     sound = speech()
     expected = streamed(live, sound, [640])
     for sizes in ([len(sound)], [160], [1, 7000, 333, 0]):
@@ -93,14 +93,14 @@ def test_codes_of_gaze_can_be_streamed_too(live: LiveModel, codes: LiveModel) ->
     assert codes.latency_s == pytest.approx(live.latency_s + 0.08)  # a code is two frames longer than a bin
 
 
-def test_it_moves_and_another_seed_moves_otherwise(live: LiveModel) -> None:
+def test_output_moves_and_depends_on_the_seed(live: LiveModel) -> None:
     one, other = live.generate_offline(speech(), 1), live.generate_offline(speech(), 2)
     assert eye_speed_deg_s(one.gaze[None], live.fps).max() > 10
     assert np.abs(one.head - other.head).max() > 0.01
     assert np.abs(one.gaze - other.gaze).max() > 0.01
 
 
-def test_frames_come_in_the_stated_time_and_not_before_they_can(live: LiveModel) -> None:
+def test_frames_have_the_stated_latency(live: LiveModel) -> None:
     assert live.latency_s <= MAX_LATENCY_S
     sound, size = speech(), 80
     stream = live.stream(0)
@@ -115,7 +115,7 @@ def test_frames_come_in_the_stated_time_and_not_before_they_can(live: LiveModel)
     assert max(waits) == pytest.approx(live.latency_s, abs=size / SAMPLE_RATE)
 
 
-def test_what_is_said_later_changes_no_frame_that_was_given(live: LiveModel) -> None:
+def test_later_speech_does_not_change_earlier_frames(live: LiveModel) -> None:
     sound = speech()
     cut = round(1.8 * SAMPLE_RATE)
     other = np.concatenate([sound[:cut], speech(seed=9)[: len(sound) - cut] * 3])
@@ -217,12 +217,12 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
         ({**CODES, "gaze": CODES["gaze"] | {"condition_lookahead": 1}}, "gaze without lookahead"),
     ],
 )
-def test_a_model_that_hears_too_far_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+def test_model_with_too_much_lookahead_is_an_error(tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         LiveModel.load(write_live_model(tmp_path / "model", **changes))
 
 
-def test_a_model_that_is_too_late_is_refused(live: LiveModel, tmp_path: Path) -> None:
+def test_model_with_too_much_latency_is_an_error(live: LiveModel, tmp_path: Path) -> None:
     late = live.network.settings.speech.model_dump() | {"lookahead": 9}
     with pytest.raises(InputError, match=r"at most 0.4 s ahead, got 0.437 s"):
         LiveModel.load(write_live_model(tmp_path / "model", speech=late))
@@ -273,7 +273,7 @@ class TestProsody:
         off = np.abs(live - whole)[loud, 0]
         assert off[-10:].max() < min(off[:10].min(), 4.0)  # the estimate of the level improves
 
-    def test_the_level_starts_at_the_usual_one_and_follows_what_is_heard(self) -> None:
+    def test_level_starts_at_default_and_follows_the_sound(self) -> None:
         level = RunningLevel()
         assert level.levels_dbfs == [DEFAULT_LEVEL_DBFS]
         level.push(np.zeros(SAMPLE_RATE, np.float32))

@@ -223,7 +223,7 @@ def test_the_lock_satisfies_pyproject(repository):
         assert requirement.specifier.contains(version), f"{requirement} is locked at {version}"
 
 
-def test_no_dependency_reports_home(repository, monkeypatch):
+def test_no_dependency_sends_telemetry(repository, monkeypatch):
     monkeypatch.setattr(os, "environ", {})
     configure_environment()
     exported = dict(re.findall(r"^export (\w+) := (\S+)$", (repository / "Makefile").read_text(), re.MULTILINE))

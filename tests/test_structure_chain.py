@@ -27,7 +27,7 @@ def test_the_tiny_chain_runs_from_text_to_table(tiny):
 
 
 @pytest.mark.slow
-def test_the_chain_gives_the_same_figures_again_whatever_the_number_of_jobs(repository, tmp_path):
+def test_chain_is_reproducible_for_any_number_of_jobs(repository, tmp_path):
     figures = []
     for jobs in (1, 2):
         run_tiny(repository, tmp_path / str(jobs), f"machine.jobs={jobs}")

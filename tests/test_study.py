@@ -59,7 +59,7 @@ def a_study(root: Path, design: Design, seed: int = 0) -> Study:
 
 
 @pytest.mark.parametrize("name", names())
-def test_the_designs_ask_what_the_papers_asked(name: str) -> None:
+def test_designs_have_the_questions_of_the_papers(name: str) -> None:
     design = load_design(name)
     shown_ = assign_pairs(design, pools(design), 0, 0)
     asked = {
@@ -82,7 +82,7 @@ def test_the_designs_ask_what_the_papers_asked(name: str) -> None:
         assert {count for count in Counter(pair.stratum for pair in shown_ if not pair.attention).values()} == {3}
 
 
-def test_films_are_dealt_evenly_and_sides_are_fair() -> None:
+def test_films_and_sides_are_balanced() -> None:
     design = load_design("talkingeyes_table4")
     everything = [pair for number in range(20) for pair in assign_pairs(design, pools(design), 3, number)]
     for comparison in design.comparisons:
@@ -138,7 +138,7 @@ def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float],
         state = sent.json()
 
 
-def test_what_is_chosen_on_the_page_is_what_counts(tmp_path: Path) -> None:
+def test_choices_on_the_page_are_recorded(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
     with TestClient(study_app(study)) as page:
         for person, careless in enumerate((False, True, False)):
@@ -152,7 +152,7 @@ def test_what_is_chosen_on_the_page_is_what_counts(tmp_path: Path) -> None:
     assert len({answer.a_left for answer in answers}) == 2
 
 
-def test_a_crowd_with_known_preferences_is_found_out(tmp_path: Path) -> None:
+def test_known_preferences_are_recovered(tmp_path: Path) -> None:
     design = load_design("talkingeyes_table4")
     study = a_study(tmp_path / "study", design)
     known = dict(zip(design.comparisons, (0.9, 0.8, 0.8, 0.7, 0.5, 0.2), strict=True))
@@ -190,7 +190,7 @@ def test_a_failed_check_ends_the_study_of_probtalk3d(tmp_path: Path) -> None:
     assert shares[0] > 60
 
 
-def test_the_table_of_posegan_has_a_column_a_length(tmp_path: Path) -> None:
+def test_table_of_posegan_has_a_column_per_length(tmp_path: Path) -> None:
     design = load_design("posegan_table4")
     answers = [
         Answer(person, "better", a, b, stratum.name, "c", True, chose_a=(person + place) % 10 < 3)
@@ -218,7 +218,7 @@ def test_p_values_are_those_of_the_definitions() -> None:
     assert (format_p_value(1.68e-4), format_p_value(0.0328), format_p_value(math.nan)) == ("1.68e-4", "3.28e-2", "-")
 
 
-def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_path: Path) -> None:
+def test_study_resumes_after_restart_without_personal_data(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
     page = TestClient(study_app(study))
     token = page.post("/api/begin").json()["token"]
@@ -241,7 +241,7 @@ def test_a_study_is_resumed_after_the_server_and_keeps_nothing_of_a_person(tmp_p
     }
 
 
-def test_pages_do_not_tell_which_film_is_which(tmp_path: Path) -> None:
+def test_pages_do_not_reveal_conditions(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("talkingeyes_table4"))
     page = TestClient(study_app(study))
     state = page.get(f"/api/state/{page.post('/api/begin').json()['token']}").json()
@@ -250,7 +250,7 @@ def test_pages_do_not_tell_which_film_is_which(tmp_path: Path) -> None:
     assert (film.status_code, film.content) == (206, b"film")
 
 
-def test_bad_requests_are_refused_with_a_reason_and_change_nothing(tmp_path: Path) -> None:
+def test_bad_requests_get_a_reason_and_change_nothing(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
     (study.root / "secret.mp4").write_bytes(b"secret")
     page = TestClient(study_app(study), raise_server_exceptions=False)
@@ -310,7 +310,7 @@ SMALL = {
 }
 
 
-def test_films_are_drawn_from_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_are_rendered_from_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = toy_data(tmp_path)
     monkeypatch.chdir(tmp_path)
     content = yaml.safe_load((DESIGNS_FOLDER / "eyelid_follow.yaml").read_text())
@@ -370,7 +370,7 @@ def test_a_study_is_taken_in_a_browser(tmp_path: Path, monkeypatch: pytest.Monke
     assert Study.load(Path("study")).answers.participants()[0].done
 
 
-def test_films_of_others_take_the_place_of_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_external_films_replace_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from talkingeyes.rendering.video import write_video
 
     data = toy_data(tmp_path)
@@ -441,7 +441,7 @@ def test_static_lids_blink_but_do_not_follow() -> None:
         (["run", "torn"], "torn: should hold 4 films, got none called"),
     ],
 )
-def test_a_mistake_is_one_line_and_writes_nothing(
+def test_bad_input_is_one_line_error_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     toy_data(tmp_path)
@@ -462,7 +462,7 @@ def test_a_mistake_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_file_of_answers_that_is_none_is_one_line(tmp_path: Path) -> None:
+def test_invalid_answers_file_is_one_line_error(tmp_path: Path) -> None:
     (tmp_path / "answers.sqlite").write_text("no database " * 100)
     with pytest.raises(InputError, match="should hold the answers of a study"):
         AnswerDatabase(tmp_path / "answers.sqlite").register()

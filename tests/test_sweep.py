@@ -118,7 +118,7 @@ experiment.main()
 """
 
 
-def test_a_killed_sweep_goes_on_and_repeats_nothing(repository, tmp_path):
+def test_killed_sweep_resumes_without_repeats(repository, tmp_path):
     arguments = ["-m", "sweep=codebook_size", f"workspace={tmp_path}", "hydra/launcher=basic", "hydra.sweeper.n_jobs=1"]
     command = [sys.executable, "-c", FAKE, *arguments, "hydra.sweeper.n_trials=8"]
     asked = tmp_path / "asked"

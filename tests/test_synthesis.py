@@ -184,7 +184,7 @@ def test_the_same_seed_is_the_same_take(spoken):
     assert np.array_equal(first.motion(60.0, 500).gaze, second.motion(60.0, 500).gaze)
 
 
-def test_silence_can_be_performed_too():
+def test_silence_can_be_synthesised():
     take = sample_take(Annotation(), sample_style(np.random.default_rng(0)), 8.0, np.random.default_rng(1), PAPER)
     motion = take.motion(25.0, 200)
     assert np.array_equal(motion.jaw, np.zeros((200, 3))) and len(take.gaze_intervals) > 0

@@ -35,7 +35,7 @@ def files(root: Path):
     return {path.relative_to(root): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
-def test_every_clip_is_whole(corpus):
+def test_every_clip_is_complete(corpus):
     assert corpus.has_truth
     for clip in corpus.clips:
         motion, seen, speech = corpus.truth(clip), corpus.observation(clip), corpus.speech(clip)
@@ -103,7 +103,7 @@ def test_two_processes_make_the_same_bytes(tmp_path, whole):
         ({"colour": "red"}, "synthesize.colour"),
     ],
 )
-def test_settings_out_of_range_are_refused_before_anything_is_written(tmp_path, change, message):
+def test_settings_out_of_range_are_errors_before_any_output(tmp_path, change, message):
     params = compose(["synthesize=tiny"])
     for key, value in change.items():
         *path, last = key.split(".")
@@ -134,7 +134,7 @@ def test_no_text_voice_or_sound_is_in_two_splits(corpus):
         assert "unseen" not in (one, other) or not speakers[one] & speakers[other]
 
 
-def test_sentences_of_both_people_are_of_the_share_of_their_split():
+def test_sentences_of_both_speakers_belong_to_their_split():
     settings = SynthesizeSettings(**compose(["synthesize=tiny", "synthesize.dialogue_share=1"])["synthesize"])
     for split, partition in synthesize.SPLIT_PARTITIONS.items():
         speaker_voices = plan.dialogue_voices(settings, plan.sounds(settings)[0])
@@ -145,7 +145,7 @@ def test_sentences_of_both_people_are_of_the_share_of_their_split():
         assert all(text in partition for text in spoken.sentences)
 
 
-def test_shares_of_text_do_not_overlap():
+def test_texts_of_splits_do_not_overlap():
     shares = sorted((partition.start, partition.stop) for partition in synthesize.SPLIT_PARTITIONS.values())
     assert set(synthesize.SPLIT_PARTITIONS) == set(SPLITS) and shares[0][0] == 0.0
     assert all(one[1] <= other[0] for one, other in pairwise(shares))
@@ -164,7 +164,7 @@ def test_a_partner_speaks_on_a_channel_of_its_own(tmp_path):
             assert np.abs(sound[round(span.start_s * 16000) : round(span.end_s * 16000)]).max() > 0.05
 
 
-def test_the_share_of_listening_and_of_emotions_is_what_was_asked_for():
+def test_fractions_of_listening_and_emotions_are_as_configured():
     overrides = ["synthesize.clips=2000", "synthesize.dialogue_share=0.3", "synthesize.neutral_share=0.6"]
     sounds = plan.sounds(SynthesizeSettings(**compose(["synthesize=tiny", *overrides])["synthesize"]))
     assert np.mean([sound.listening for sound in sounds]) == pytest.approx(0.3, abs=0.05)
@@ -173,7 +173,7 @@ def test_the_share_of_listening_and_of_emotions_is_what_was_asked_for():
     assert len(moods) == 21 and {intensity for _, intensity in moods} == {1, 2, 3} and min(moods.values()) > 15
 
 
-def test_the_index_knows_mood_and_source(corpus):
+def test_index_has_emotion_and_source(corpus):
     for clip in corpus.clips:
         known = corpus.annotation(clip)
         assert (known.emotion, known.intensity) == (clip.emotion, clip.intensity)
@@ -181,14 +181,14 @@ def test_the_index_knows_mood_and_source(corpus):
     assert len({clip.emotion for clip in corpus.clips}) > 2
 
 
-def test_table_1_is_kept(corpus):
+def test_table_1_is_reproduced(corpus):
     rows = (corpus.root / "table1.md").read_text().splitlines()
     cells = [cell.strip() for cell in rows[-1].split("|")]
     hours = sum(clip.seconds for clip in corpus.clips) / 3600
     assert cells[5:8] == [str(len(corpus.clips)), "4", f"{hours:.3g}"]
 
 
-def test_noise_and_room_change_the_sound_alone(tmp_path):
+def test_noise_and_room_change_only_the_sound(tmp_path):
     loud = ["synthesize.acoustics.noise_probability=1", "synthesize.acoustics.reverb_probability=1"]
     plain, noisy = (SynthesizeSettings(**compose(["synthesize=tiny", *more])["synthesize"]) for more in ([], loud))
     job = synthesize.sound_jobs(plain)[0]
@@ -200,7 +200,7 @@ def test_noise_and_room_change_the_sound_alone(tmp_path):
     assert differing == {"speech", "rows"}  # rows contain a hash of the sound
 
 
-def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):
+def test_killed_run_resumes(tmp_path, whole):
     root = tmp_path / "killed"
     write_params(root / "params.yaml", compose(["experiment=tiny", "machine.jobs=1", *FEW]))
     rows = root / "data" / ".synthesize.partial" / "rows"
@@ -221,7 +221,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, whole):
     assert all((root / "data" / "synthesize" / path).stat().st_mtime_ns == time_ns for path, time_ns in before.items())
 
 
-def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(tmp_path):
+def test_unfinished_output_is_resumed_only_with_equal_inputs(tmp_path):
     workspace = Workspace(tmp_path, {})
     for fingerprint, left in (("one", []), ("one", ["half"]), ("other", [])):
         with pytest.raises(KeyboardInterrupt), workspace.output("synthesize", fingerprint=fingerprint) as folder:
@@ -233,13 +233,13 @@ def test_an_unfinished_output_is_gone_on_with_only_by_what_is_made_of_the_same(t
     assert sorted(path.name for path in (tmp_path / "data").rglob("*")) == ["SHA256SUMS", "half", "synthesize"]
 
 
-def test_a_corpus_too_small_for_its_splits_is_refused():
+def test_corpus_too_small_for_its_splits_is_an_error():
     settings = SynthesizeSettings(**compose(["synthesize=tiny"])["synthesize"])
     with pytest.raises(InputError, match="every split"):
         synthesize.sound_jobs(settings.model_copy(update={"clips": 4}))
 
 
-def test_paper_is_as_large_as_the_paper_and_of_two_sources():
+def test_preset_paper_has_the_size_and_sources_of_the_paper():
     settings = SynthesizeSettings(**compose(["synthesize=paper"])["synthesize"])
     sounds = plan.sounds(settings)
     assert Counter(sound.source for sound in sounds) == {"interview": 5912, "monologue": 70}

@@ -50,7 +50,7 @@ def seeds_of(*values):
     return MultiSeedStatistic(tuple(nanmean_statistic(np.asarray(each, float)) for each in values))
 
 
-def test_the_order_counts_pairs_and_says_which_cannot_be_told_apart():
+def test_rank_order_counts_pairs_and_their_significance():
     random = np.random.default_rng(0)
     noise = random.normal(0, 0.1, 40)
     ours = {
@@ -76,7 +76,7 @@ def test_the_order_counts_pairs_and_says_which_cannot_be_told_apart():
     assert rank_order({"a": 1.0, "b": 1.0}, ours, BOOTSTRAP) is None, "equal in the paper: no order"
 
 
-def test_equal_rows_of_ours_agree_with_nothing():
+def test_equal_rows_do_not_agree():
     still = seeds_of(np.zeros(5))
     came = rank_order({"a": 1.0, "b": 0.5}, {"a": still, "b": still}, BOOTSTRAP)
     assert came is not None
@@ -101,7 +101,7 @@ TABLE = PaperTable(
 )
 
 
-def test_the_page_has_ours_the_papers_and_the_order():
+def test_page_has_our_values_published_values_and_order():
     ours = {
         name: {"gaze/diversity": seeds_of([value] * 3, [value + 0.1] * 3)}
         for name, value in (("vae", 0.4), ("talkingeyes_paper", 0.1), ("talkingeyes", 0.2))
@@ -146,7 +146,7 @@ def test_what_is_asked():
         tables.options(["tables=table4"])
 
 
-def test_fast_motion_is_what_is_above_five_hertz():
+def test_high_frequency_motion_is_above_5_hz():
     times = np.arange(1500) / 25
     head, gaze = np.zeros((1500, 3)), np.zeros((1500, 2, 3))
     head[:, 1] = np.radians(2) * np.sin(2 * np.pi * 1 * times)
@@ -161,7 +161,7 @@ def test_fast_motion_is_what_is_above_five_hertz():
     assert high_frequency_motion(np.zeros((50, 3)), np.zeros((50, 2, 3)), 25.0)["head/speed_above_5hz"] == 0.0
 
 
-def test_the_range_is_the_middle_of_what_turns():
+def test_range_is_middle_95_percent_of_rotation():
     motion = np.linspace(0, 1, 1001)[None, :, None] * np.array([1.0, 3.0])
     assert range_rad(motion) == pytest.approx(0.95 * 2)
 
@@ -192,7 +192,7 @@ def test_a_row_is_measured_sound_by_sound_and_on_long_motions(workspace):
     assert page.cells["random"]["gaze/l2"].value == random["gaze/l2"].estimate(BOOTSTRAP).value
 
 
-def test_what_was_measured_is_not_measured_again(tmp_path):
+def test_measured_rows_are_not_recomputed(tmp_path):
     measured = []
 
     def measure_row(call, workspace):
@@ -216,7 +216,7 @@ def test_what_was_measured_is_not_measured_again(tmp_path):
     assert measured == ["truth", "truth"]
 
 
-def test_what_a_model_is_made_of_is_trained_before_it(monkeypatch, tmp_path):
+def test_components_of_a_model_are_trained_first(monkeypatch, tmp_path):
     params, asked = compose(["experiment=table3", f"result_store={tmp_path}"]), []
 
     class Stop(Exception):
@@ -252,7 +252,7 @@ def related(count, seed, frames=200):
     return made
 
 
-def test_canonical_correlation_finds_what_follows_from_head_and_speech():
+def test_canonical_correlation_finds_dependence_on_head_and_speech():
     examples = related(12, seed=0)
     relation = fit_canonical_correlation(CANONICAL, examples, seed=0)
     assert (np.diff(relation.correlations) <= 1e-12).all()
@@ -266,7 +266,7 @@ def test_canonical_correlation_finds_what_follows_from_head_and_speech():
     assert ((worse - true) ** 2).mean() > ((ours - true) ** 2).mean()
 
 
-def test_a_canonical_model_is_a_generator_and_comes_back_from_its_folder(tmp_path, workspace):
+def test_canonical_model_is_a_generator_and_loads(tmp_path, workspace):
     head = load(workspace.data("train", "random"))
     clips = [replace(each, speech=each.speech[:, :5]) for each in recordings(6, seed=4)]
     names = json.loads(workspace.data("embed", "embedding.json").read_text())["channels"]

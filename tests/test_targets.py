@@ -66,7 +66,7 @@ def test_saccades_to_targets_keep_the_main_sequence(fps: float) -> None:
     assert checked >= 3
 
 
-def test_between_targets_gaze_is_the_models() -> None:
+def test_between_targets_gaze_is_that_of_the_model() -> None:
     own, made = motion(), motion(targets=TRACK)
     times = np.arange(len(own)) / 25
     free = (times < 1.8) | ((times > 20.0) & (times < 29.0))
@@ -75,7 +75,7 @@ def test_between_targets_gaze_is_the_models() -> None:
     np.testing.assert_allclose(own.head[free], made.head[free], atol=np.radians(0.1))
 
 
-def test_the_head_goes_along_and_eyes_stay_within_their_range() -> None:
+def test_head_contributes_and_eyes_stay_within_range() -> None:
     track = TargetTrack(
         (Target(2.0, 6.0, "door"),), {"door": ObjectTrack.fixed(3.0, 0.0, 1.0)}
     )  # 72 degrees to the left
@@ -152,7 +152,7 @@ def test_json_and_csv_say_the_same(tmp_path: Path) -> None:
         ({"frame": "head", "objects": {"lamp": [1, 0, 1], "car": [0, 0, 1]}}, "within 20 degrees"),
     ],
 )
-def test_a_track_that_will_not_do_is_one_clear_line(tmp_path: Path, change: dict, says: str) -> None:
+def test_bad_track_is_one_line_error(tmp_path: Path, change: dict, says: str) -> None:
     path = tmp_path / "track.json"
     path.write_text(json.dumps(JSON | change))
     with pytest.raises(InputError, match=says) as caught:
@@ -162,7 +162,7 @@ def test_a_track_that_will_not_do_is_one_clear_line(tmp_path: Path, change: dict
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", "", "start_s,end_s\n1,2\n", "\x00\xff"])
-def test_what_is_no_track_is_one_clear_line(tmp_path: Path, text: str) -> None:
+def test_invalid_track_file_is_one_line_error(tmp_path: Path, text: str) -> None:
     for name in ("t.json", "t.csv"):
         (tmp_path / name).write_text(text)
         with pytest.raises(InputError, match=name):
@@ -171,7 +171,7 @@ def test_what_is_no_track_is_one_clear_line(tmp_path: Path, text: str) -> None:
         load_targets(tmp_path / "none.json")
 
 
-def test_a_name_alone_is_an_object_all_the_time() -> None:
+def test_bare_name_is_a_target_throughout() -> None:
     made = motion(targets=constant_target("camera"))
     ahead = np.tile([0.0, 0.0, 1.0], (len(made), 1))
     assert np.degrees(line_of_sight.gaze_error_rad(made.head, made.gaze, ahead, "world")).max() < 0.1

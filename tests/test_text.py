@@ -89,7 +89,7 @@ def test_a_script_is_well_formed(seed: int, language: str, seconds: float) -> No
             assert PAUSES[part.kind][2] <= part.seconds <= PAUSES[part.kind][3]
 
 
-def test_sentence_pauses_have_the_law_of_the_facts() -> None:
+def test_sentence_pauses_have_the_reference_distribution() -> None:
     pauses = [
         p.seconds for s in scripts(150, seconds=20.0) for p in s.parts if isinstance(p, Pause) and p.kind == "sentence"
     ]

@@ -56,14 +56,14 @@ def test_the_same_text_and_voice_give_the_same_bytes() -> None:
     assert speak(TEXT, voice="en-us+f1").sound.tobytes() != one.sound.tobytes()
 
 
-def test_the_file_is_what_was_heard(tmp_path: Path) -> None:
+def test_file_has_the_synthesised_sound(tmp_path: Path) -> None:
     spoken = speak("Hello there.")
     spoken.save(tmp_path / "a.wav")
     np.testing.assert_array_equal(read_speech(tmp_path / "a.wav"), spoken.sound)
     assert Annotation.load(tmp_path / "a.json") == spoken.annotation
 
 
-def test_an_emotion_bends_the_voice() -> None:
+def test_emotion_changes_the_voice() -> None:
     calm, sad = speak(TEXT), speak(TEXT, emotion="sad", intensity=3)
     assert len(sad.sound) > 1.1 * len(calm.sound)
     assert (sad.annotation.emotion, sad.annotation.intensity) == ("sad", 3)
@@ -91,12 +91,12 @@ def test_any_text_is_a_script_or_one_line(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["\N{GRINNING FACE}", "...", "", " \n ", "a\0b", "x" * 50_001])
-def test_what_cannot_be_spoken_is_one_line(text: str) -> None:
+def test_unspeakable_text_is_one_line_error(text: str) -> None:
     with pytest.raises(InputError, match=r"^text: should [^\n]*$"):
         speak(text)
 
 
-def test_without_the_synthesiser_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_synthesiser_is_one_line_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speech, "find_spec", lambda _: None)
     with pytest.raises(InputError, match="should have the package espeakng-loader"):
         speak("Hello.")

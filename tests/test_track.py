@@ -106,7 +106,7 @@ def test_a_folder_of_videos_becomes_a_corpus(corpus: Path):
     assert left > right + 50
 
 
-def test_what_is_left_out_is_listed_with_its_reason(corpus: Path):
+def test_rejected_clips_are_listed_with_reason(corpus: Path):
     reasons = {row["video"]: row["reason"] for row in rows(corpus / "rejected.csv")}
     assert reasons["blank.mp4"] == "no face was found"
     assert reasons["ben.mp4"].startswith("a copy of ann-talk")
@@ -148,7 +148,7 @@ def test_an_interrupted_run_ends_with_the_same_bytes(corpus: Path, videos: Path,
     assert {path.stem.rpartition("-")[0] for path in noted} <= {"broken", "text"}  # failed videos are retried
 
 
-def test_a_video_that_breaks_off_again_and_again_is_left_alone(videos: Path, tmp_path: Path):
+def test_repeatedly_failing_video_is_skipped(videos: Path, tmp_path: Path):
     source = sources([videos / "blank.mp4"], None)[0]
     chosen = settings(**KEEP)
     video_journal = track_video(tmp_path, chosen, source)
@@ -253,7 +253,7 @@ def test_real_clips_keep_their_size_whatever_the_picture(clips: tuple[list[np.nd
         assert np.median(apart) < 1.5
 
 
-def test_a_truncated_stream_gives_what_is_whole(drawn: list[np.ndarray], tmp_path: Path):
+def test_truncated_stream_gives_complete_frames(drawn: list[np.ndarray], tmp_path: Path):
     path = filmed(tmp_path / "whole.mp4", drawn, 4.0)
     with av.open(str(path)) as source, av.open(str(tmp_path / "a.mkv"), "w") as copy:
         stream = copy.add_stream_from_template(source.streams.video[0])
@@ -266,7 +266,7 @@ def test_a_truncated_stream_gives_what_is_whole(drawn: list[np.ndarray], tmp_pat
     assert 0 < len(list(frames(tmp_path / "b.mkv", 60.0))) < len(list(frames(tmp_path / "a.mkv", 60.0))) == 100
 
 
-def test_a_ledger_stands_where_its_clip_does(corpus: Path):
+def test_ledger_is_stored_with_its_clip(corpus: Path):
     for path in (corpus / "tracking").rglob("*.jsonl"):
         video_journal = journal.read(path)
         assert video_journal.done or video_journal.failure

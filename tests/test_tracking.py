@@ -101,7 +101,7 @@ def test_shots_end_at_cuts_lost_faces_jumps_and_their_longest_length():
     assert lengths(Script(), missing) == [(40, "frames are missing"), (40, "the video ended")]
 
 
-def test_a_shot_is_the_same_when_tracking_goes_on_from_it():
+def test_shot_is_the_same_after_resuming():
     settings = SETTINGS.shot.model_copy(update={"max_duration_s": 2.0})
     frames = film(140, cut=70)
     whole = list(shots(frames, Script({90, 91, 92, 93, 94, 95, 96}), settings))
@@ -135,7 +135,7 @@ def test_frames_that_are_far_apart_are_not_joined():
     assert np.isfinite(found[[0, 1, 2, 10, 11]]).all()
 
 
-def test_an_observation_of_a_frontal_face_hides_nothing_and_one_of_a_turned_face_the_far_eye():
+def test_turned_face_hides_the_far_eye_and_frontal_face_nothing():
     seen = crop_shot(shot(), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
     assert seen.landmarks.shape == (frame_count(shot(), 25.0), len(LANDMARK_NAMES), 2)
     assert np.isfinite(seen.pupils).all()
@@ -145,7 +145,7 @@ def test_an_observation_of_a_frontal_face_hides_nothing_and_one_of_a_turned_face
     assert not hidden[:, 1].any()
 
 
-def test_disparity_grows_with_the_turn_and_knows_the_far_eye():
+def test_disparity_increases_with_yaw_and_identifies_the_far_eye():
     middle = [np.median(disparity(face(yaw_rad=yaw_rad)[0])) for yaw_rad in (0.0, 0.2, 0.4, 0.6)]
     assert middle == sorted(middle)
     away = self_occluded(face(yaw_rad=-0.75)[0], SETTINGS.eyes)
@@ -177,7 +177,7 @@ def test_each_rejection_has_its_reason(change: dict[str, float], reason: str):
     )
 
 
-def test_measures_of_a_shot():
+def test_shot_statistics():
     of = crop_shot(shot(faces=2), 25.0, SETTINGS.crop, SETTINGS.eyes).observation
     found = measure_shot(shot(faces=2), of, np.zeros(128_000, np.float32), SETTINGS.eyes)
     assert (found.multi_face_ratio, found.duplicate_frame_ratio, found.lip_sync_score, found.speaking) == (
@@ -202,7 +202,7 @@ def test_a_voice_that_follows_the_lips_agrees_more_than_one_that_does_not():
     assert lip_sync_score(marks, np.zeros(len(gap), np.float32), 25.0) == 0.0
 
 
-def test_a_fingerprint_survives_noise_and_scale_and_tells_other_footage():
+def test_fingerprint_is_robust_and_distinguishes_footage():
     marks, _ = face(200)
     rng = np.random.default_rng(0)
     again = marks * 0.4 + rng.normal(0, 0.05, marks.shape)
@@ -211,7 +211,7 @@ def test_a_fingerprint_survives_noise_and_scale_and_tells_other_footage():
     assert hamming_distance(fingerprint(marks), fingerprint(other)) > 2 * SETTINGS.clip_filter.max_duplicate_distance
 
 
-def test_pictures_are_turned_as_the_file_says():
+def test_rotation_of_pictures_follows_the_file():
     image = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
     assert upright(image, 0).shape == (2, 4, 3)
     assert upright(image, 90).shape == (4, 2, 3)
@@ -224,7 +224,7 @@ def entry(name: str, reason: str = "") -> ShotRecord:
     return ShotRecord(name, 0.0, 7.96, 8.0, "long enough", reason, crop, "ab" * 64, "c0ffee", GOOD)
 
 
-def test_a_ledger_forgets_a_cut_line_and_ends_like_one_that_was_not_interrupted(tmp_path: Path):
+def test_ledger_drops_truncated_line_and_resumes(tmp_path: Path):
     path, straight = tmp_path / "a" / "v.jsonl", tmp_path / "b.jsonl"
     journal.add(path, "begin", True)
     journal.add(path, "shot", entry("v-0"))

@@ -92,7 +92,7 @@ def test_statistics_use_one_scale_and_ignore_constant_numbers() -> None:
     np.testing.assert_allclose(found.mean, [2, 2, 0], atol=0.05)
 
 
-def test_aliveness_tells_frozen_and_trembling_from_alive() -> None:
+def test_free_running_statistics_detect_frozen_and_jittered_motion() -> None:
     clips = recordings(6, seed=4)
     head, gaze = [c.head for c in clips], [c.gaze for c in clips]
     truth = free_running_statistics(head, gaze, 25.0)
@@ -133,7 +133,7 @@ def tokenizer(patch: int, **changes: Any) -> GazeTokenizerSettings:
 
 
 @pytest.mark.parametrize("patch", [1, 4])
-def test_a_codebook_learns_uses_its_codes_and_repeats(patch: int) -> None:
+def test_codebook_trains_uses_codes_and_is_reproducible(patch: int) -> None:
     train_clips, val = recordings(12, seed=1), recordings(3, seed=2)
     first = GazeTokenizerTask(tokenizer(patch), train_clips, val)
     first.module.eval()
@@ -189,7 +189,7 @@ def codebook(kind: str) -> Any:
 
 
 @pytest.mark.parametrize("kind", GAZE)
-def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path: Any) -> None:
+def test_joint_model_trains_and_samples_the_same_after_loading(kind: str, tmp_path: Any) -> None:
     settings, book = translation(kind), codebook(kind)
     task = MotionTask(settings, 0, recordings(12, seed=1), recordings(3, seed=2), NORMALISER, book)
     history = train(task, settings.loop, "joint")
@@ -206,7 +206,7 @@ def test_a_joint_model_learns_is_saved_and_samples_the_same(kind: str, tmp_path:
     np.testing.assert_allclose(again.head, direct.head.numpy(), atol=1e-6)
 
 
-def test_a_head_of_events_learns_the_spectrum_of_its_drawn_heads_last() -> None:
+def test_equaliser_of_event_head_is_fitted_last() -> None:
     strokes = GAZE["point_process"]["process"] | {"absolute_components": 0}
     head = {"kind": "point_process", "temperature": 1.0, "equaliser_frames": 65, "process": strokes}
     asked = translation("point_process", steps=2, validate_every=2).model_dump()
@@ -255,7 +255,7 @@ def test_mean_never_moves(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", ["random", "similar"])
-def test_drawn_motion_is_a_piece_of_one_clip(kind: str, tmp_path: Any) -> None:
+def test_sampled_motion_is_a_piece_of_one_clip(kind: str, tmp_path: Any) -> None:
     clips, generator = baseline(kind, tmp_path)
     out = generator.generate(clips[2].speech[:150], list(range(12)), 25.0)
     sources = set()
@@ -276,7 +276,7 @@ def test_a_longer_sound_holds_the_last_pose_instead_of_looping(tmp_path: Any) ->
     assert np.ptp(out.head[0, 209:], axis=0).max() == 0
 
 
-def test_a_missing_or_damaged_model_is_one_clear_line(tmp_path: Any) -> None:
+def test_missing_or_damaged_model_is_one_line_error(tmp_path: Any) -> None:
     with pytest.raises(InputError, match="make repro"):
         load_generator(tmp_path / "none")
     baseline("mean", tmp_path)

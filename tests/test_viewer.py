@@ -55,7 +55,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_rows_hold_the_pose_that_the_head_has(place: Path) -> None:
+def test_rows_have_the_pose_of_the_head(place: Path) -> None:
     head, shown = anny_head(), motion(3)
     rows, pose = pose_rows(head, shown), motion_to_pose(head, shown)
     assert rows.shape == (FRAMES, POSE_COLUMNS + len(head.expression_names))
@@ -67,7 +67,7 @@ def test_rows_hold_the_pose_that_the_head_has(place: Path) -> None:
     assert np.allclose(rows[:, POSE_COLUMNS:], pose.expression, atol=1e-6)
 
 
-def test_the_page_is_told_of_truth_samples_words_and_sound(place: Path) -> None:
+def test_page_data_has_truth_samples_words_and_sound(place: Path) -> None:
     scene = build_scene(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
     page = TestClient(viewer_app(scene, anny_head()))
     told = page.get("/scene.json").json()
@@ -215,7 +215,7 @@ STATE = "JSON.stringify(document.body.dataset)"
 
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium; Debian has it in the package chromium")
-def test_heads_play_in_step_in_a_browser(address: str, tmp_path: Path) -> None:
+def test_heads_play_synchronously_in_a_browser(address: str, tmp_path: Path) -> None:
     with open_browser(tmp_path / "profile") as browser:
         browser.open(f"{address}#at=0.8&rays=1")
         browser.wait_for("document.body.dataset.state == 'paused'")

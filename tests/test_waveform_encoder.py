@@ -54,7 +54,7 @@ def sounds(root: Path, clips: list[Recording]) -> ConditioningPaths:
     return ConditioningPaths(corpus, root)
 
 
-def test_it_says_what_the_frozen_encoder_of_embed_says(folder: Path) -> None:
+def test_features_equal_those_of_frozen_encoder(folder: Path) -> None:
     frozen = TransformersEncoder(
         TransformersSettings(kind="wav2vec2", checkpoint=str(folder), layer=2, window_s=10.0, overlap_s=0.5)
     )
@@ -70,7 +70,7 @@ def test_it_says_what_the_frozen_encoder_of_embed_says(folder: Path) -> None:
     assert torch.isfinite(parts).all()
 
 
-def test_the_frozen_part_stays_the_rest_learns_and_the_loss_falls(folder: Path, tmp_path: Path) -> None:
+def test_frozen_part_is_unchanged_and_the_rest_trains(folder: Path, tmp_path: Path) -> None:
     clips = recordings(4, seed=1, frames=FRAMES), recordings(1, seed=2, frames=FRAMES)
     conditioning_paths = sounds(tmp_path, [*clips[0], *clips[1]])
     node = translation("vae", steps=12, batch=4, validate_every=4).model_dump(mode="json")
@@ -115,7 +115,7 @@ def test_windows_carry_their_own_sound(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, clip_inputs[20 * 640 : 60 * 640])
 
 
-def test_wrong_settings_are_one_line(folder: Path) -> None:
+def test_wrong_settings_are_one_line_errors(folder: Path) -> None:
     with pytest.raises(InputError, match=r"^speech.waveform_encoder.trainable_layers: should be at most 2, got 3$"):
         WaveformEncoder(waveform_encoder(folder, trainable_layers=3), None)
     with pytest.raises(
