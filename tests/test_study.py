@@ -42,6 +42,8 @@ from tests.browser import CHROMIUM, open_browser
 
 FPS, FRAMES = 25.0, 15
 
+LOCAL = "http://127.0.0.1"
+
 
 def pools(design: Design) -> dict[str, tuple[str, ...]]:
     clips = {s.name: tuple(f"{s.name}-{place}" for place in range(s.pool)) for s in design.strata}
@@ -140,7 +142,7 @@ def visit(page: TestClient, study: Study, prefers: dict[tuple[str, str], float],
 
 def test_choices_on_the_page_are_recorded(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
-    with TestClient(study_app(study)) as page:
+    with TestClient(study_app(study), base_url=LOCAL) as page:
         for person, careless in enumerate((False, True, False)):
             visit(page, study, {("following", "static"): 1.0}, careless, person)
     found = results(study.root)
@@ -220,12 +222,12 @@ def test_p_values_are_those_of_the_definitions() -> None:
 
 def test_study_resumes_after_restart_without_personal_data(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
-    page = TestClient(study_app(study))
+    page = TestClient(study_app(study), base_url=LOCAL)
     token = page.post("/api/begin").json()["token"]
     state = page.get(f"/api/state/{token}").json()
     choice = {"trial_index": 0, "answers": {"natural": "left", "gaze": "right"}}
     assert page.post(f"/api/state/{token}", json=choice).json()["trial_index"] == 1
-    again = TestClient(study_app(Study.load(study.root)))
+    again = TestClient(study_app(Study.load(study.root)), base_url=LOCAL)
     resumed = again.get(f"/api/state/{token}").json()
     assert (state["trial_index"], resumed["trial_index"]) == (0, 1)
     assert again.post(f"/api/state/{token}", json=choice).status_code == 409  # this pair has been answered
@@ -243,7 +245,7 @@ def test_study_resumes_after_restart_without_personal_data(tmp_path: Path) -> No
 
 def test_pages_do_not_reveal_conditions(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("talkingeyes_table4"))
-    page = TestClient(study_app(study))
+    page = TestClient(study_app(study), base_url=LOCAL)
     state = page.get(f"/api/state/{page.post('/api/begin').json()['token']}").json()
     assert not any(word in json.dumps(state) for word in ("ours", "truth", "vae", "random", "similar", "all_clips-"))
     film = page.get(f"/films/{state['left']}.mp4", headers={"range": "bytes=0-3"})
@@ -253,7 +255,7 @@ def test_pages_do_not_reveal_conditions(tmp_path: Path) -> None:
 def test_bad_requests_get_a_reason_and_change_nothing(tmp_path: Path) -> None:
     study = a_study(tmp_path / "study", load_design("eyelid_follow"))
     (study.root / "secret.mp4").write_bytes(b"secret")
-    page = TestClient(study_app(study), raise_server_exceptions=False)
+    page = TestClient(study_app(study), base_url=LOCAL, raise_server_exceptions=False)
     token = page.post("/api/begin").json()["token"]
     good = {"natural": "left", "gaze": "left"}
     wrong = [

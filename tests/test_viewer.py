@@ -34,6 +34,7 @@ from tests.browser import CHROMIUM, open_browser
 from tests.toy_workspace import toy_workspace
 
 FPS, FRAMES = 25.0, 50
+LOCAL = "http://127.0.0.1"
 
 
 def motion(seed: int) -> Motion:
@@ -69,7 +70,7 @@ def test_rows_have_the_pose_of_the_head(place: Path) -> None:
 
 def test_page_data_has_truth_samples_words_and_sound(place: Path) -> None:
     scene = build_scene(["a.npz", "b.npz"], truth="true.npz", sound="a.wav", words="words.json")
-    page = TestClient(viewer_app(scene, anny_head()))
+    page = TestClient(viewer_app(scene, anny_head()), base_url=LOCAL)
     told = page.get("/scene.json").json()
     assert [(viewer_motion["name"], viewer_motion["truth"]) for viewer_motion in told["takes"]] == [
         ("true", True),
@@ -113,7 +114,7 @@ def test_a_clip_of_a_corpus_brings_its_sound_words_and_truth(tmp_path: Path) -> 
 
 
 def test_only_own_files_are_served(place: Path) -> None:
-    page = TestClient(viewer_app(build_scene(["a.npz"]), anny_head()), raise_server_exceptions=False)
+    page = TestClient(viewer_app(build_scene(["a.npz"]), anny_head()), base_url=LOCAL, raise_server_exceptions=False)
     for name in (
         "a.npz",
         "../a.npz",
@@ -128,8 +129,6 @@ def test_only_own_files_are_served(place: Path) -> None:
     assert page.post("/scene.json").status_code == 405
     answer = page.get("/", headers={"host": "elsewhere.example"})
     assert answer.status_code == 400
-    invited = TestClient(viewer_app(build_scene(["a.npz"]), anny_head(), "studio.example"))
-    assert invited.get("/", headers={"host": "studio.example:8010"}).status_code == 200
     assert "default-src 'self'" in page.get("/").headers["content-security-policy"]
 
 

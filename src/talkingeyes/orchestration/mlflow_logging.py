@@ -30,6 +30,7 @@ EXCLUDED_SECTIONS = {"machine", "workspace", "result_store", "target", "objectiv
 # Sections that only models depend on, unlike truth, fitted and mismatched motion.
 MODEL_SECTIONS = {"pretrain", "train", "model", "validate", "sample"}
 REPOSITORY_ROOT = Path(__file__).resolve().parents[3]
+MAX_LOGGING_S = 3600  # no run takes this long to be written
 
 
 @dataclass(frozen=True)
@@ -88,13 +89,17 @@ def log_run(
     metrics = {**report.metrics, "seconds": seconds}
     run = _Run(name, of_stage, metrics, {"stage": stage, **tags}, report.artifacts, report.history)
     with _alone(root):
-        _log(client, _experiment(client, root, "stages", {}), run)
+        of_stages = _experiment(client, root, "stages", {})
+        _end_killed(client, of_stages)
+        _log(client, of_stages, run)
         if not report.rows:
             return
         experiment = _experiment(client, root, "experiments", {TAG: saved_view()})
+        _end_killed(client, experiment)
         for row in report.rows:
             of_row = _run_of(row, params, tags, overrides)
-            if not client.search_runs([experiment], f"tags.key = '{of_row.tags['key']}'", max_results=1):
+            same = f"tags.key = '{of_row.tags['key']}' and attributes.status = 'FINISHED'"
+            if not client.search_runs([experiment], same, max_results=1):
                 client.log_text(_log(client, experiment, of_row), json.dumps(params, indent=1), "params.json")
 
 
@@ -249,6 +254,18 @@ def _log(client: Any, experiment: str, run: _Run) -> str:
         client.log_artifact(run_id, str(path))
     client.set_terminated(run_id)
     return run_id
+
+
+def _end_killed(client: Any, experiment: str) -> None:
+    """Mark runs of killed processes as KILLED.
+
+    A run is written within the lock, so any unfinished one is of a killed process. A tracking server has no lock;
+    there, only runs that are older than any logging takes count.
+    """
+    before = int(1000 * (time.time() - MAX_LOGGING_S)) if _server() else int(1000 * time.time()) + 1
+    unfinished = f"attributes.status = 'RUNNING' and attributes.start_time < {before}"
+    for run in client.search_runs([experiment], unfinished):
+        client.set_terminated(run.info.run_id, "KILLED")
 
 
 def _experiment(client: Any, root: Path, name: str, tags: Mapping[str, str]) -> str:

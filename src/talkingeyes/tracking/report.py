@@ -118,7 +118,7 @@ def _where(source: VideoSource, entry: ShotRecord) -> Sequence[Any]:
 
 
 def _figure(source: VideoSource, entry: ShotRecord, thumbnail: dict[str, str]) -> str:
-    about = f"{source.name} {entry.start_s:.1f}&ndash;{entry.stop_s:.1f} s"
+    about = f"{html.escape(source.name)} {entry.start_s:.1f}&ndash;{entry.stop_s:.1f} s"
     image = f'<img loading=lazy src="{html.escape(thumbnail[entry.id])}" alt="">'
     return f"<figure>{image}<figcaption>{about}<br>{html.escape(entry.reason)}</figcaption></figure>"
 

@@ -16,12 +16,10 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
-from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
+from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as HTTPError
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from talkingeyes.apps.service.animation_request import AnimationRequest, Limits
 from talkingeyes.apps.service.live_stream import StreamServer
@@ -68,32 +66,11 @@ def service_app(resources: ServiceResources, limits: Limits, folder: Path, host:
             await workers.stop()
 
     app.router.lifespan_context = lifespan
-    app.add_middleware(SameOriginMiddleware)
     _register_error_handlers(app)
     _files(app, resources, limits, result_cache)
     app.add_api_websocket_route("/stream", streams.serve)
     _pages(app, resources)
     return app
-
-
-class SameOriginMiddleware:
-    """Rejects cross-origin requests, which pages of other sites could send through a visitor's browser."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = dict(scope.get("headers", ()))
-        origin = headers.get(b"origin")
-        if origin is not None and urlsplit(origin.decode("latin-1")).netloc != headers.get(b"host", b"").decode(
-            "latin-1"
-        ):
-            if scope["type"] == "websocket":
-                await WebSocket(scope, receive, send).close(1008, "cross-origin request")
-            else:
-                await JSONResponse({"error": "origin: should be the service's own page"}, 403)(scope, receive, send)
-            return
-        await self.app(scope, receive, send)
 
 
 def _register_error_handlers(app: FastAPI) -> None:

@@ -1,24 +1,30 @@
 """Common parts of all local servers.
 
-They accept only the host names of this machine (protection against DNS rebinding), load nothing from other sites, and
-disable caches and access logs.
+They accept only the host names of this machine (protection against DNS rebinding) and no requests from pages of other
+sites, load nothing from other sites, and disable caches and access logs. A server that other machines can reach
+requires the access token of the printed URL; the browser then keeps it in a cookie.
 """
 
 from __future__ import annotations
 
 import contextlib
+import secrets
 import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from talkingeyes.core.errors import InputError
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOCALHOST = "127.0.0.1"
 MAX_MESSAGE_BYTES = 1 << 17  # maximum WebSocket message; a longer one closes the socket
-ALLOWED_HOSTS = (LOCALHOST, "localhost", "[::1]", "testserver")  # the last is FastAPI's test client
+LOOPBACK_HOSTS = (LOCALHOST, "localhost", "::1", "[::1]")
+ANY_ADDRESS = ("0.0.0.0", "::")
+ACCESS = "talkingeyes_access"  # name of the query parameter and of the cookie
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; media-src 'self' blob:; img-src 'self' data: blob:; "
     "style-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
@@ -29,31 +35,106 @@ SECURITY_HEADERS = {
 
 
 def create_app(host: str = LOCALHOST) -> FastAPI:
-    """An application without pages that answers requests to `host` or this machine."""
+    """An application without pages that answers requests to `host` or this machine.
+
+    `app.state.access_token` is the token that requests must have, None on the loopback interface.
+    """
     from fastapi import FastAPI
-    from starlette.datastructures import MutableHeaders
     from starlette.middleware.trustedhost import TrustedHostMiddleware
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-    class SecurityHeadersMiddleware:
-        """Adds SECURITY_HEADERS to every response."""
-
-        def __init__(self, app: ASGIApp) -> None:
-            self.app = app
-
-        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-            async def send_with_headers(message: Message) -> None:
-                if message["type"] == "http.response.start":
-                    MutableHeaders(scope=message).update(SECURITY_HEADERS)
-                await send(message)
-
-            await self.app(scope, receive, send_with_headers)
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    hosts = ["*"] if host == "0.0.0.0" else [*ALLOWED_HOSTS, host]
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    app.state.access_token = None if host in LOOPBACK_HOSTS else secrets.token_urlsafe(16)
+    if app.state.access_token:
+        app.add_middleware(AccessMiddleware, token=app.state.access_token)
+    app.add_middleware(SameOriginMiddleware)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=_host_names(host), www_redirect=False)
     app.add_middleware(SecurityHeadersMiddleware)
     return app
+
+
+def _host_names(host: str) -> list[str]:
+    """The names by which this machine may be addressed."""
+    names = {*LOOPBACK_HOSTS}
+    if host not in ANY_ADDRESS:
+        return [*names, host]
+    own = {socket.gethostname(), socket.getfqdn()}
+    for name in own:
+        with contextlib.suppress(OSError):
+            own = own | {str(found[4][0]) for found in socket.getaddrinfo(name, None)}
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))  # sends nothing; finds the address of the default route
+        own.add(probe.getsockname()[0])
+    return [*names, *own]
+
+
+class SecurityHeadersMiddleware:
+    """Adds SECURITY_HEADERS to every response."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from starlette.datastructures import MutableHeaders
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(SECURITY_HEADERS)
+            await send(message)
+
+        await self.app(scope, receive, send_with_headers)
+
+
+class SameOriginMiddleware:
+    """Rejects cross-origin requests, which pages of other sites could send through a visitor's browser."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = dict(scope.get("headers", ()))
+        origin, host = (headers.get(name, b"").decode("latin-1") for name in (b"origin", b"host"))
+        if origin and urlsplit(origin).netloc != host:
+            await _refuse(scope, receive, send, "origin: should be the server's own page")
+        else:
+            await self.app(scope, receive, send)
+
+
+class AccessMiddleware:
+    """Rejects requests without the access token, as a query parameter or as the cookie that it sets."""
+
+    def __init__(self, app: ASGIApp, token: str) -> None:
+        self.app, self.token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from starlette.datastructures import MutableHeaders
+        from starlette.requests import HTTPConnection
+
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        connection = HTTPConnection(scope)
+        given, kept = connection.query_params.get(ACCESS, ""), connection.cookies.get(ACCESS, "")
+        if not any(secrets.compare_digest(each.encode(), self.token.encode()) for each in (given, kept)):
+            await _refuse(scope, receive, send, "access: should be the token of the address that the server printed")
+            return
+
+        async def send_with_cookie(message: Message) -> None:
+            if given and message["type"] == "http.response.start":
+                cookie = f"{ACCESS}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+                MutableHeaders(scope=message).append("set-cookie", cookie)
+            await send(message)
+
+        await self.app(scope, receive, send_with_cookie)
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, reason: str) -> None:
+    from starlette.responses import JSONResponse
+    from starlette.websockets import WebSocket
+
+    if scope["type"] == "websocket":
+        await WebSocket(scope, receive, send).close(1008, reason)
+    else:
+        await JSONResponse({"error": reason, "detail": reason}, 403)(scope, receive, send)
 
 
 def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], path: str = "/") -> None:
@@ -68,7 +149,9 @@ def serve(app: FastAPI, host: str, port: int, on_start: Callable[[str], None], p
     except OSError as error:
         raise InputError(f"port: should be free at {host}, got {port} ({error.strerror or error})") from None
     with listener:
-        on_start(f"http://{host}:{listener.getsockname()[1]}{path}")
+        token = app.state.access_token
+        name = socket.gethostname() if host in ANY_ADDRESS else host
+        on_start(f"http://{name}:{listener.getsockname()[1]}{path}{f'?{ACCESS}={token}' if token else ''}")
         with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends the server
             # No pings: the service disconnects idle clients itself, and a busy machine answers pings late.
             config = uvicorn.Config(
