@@ -84,7 +84,7 @@ def test_output_is_independent_of_jobs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("clips", "words"),
     [
-        ([clip("a", "train"), clip("b", "train", fps=30.0)], "one frame rate"),
+        ([clip("a", "train"), clip("b", "train", fps=30.0)], "single frame rate"),
         ([clip("a", "test")], "split train"),
     ],
 )

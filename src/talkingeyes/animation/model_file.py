@@ -10,7 +10,8 @@ writes several entries in varying order):
     encoder  the speech encoder: kind, channels, settings, and the digest of its weights where a package ships them;
              opening requires the same one to be installed
 
-A packed file is opened as these folders in a temporary directory, so that every loader of a folder also loads a file.
+A packed file names only components of the registries (unless TALKINGEYES_ALLOW_PLUGINS=1), and opening it never uses
+the network. It is opened as these folders in a temporary directory, so that every loader of a folder also loads a file.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -25,10 +27,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from talkingeyes.audio.encoder_transformers import LOCAL_FILES_ONLY
 from talkingeyes.core.errors import InputError
 
 SCHEMA = "talkingeyes.model/1"
 METADATA_KEY = "talkingeyes"
+ALLOW_PLUGINS = "TALKINGEYES_ALLOW_PLUGINS"
 WORKSPACE_MODEL = Path("data", "train", "talkingeyes")
 ASSETS = Path(__file__).parent / "assets"
 PACKAGED_MODEL, PACKAGED_LIVE_MODEL = ASSETS / "talkingeyes.safetensors", ASSETS / "talkingeyes_live.safetensors"
@@ -69,13 +73,17 @@ def open_model(model: Path) -> Iterator[Path]:
     if not model.exists():
         raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
     packed = read_packed_metadata(model)
+    _check_plugins(model, packed)
     _check_encoder(model, packed.encoder)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
         first = _unpack(model, packed, Path(place))
+        offline = LOCAL_FILES_ONLY.set(True)
         try:
             yield first
         except InputError as error:
             raise InputError(str(error).replace(str(first), str(model))) from None
+        finally:
+            LOCAL_FILES_ONLY.reset(offline)
 
 
 def read_packed_metadata(path: Path) -> PackedMetadata:
@@ -119,6 +127,27 @@ def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     for name, content in tensors.items():
         save_file(content, place / name)
     return place / packed.models[0]
+
+
+def _check_plugins(path: Path, packed: PackedMetadata) -> None:
+    """Refuse a file that names a class outside the registries: loading it would import and run its module."""
+    if os.environ.get(ALLOW_PLUGINS) == "1":
+        return
+    for name, text in packed.files.items():
+        if name.endswith(".json") and (kind := _plugin(json.loads(text))):
+            raise InputError(
+                f"{path}: names the class {kind[:80]!r}, whose module would be run; {ALLOW_PLUGINS}=1 allows it"
+            )
+
+
+def _plugin(node: Any) -> str | None:
+    """The first `kind` of the form module:Class."""
+    if isinstance(node, Mapping):
+        kind = node.get("kind")
+        if isinstance(kind, str) and ":" in kind:
+            return kind
+    children = node.values() if isinstance(node, Mapping) else node if isinstance(node, list) else ()
+    return next(filter(None, map(_plugin, children)), None)
 
 
 def encoder_identity(embedding: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,10 +1,11 @@
 """wav2vec 2.0 (Baevski et al. 2020) and HuBERT (Hsu et al. 2021) through transformers: the paper's speech encoder.
 
-The checkpoint is a local folder or a hub name; with HF_HUB_OFFLINE=1 only local files are used.
+The checkpoint is a local folder or a hub name. With HF_HUB_OFFLINE=1, and for packed models, only local files are used.
 """
 
 from __future__ import annotations
 
+from contextvars import ContextVar
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,6 +16,9 @@ from pydantic import Field
 from talkingeyes.audio.windows import FrameGrid, encode_in_windows
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.settings import ComponentSettings
+
+# Whether a hub may be asked; not for the checkpoint that a packed model names (animation/model_file.py).
+LOCAL_FILES_ONLY: ContextVar[bool] = ContextVar("local_files_only", default=False)
 
 
 class TransformersSettings(ComponentSettings):
@@ -61,16 +65,18 @@ def _load(settings: TransformersSettings) -> Any:
         raise InputError(
             f"embed.encoder.kind: {settings.kind} needs the package transformers, got none installed"
         ) from None
+    local = LOCAL_FILES_ONLY.get()
     try:
-        config = AutoConfig.from_pretrained(settings.checkpoint)
+        config = AutoConfig.from_pretrained(settings.checkpoint, local_files_only=local)
         if config.model_type != settings.kind:
             raise InputError(f"embed.encoder.checkpoint: should be a {settings.kind} model, got {config.model_type}")
-        model = AutoModel.from_pretrained(settings.checkpoint, config=config)
+        model = AutoModel.from_pretrained(settings.checkpoint, config=config, local_files_only=local)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
+        known = "a downloaded checkpoint" if local else "a hub name that can be reached"
         raise InputError(
-            f"embed.encoder.checkpoint: should be a local folder or a hub name that can be reached, got "
+            f"embed.encoder.checkpoint: should be a local folder or {known}, got "
             f"{settings.checkpoint!r} ({' '.join(str(error).split())[:200]})"
         ) from None
     if settings.layer > config.num_hidden_layers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,6 +13,9 @@ import pyarrow.parquet as pq
 from talkingeyes.core.errors import InputError
 
 SPLITS = ("train", "val", "test", "unseen")
+# These become names of files: no separators, no leading dot.
+FILE_NAME = re.compile(r"\w[\w.+-]*")
+FILE_COLUMNS = ("id", "sound", "speaker")
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,14 @@ def write_index(path: Path, clips: Iterable[Clip]) -> None:
 
 
 def read_index(path: Path) -> list[Clip]:
-    """Read clips.parquet. Raises InputError if it is missing, not parquet, or lacks a column."""
+    """Read clips.parquet. Raises InputError if it is missing, not parquet, lacks a column, or has an unsafe name."""
     try:
         table = pq.read_table(path, columns=[field.name for field in fields(Clip)])
     except (OSError, pa.ArrowInvalid, KeyError) as error:
         raise InputError(f"{path}: not a corpus index ({error})") from None
-    return [Clip(**row) for row in table.to_pylist()]
+    clips = [Clip(**row) for row in table.to_pylist()]
+    for clip in clips:
+        for column in FILE_COLUMNS:
+            if not FILE_NAME.fullmatch(name := str(getattr(clip, column))):
+                raise InputError(f"{path}: {column} should be letters, digits, _ . + and -, got {name[:80]!r}")
+    return clips
