@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from talkingeyes.models.layers.point_process import EventSequence, PointProcess, PointProcessSettings
-from talkingeyes.models.layers.point_process_sampler import SamplerState
+from talkingeyes.models.layers.point_process_sampler import SamplerState, sample_events
 from talkingeyes.models.layers.previous_steps import encode_step, previous_step_encodings
 from talkingeyes.models.layers.revisit_mixture import MASKED_LOGIT, PreviousLocations, RevisitMixture
 
@@ -98,7 +98,7 @@ def test_learns_revisits():
         adam.step()
     process.eval()
     uniform = torch.rand(64, 40, 6, generator=torch.Generator().manual_seed(1))
-    sampled = process.sample(torch.zeros(64, 40, 2), uniform, 1.0)
+    sampled = sample_events(process, torch.zeros(64, 40, 2), uniform, 1.0)
     near = []
     for event, location in zip(sampled.event, sampled.location, strict=True):
         gone = location[event]

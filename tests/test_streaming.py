@@ -198,7 +198,10 @@ def test_memory_does_not_grow(live: LiveModel) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"speech": {"channels": None, "width": 64, "layers": 2, "dropout": 0.1, "channel_dropout": 0.0}}, "hear"),
+        (
+            {"speech": {"channels": None, "width": 64, "layers": 2, "dropout": 0.1, "channel_dropout": 0.0}},
+            "should use",
+        ),
         (
             {
                 "head": {
