@@ -46,8 +46,8 @@ function failed(error) {
 
 async function answer(response) {
   if (response.ok) return response.json();
-  const told = await response.json().catch(() => ({}));
-  throw new Error(told.error ?? `the service returned status ${response.status}`);
+  const content = await response.json().catch(() => ({}));
+  throw new Error(content.error ?? `the service returned status ${response.status}`);
 }
 
 function numbers() {
@@ -133,11 +133,11 @@ async function record() {
   socket.onopen = () => socket.send(JSON.stringify(requested()));
   socket.onmessage = ({ data }) => {
     if (data instanceof ArrayBuffer) return arrived(live, data);
-    const told = JSON.parse(data);
-    if (told.error) failed(new Error(told.error));
-    else if (told.end) live.frames = told.frames;
+    const message = JSON.parse(data);
+    if (message.error) failed(new Error(message.error));
+    else if (message.end) live.frames = message.frames;
     else {
-      Object.assign(live, told);
+      Object.assign(live, message);
       context.createMediaStreamSource(media).connect(node);
       say("live", `live: latency ${Math.round(1000 * (live.latency_s + SMOOTH_S))} ms`);
     }

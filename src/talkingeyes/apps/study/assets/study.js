@@ -87,7 +87,7 @@ async function open() {
   }
 }
 
-const told = (act) => () => act().catch((error) => (byId("error").textContent = `Please try again: ${error.message}`));
+const withErrors = (act) => () => act().catch((error) => (byId("error").textContent = `Please try again: ${error.message}`));
 for (const film of films) {
   film.onended = () => {
     film.classList.add("seen");
@@ -99,7 +99,7 @@ byId("form").oninput = ready;
 byId("form").onsubmit = (event) => {
   event.preventDefault();
   byId("next").disabled = true;
-  told(send)();
+  withErrors(send)();
 };
-byId("start").onclick = told(begin);
-told(open)();
+byId("start").onclick = withErrors(begin);
+withErrors(open)();
