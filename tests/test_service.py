@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -215,6 +216,38 @@ class TestStreams:
         from talkingeyes.head.anny import anny_head
 
         np.testing.assert_allclose(rows, pose_rows(anny_head(), whole), atol=1e-4)
+
+    @pytest.mark.parametrize("client", ["python", "javascript"])
+    def test_the_clients_of_the_recipes_receive_every_frame(
+        self, service: Service, repository: Path, tmp_path: Path, client: str
+    ) -> None:
+        sound = speech(SECONDS)
+        soundfile.write(tmp_path / "a.wav", sound, SAMPLE_RATE, subtype="PCM_16")
+        (tmp_path / "a.pcm").write_bytes(pcm(sound))
+        url, recipes = f"{service.address.replace('http', 'ws')}stream", repository / "docs" / "recipes"
+        if client == "python":
+            command = [sys.executable, str(recipes / "stream_client.py"), "a.wav", url]
+        else:
+            node = shutil.which("node")
+            if node is None or "experimental-websocket" not in subprocess.check_output([node, "--help"], text=True):
+                pytest.skip("needs Node.js with WebSocket")
+            script = f"""
+                import {{ readFileSync }} from "node:fs";
+                const {{ openStream }} = await import("{(recipes / "stream_client.js").as_uri()}");
+                const sound = new Int16Array(readFileSync("a.pcm").buffer.slice(0));
+                let received = 0;
+                const stream = await openStream("{url}", {{ seed: 1 }}, (frame) => (received += frame === received));
+                for (let at = 0; at < sound.length; at += 3200) stream.send(sound.slice(at, at + 3200));
+                console.log(`${{await stream.end()}} frames, ${{received}} received`);
+            """
+            command = [node, "--experimental-websocket", "--input-type=module", "-e", script]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+        assert ended.returncode == 0, ended.stderr
+        assert f"{int(SECONDS * 25)} frames" in ended.stdout
+        if client == "javascript":
+            assert f"{int(SECONDS * 25)} received" in ended.stdout
+        else:
+            assert len((tmp_path / "a.poses.csv").read_text().splitlines()) == int(SECONDS * 25)
 
     def test_concurrent_streams_are_separate_and_limited(self, service: Service) -> None:
         with contextlib.ExitStack() as stack:
