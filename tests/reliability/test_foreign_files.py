@@ -68,6 +68,28 @@ def test_opening_a_packed_model_asks_no_hub(model: Path, monkeypatch: Any) -> No
     assert asked == [{"local_files_only": True}]
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "toy/config.json should be JSON"),
+        ("[" * 100_000, "toy/config.json should be JSON"),
+        (
+            '{"model": {"speech": {"waveform_encoder": {"checkpoint": "someone/else"}}}, "architecture": null}',
+            "architecture",
+        ),
+    ],
+)
+def test_a_damaged_or_greedy_configuration_is_one_line(model: Path, text: str, message: str) -> None:
+    with safe_open(model, "np") as file:
+        header = json.loads(file.metadata()[METADATA_KEY])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    header["files"]["toy/config.json"] = text
+    safetensors.numpy.save_file(tensors, model, {METADATA_KEY: json.dumps(header)})
+    with pytest.raises(InputError, match=message) as caught:
+        Animator.load(model)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("name", ["/elsewhere/x", "../x", "a/b", ".hidden", "", "a\nb", "a\\b"])
 @pytest.mark.parametrize("column", ["id", "sound", "speaker"])
 def test_names_of_a_corpus_cannot_be_paths(tmp_path: Path, column: str, name: str) -> None:

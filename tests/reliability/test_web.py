@@ -78,5 +78,11 @@ def test_other_machines_need_the_token_of_the_printed_address(host: str) -> None
         assert socket.receive_text() == "hello"
 
 
+def test_the_chosen_host_name_is_answered() -> None:
+    made = app("studio.example")
+    client = TestClient(made, base_url="http://studio.example:8010")
+    assert client.get("/", params={ACCESS: made.state.access_token}).status_code == 200
+
+
 def test_this_machine_needs_no_token() -> None:
     assert app().state.access_token is None

@@ -73,7 +73,7 @@ def open_model(model: Path) -> Iterator[Path]:
     if not model.exists():
         raise InputError(f"{model}: no trained model here; run `make repro` first, or name a folder of the train stage")
     packed = read_packed_metadata(model)
-    _check_plugins(model, packed)
+    _check_content(model, packed)
     _check_encoder(model, packed.encoder)
     with tempfile.TemporaryDirectory(prefix="talkingeyes-") as place:
         first = _unpack(model, packed, Path(place))
@@ -97,7 +97,15 @@ def read_packed_metadata(path: Path) -> PackedMetadata:
         if header.get("schema") != SCHEMA:
             raise InputError(f"{path}: should be a model of `talkingeyes pack` ({SCHEMA}), got {header.get('schema')}")
         packed = PackedMetadata(tuple(header["models"]), dict(header["files"]), dict(header["encoder"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, safetensors.SafetensorError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        safetensors.SafetensorError,
+    ) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
@@ -129,25 +137,35 @@ def _unpack(path: Path, packed: PackedMetadata, place: Path) -> Path:
     return place / packed.models[0]
 
 
-def _check_plugins(path: Path, packed: PackedMetadata) -> None:
-    """Refuse a file that names a class outside the registries: loading it would import and run its module."""
-    if os.environ.get(ALLOW_PLUGINS) == "1":
-        return
+def _check_content(path: Path, packed: PackedMetadata) -> None:
+    """Refuse a file that would import a module or ask a hub when it is loaded, and JSON that cannot be read."""
     for name, text in packed.files.items():
-        if name.endswith(".json") and (kind := _plugin(json.loads(text))):
-            raise InputError(
-                f"{path}: names the class {kind[:80]!r}, whose module would be run; {ALLOW_PLUGINS}=1 allows it"
-            )
+        if not name.endswith(".json"):
+            continue
+        try:
+            nodes = list(_mappings(json.loads(text)))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: {name} should be JSON, got {type(error).__name__}") from None
+        for node in nodes:
+            kind = node.get("kind")
+            if isinstance(kind, str) and ":" in kind and os.environ.get(ALLOW_PLUGINS) != "1":
+                raise InputError(
+                    f"{path}: names the class {kind[:80]!r}, whose module would be run; {ALLOW_PLUGINS}=1 allows it"
+                )
+            # Without its architecture, the network is built from the checkpoint that the settings name.
+            if not node.get("architecture") and any(
+                each.get("waveform_encoder") for each in _mappings(node.get("model"))
+            ):
+                raise InputError(f"{path}: {name} should have the architecture of its waveform encoder, got none")
 
 
-def _plugin(node: Any) -> str | None:
-    """The first `kind` of the form module:Class."""
+def _mappings(node: Any) -> Iterator[Mapping[str, Any]]:
+    """All mappings in a JSON value."""
     if isinstance(node, Mapping):
-        kind = node.get("kind")
-        if isinstance(kind, str) and ":" in kind:
-            return kind
+        yield node
     children = node.values() if isinstance(node, Mapping) else node if isinstance(node, list) else ()
-    return next(filter(None, map(_plugin, children)), None)
+    for child in children:
+        yield from _mappings(child)
 
 
 def encoder_identity(embedding: Mapping[str, Any]) -> dict[str, Any]:
