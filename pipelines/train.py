@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.faces import faces
 from talkingeyes.corpus.poses import pose_recordings
 from talkingeyes.corpus.recordings import Normaliser, recordings
@@ -228,7 +229,7 @@ def _codebook(workspace: Workspace, tokenizer: str | None) -> GazeVQVAE | None:
     if tokenizer is None:
         return None
     checkpoint = load(workspace.data("pretrain", tokenizer))
-    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(checkpoint.config))
+    codebook = GazeVQVAE(validate_section(tokenizer, GazeVQVAESettings, checkpoint.config))
     codebook.load_state_dict(checkpoint.tensors)
     return codebook.freeze()
 

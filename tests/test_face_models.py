@@ -409,6 +409,15 @@ def test_invalid_face_model_folder_is_one_line_error(tmp_path: Path) -> None:
         load_face_generator(tmp_path)
 
 
+def test_a_face_model_of_an_old_configuration_is_a_one_line_error(tmp_path: Path) -> None:
+    baseline("mean", tmp_path)
+    saved = checkpoint.load(tmp_path)
+    checkpoint.save(tmp_path, saved.tensors, saved.config | {"model": saved.config["model"] | {"prior": 1}})
+    with pytest.raises(InputError, match=r"\(model\.prior: .*, got 1\); `make repro`") as error:
+        load_face_generator(tmp_path)
+    assert "\n" not in str(error.value)
+
+
 def test_baselines_take_the_mean_or_a_piece_of_one_clip(tmp_path: Path) -> None:
     known = data()
     mean = baseline("mean", tmp_path).generate(known.val[0].speech, [StyleKey(0.0, HAPPY)], [1, 2], 25.0)

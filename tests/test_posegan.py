@@ -207,6 +207,15 @@ def _save_gaze(folder: Path) -> None:
     save(folder, network.state_dict(), network_config(found, normaliser().channels, None))
 
 
+def test_a_pose_model_of_an_old_configuration_is_a_one_line_error(tmp_path: Path) -> None:
+    made = task("head_mean")
+    config = pose_config(made.settings, normaliser(), made.module)
+    save(tmp_path, made.module.state_dict(), config | {"model": config["model"] | {"prior": 1}})
+    with pytest.raises(InputError, match=r"\(model\.prior: .*, got 1\); `make repro`") as error:
+        load_generator(tmp_path)
+    assert "\n" not in str(error.value)
+
+
 class TestContest:
     """Adversarial training in the common loop."""
 

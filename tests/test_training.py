@@ -247,6 +247,15 @@ def baseline(kind: str, tmp_path: Any) -> Any:
     return clips, load_generator(tmp_path)
 
 
+def test_a_baseline_of_an_old_configuration_is_a_one_line_error(tmp_path: Any) -> None:
+    baseline("mean", tmp_path)
+    saved = checkpoint.load(tmp_path)
+    checkpoint.save(tmp_path, saved.tensors, {"model": saved.config["model"] | {"prior": 1}})
+    with pytest.raises(InputError, match=r"\(model\.prior: .*, got 1\); `make repro`") as error:
+        load_generator(tmp_path)
+    assert "\n" not in str(error.value)
+
+
 def test_mean_never_moves(tmp_path: Any) -> None:
     clips, generator = baseline("mean", tmp_path)
     out = generator.generate(clips[0].speech, [1, 2], 25.0)

@@ -29,6 +29,7 @@ from talkingeyes.audio.turn_taking import detect_turns
 from talkingeyes.audio.waveform import SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples, Samples
 from talkingeyes.fitting.motion_style import SPEAKERS_FILE, MotionStyle, load_speakers
 from talkingeyes.models.condition.conditioner import ConditioningInputs
@@ -68,7 +69,7 @@ class Animator:
         generator = load_generator(model)
         try:
             embedding = json.loads((model / "embedding.json").read_text())
-            settings = EmbedSettings.model_validate(embedding["settings"])
+            settings = validate_section("embed", EmbedSettings, embedding["settings"])
             encoder = make_encoder(settings)
             seen = json.loads((model / "blinks.json").read_text())["speakers"]
             profile = BlinkProfile("lognormal", math.exp(seen["log_normal"]["mean"]), seen["log_normal"]["sd"])

@@ -29,6 +29,7 @@ from scipy.interpolate import PchipInterpolator
 from talkingeyes.audio.encoder import EmbedSettings, SpeechEncoder, make_encoder
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.head.anny import anny_head
 from talkingeyes.head.posing import expression_shape_names
@@ -61,7 +62,8 @@ class FaceAnimator:
         head = anny_head()
         generator = load_face_generator(folder, FaceBasis(head.name, expression_shape_names(head)))
         try:
-            own = EmbedSettings.model_validate(json.loads((folder / "embedding.json").read_text())["settings"])
+            content = json.loads((folder / "embedding.json").read_text())
+            own = validate_section("embed", EmbedSettings, content["settings"])
         except (OSError, ValueError, KeyError) as error:
             raise InputError(f"{folder}: not a trained model ({error}); `make repro` trains one") from None
         return cls(generator, encoder if own == settings else make_encoder(own))

@@ -34,6 +34,7 @@ from talkingeyes.audio.waveform import LONGEST_S, SAMPLE_RATE
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Blink, Motion
+from talkingeyes.core.settings import validate_section
 from talkingeyes.models.motion_stream import MotionStream, StreamingModules, concat_motions
 from talkingeyes.models.speech_to_motion import GeneratedMotion, SpeechToMotion
 from talkingeyes.physiology import blinks, eye_head
@@ -84,7 +85,7 @@ class LiveModel:
             generator = load_generator(folder)
             try:
                 content = json.loads((folder / "embedding.json").read_text())
-                settings = EmbedSettings.model_validate(content["settings"])
+                settings = validate_section("embed", EmbedSettings, content["settings"])
                 seen = json.loads((folder / "blinks.json").read_text())["speakers"]["log_normal"]
                 corpus = BlinkProfile("lognormal", math.exp(seen["mean"]), seen["sd"])
             except (OSError, ValueError, KeyError) as error:

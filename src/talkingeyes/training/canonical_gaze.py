@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from talkingeyes.core.settings import Settings
+from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Normaliser, Recording
 from talkingeyes.models.gaze.canonical_correlation import (
     CanonicalCorrelation,
@@ -87,7 +87,7 @@ def load_canonical(checkpoint: Checkpoint) -> CanonicalGaze:
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
     feature_map = FeatureMap(**{each.name: arrays[f"lift.{each.name}"] for each in fields(FeatureMap)})
     correlation = CanonicalCorrelation(feature_map=feature_map, **{name: arrays[name] for name in _own_arrays()})
-    settings = CanonicalModelSettings.model_validate(checkpoint.config["model"])
+    settings = validate_section("model", CanonicalModelSettings, checkpoint.config["model"])
     return CanonicalGaze(settings.gaze, correlation, arrays["mean"], arrays["std"])
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from talkingeyes.core.errors import InputError
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.samples import FaceSamples
 from talkingeyes.models import baselines
 from talkingeyes.models.baselines import BaselineSettings, MotionBank
@@ -123,7 +124,7 @@ def load_face_generator(folder: Path, head: FaceBasis | None = None) -> TrainedF
     try:
         generator = (_network if checkpoint.config["model"]["kind"] == "speech_to_face" else _baseline)(checkpoint)
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise InputError(f"{folder}: not a model of the face ({error!r}); `make repro` trains probtalk3d") from None
+        raise InputError(f"{folder}: not a model of the face ({error}); `make repro` trains probtalk3d") from None
     if head is not None:
         generator.basis.require_match(head, str(folder), "train one on faces of that head")
     return generator
@@ -133,7 +134,7 @@ def _network(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
     tokenizer = build_face_tokenizer(config["tokenizer"]).network if config["tokenizer"] else None
-    settings = FaceTaskSettings.model_validate(config["model"])
+    settings = validate_section("model", FaceTaskSettings, config["model"])
     network = SpeechToFace(settings, config["channels"], vocabulary, basis.numbers, tokenizer)
     network.load_state_dict(checkpoint.tensors)
     return NetworkFaceGenerator(network.eval(), basis, vocabulary)
@@ -143,7 +144,7 @@ def _baseline(checkpoint: Checkpoint) -> TrainedFaceGenerator:
     config = checkpoint.config
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
     bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
-    settings = BaselineSettings.model_validate(config["model"])
+    settings = validate_section("model", BaselineSettings, config["model"])
     basis, vocabulary = FaceBasis.of(config["basis"]), StyleVocabulary(tuple(config["speakers"]))
     return BaselineFaceGenerator(settings, bank, arrays["mean"], arrays["std"], basis, vocabulary)
 

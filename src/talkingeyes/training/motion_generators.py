@@ -223,7 +223,9 @@ def _part(checkpoint: Checkpoint, part: str) -> Checkpoint:
 
 def _network(checkpoint: Checkpoint) -> SpeechToMotion:
     config = checkpoint.config
-    codebook = GazeVQVAE(GazeVQVAESettings.model_validate(config["codebook"])).freeze() if config["codebook"] else None
+    codebook = None
+    if config["codebook"]:
+        codebook = GazeVQVAE(validate_section("codebook", GazeVQVAESettings, config["codebook"])).freeze()
     settings = validate_section("model", MotionTaskSettings, config["model"])
     network = SpeechToMotion(settings, config["channels"], codebook, config["speakers"], config["architecture"])
     network.load_state_dict(checkpoint.tensors)
@@ -233,5 +235,5 @@ def _network(checkpoint: Checkpoint) -> SpeechToMotion:
 def _baseline(checkpoint: Checkpoint) -> BaselineGenerator:
     arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()}
     bank = MotionBank(arrays["starts"], arrays["motion"], arrays["features"])
-    settings = BaselineSettings.model_validate(checkpoint.config["model"])
+    settings = validate_section("model", BaselineSettings, checkpoint.config["model"])
     return BaselineGenerator(settings, bank, arrays["mean"], arrays["std"])

@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor
 
 from talkingeyes.core.motion import Motion
-from talkingeyes.core.settings import Settings
+from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.poses import PoseSettings, head_rotations, read_poses, resample_linear
 from talkingeyes.corpus.recordings import Normaliser
@@ -197,7 +197,7 @@ def pgface_config(settings: PGFaceTaskSettings, normaliser: Normaliser, surface:
 
 def pgface_network(checkpoint: Checkpoint) -> PGFace:
     """Load the network of a checkpoint."""
-    settings = PGFaceTaskSettings.model_validate(checkpoint.config["model"])
+    settings = validate_section("model", PGFaceTaskSettings, checkpoint.config["model"])
     network = PGFace(settings.network, checkpoint.config["channels"], checkpoint.config["vertices"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from talkingeyes.core.settings import validate_section
 from talkingeyes.corpus.poses import head_rotations, resample_cubic, resample_linear
 from talkingeyes.corpus.recordings import Normaliser
 from talkingeyes.corpus.samples import Samples
@@ -58,7 +59,7 @@ def pose_config(settings: PoseTaskSettings, normaliser: Normaliser, network: Spe
 def pose_network(checkpoint: Checkpoint) -> SpeechToPose:
     """Load the network of a checkpoint."""
     config = checkpoint.config
-    settings = PoseTaskSettings.model_validate(config["model"])
+    settings = validate_section("model", PoseTaskSettings, config["model"])
     network = SpeechToPose(settings, config["channels"], config["speakers"])
     network.load_state_dict(checkpoint.tensors)
     return network.eval()

@@ -20,7 +20,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from talkingeyes.core.errors import InputError
-from talkingeyes.core.settings import Settings
+from talkingeyes.core.settings import Settings, validate_section
 from talkingeyes.corpus.recordings import Recording
 from talkingeyes.models.motion_autoencoder import MotionAutoencoder, MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import load
@@ -55,7 +55,8 @@ class MotionEncoder:
         """Load the encoder from the output folder of the stage `critic`."""
         checkpoint = load(folder / CHECKPOINT_NAME)
         fps = float(checkpoint.config["fps"])
-        settings = EncoderSettings.model_validate({k: v for k, v in checkpoint.config.items() if k != "fps"})
+        stored = {k: v for k, v in checkpoint.config.items() if k != "fps"}
+        settings = validate_section("critic.encoder", EncoderSettings, stored)
         tensors = checkpoint.tensors
         network = MotionAutoencoder(settings.network, step_count(settings, fps), tensors["mean"], tensors["std"])
         network.load_state_dict(tensors)

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor
 
+from talkingeyes.core.settings import validate_section
 from talkingeyes.models.contrastive_critic import MIRROR_SIGNS, Critic, CriticNetworkSettings, part_angles
 from talkingeyes.training.checkpoint import load
 
@@ -40,7 +41,7 @@ class CriticCorrelation:
         checkpoint = load(folder / part)
         tensors, config = checkpoint.tensors, checkpoint.config
         critic = Critic(
-            CriticNetworkSettings.model_validate(config["network"]),
+            validate_section("critic.network", CriticNetworkSettings, config["network"]),
             tensors["speech_channels"],
             tensors["speech_mean"],
             tensors["speech_std"],
