@@ -65,7 +65,11 @@ class RegressionGaze(nn.Module):
         if codebook is None:
             raise InputError("model.tokenizer: should name a codebook for regressed gaze, got null")
         if codebook.settings.frames_per_code != 1 or codebook.stay_tolerance_rad is not None:
-            raise InputError("model.tokenizer: should have one code per frame and no stay token for regressed gaze")
+            raise InputError(
+                "model.tokenizer: should have one code per frame and no stay token for regressed gaze, "
+                f"got {codebook.settings.frames_per_code} frames per code, "
+                f"stay_tolerance_rad {codebook.stay_tolerance_rad}"
+            )
         self.settings, self.codebook, self.trained_steps = settings, codebook, 0
         width = settings.transformer.width
         self.embed = nn.Linear(len(codebook.mean), width)
