@@ -48,7 +48,7 @@ def test_drift_before_a_saccade_does_not_make_it_early() -> None:
     times = np.arange(50) / 25.0
     jump = saccades.saccade(1.0, np.zeros(2), np.radians([24.0, 7.0]), np.random.default_rng(0))
     drift = np.radians(0.3) * 25.0 * np.clip(times - 0.7, 0.0, 0.3)
-    space = saccades.position(jump, times) + drift[:, None] * [1.0, 0.0]
+    space = saccades.path((jump,), jump.start_rad, times) + drift[:, None] * [1.0, 0.0]
     (found,) = find_saccades(space, 25.0)
     assert found.onset_s == pytest.approx(jump.onset_s, abs=0.012)
 

@@ -20,7 +20,6 @@ from talkingeyes.evaluation.detectors.scoring import (
     count_matches,
     event_mask,
     match_events,
-    score,
 )
 from talkingeyes.evaluation.detectors.signal import runs
 from talkingeyes.physiology import blinks, eye_head, saccades
@@ -57,7 +56,7 @@ def amplitudes_deg(made):
 def test_saccades_are_found_at_every_rate(fps):
     made = chain()
     found = detect_saccades(gaze_at(fps, made), fps)
-    agreed = score(found.onset_s, np.array([each.onset_s for each in made]), 0.05)
+    agreed = count_matches(found.onset_s, np.array([each.onset_s for each in made]), 0.05).score
     assert agreed.precision == 1.0 and agreed.recall == 1.0
     assert abs(agreed.onset_error_s) < 0.003 and agreed.onset_iqr_s < 0.4 / fps + 0.002
     assert np.abs(found.amplitude_deg - amplitudes_deg(made)).max() < 0.3
@@ -104,7 +103,7 @@ def test_noise_makes_few_saccades(fps, noise_deg):
     assert len(detect_saccades(noise, fps)) <= 3
     made = chain(min_deg=9 * noise_deg + 2.0)
     found = detect_saccades(gaze_at(fps, made, noise_deg), fps)
-    agreed = score(found.onset_s, np.array([each.onset_s for each in made]), 0.05)
+    agreed = count_matches(found.onset_s, np.array([each.onset_s for each in made]), 0.05).score
     assert agreed.recall > 0.9 and agreed.precision > 0.95
 
 
@@ -151,7 +150,7 @@ def test_invalid_frames_are_ignored():
     onset = np.array([each.onset_s for each in made])
     seen = (onset < 11.9) | (onset > 16.0)
     assert ((found.onset_s < 12.0) | (found.onset_s > 15.9)).all()
-    assert score(found.onset_s, onset[seen], 0.05).f1 > 0.98
+    assert count_matches(found.onset_s, onset[seen], 0.05).score.f1 > 0.98
     fixations = detect_fixations(gaze, 25.0, valid)
     assert not ((fixations.onset_s < 15.9) & (fixations.offset_s > 12.0)).any()
     assert not len(detect_saccades(gaze, 25.0, np.zeros(750, bool)))
@@ -181,7 +180,7 @@ def test_fixations_lie_between_saccades(fps):
     assert found.dispersion_deg.max() < 0.5
     assert np.array_equal(detect_fixations(gaze, fps, saccades=detect_saccades(gaze, fps)).onset_s, found.onset_s)
     other = detect_fixations_idt(gaze, fps)
-    assert score(other.onset_s, start, 0.06).f1 > 0.95
+    assert count_matches(other.onset_s, start, 0.06).score.f1 > 0.95
     assert (other.duration_s >= 0.1 - 1e-9).all()
 
 
@@ -202,7 +201,7 @@ def test_blinks_are_found(fps):
     rest = 0.05 + 0.03 * np.sin(2 * np.pi * 0.3 * times_s)
     lid = rest + (1 - rest) * blinks.closure(drawn, times_s)
     found = detect_blinks(np.stack([lid, lid], axis=1), fps)
-    agreed = score(found.onset_s, np.array([each.onset_s for each in drawn]), 0.06)
+    agreed = count_matches(found.onset_s, np.array([each.onset_s for each in drawn]), 0.06).score
     assert agreed.precision == 1.0 and agreed.recall == 1.0 and abs(agreed.onset_error_s) < 0.03
     assert np.median(np.abs(found.depth - [each.depth for each in drawn])) < 0.12
     assert ((found.onset_s < found.peak_s) & (found.peak_s < found.offset_s)).all()
@@ -338,7 +337,7 @@ def test_matching_is_one_to_one_and_maximal(found, known, tolerance_s):
 
 
 def test_scores():
-    agreed = score(np.array([1.0, 2.01, 3.0, 9.0]), np.array([1.02, 2.0, 5.0]), 0.05)
+    agreed = count_matches(np.array([1.0, 2.01, 3.0, 9.0]), np.array([1.02, 2.0, 5.0]), 0.05).score
     assert agreed.precision == 0.5 and agreed.recall == pytest.approx(2 / 3) and agreed.f1 == pytest.approx(4 / 7)
     assert agreed.onset_error_s == pytest.approx(-0.005) and agreed.found == 4 and agreed.known == 3
     both = count_matches(np.array([1.0]), np.array([1.1]), 0.2) + count_matches(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.rotation import angles_to_direction, rotvec_to_matrix
 from talkingeyes.head.eyelid.curves import fit_circle
-from talkingeyes.head.eyelid.gaze_controller import aim_eyes, vergence_angle_rad
+from talkingeyes.head.eyelid.gaze_controller import aim_eyes
 from talkingeyes.head.eyelid.model import (
     LOWER,
     POINTS,
@@ -113,6 +113,11 @@ def test_both_lines_of_sight_meet_in_the_target(target: tuple, head: tuple):
     sight = angles_to_direction(angles) @ rotvec_to_matrix(turn).T
     distance = np.linalg.norm(np.array(target) - centres, axis=1)
     np.testing.assert_allclose(centres + distance[:, None] * sight, [target, target], atol=1e-9)
+
+
+def vergence_angle_rad(angles_rad: np.ndarray) -> np.ndarray:
+    """Angle by which the lines of sight converge."""
+    return np.asarray(angles_rad[..., 1, 0] - angles_rad[..., 0, 0])
 
 
 def test_at_infinity_the_eyes_are_parallel_and_the_limit_is_reached():

@@ -11,10 +11,11 @@ from talkingeyes.head.eyelid.model import predictors
 from talkingeyes.head.landmark_definitions import EYE_LANDMARKS
 from talkingeyes.head.landmarks import EYE_CENTRES, landmarks
 from talkingeyes.physiology import lids
-from talkingeyes.physiology.lids import MEAN_EYELIDS, add_blinks, lid_closure_by_gaze, sample_eyelids
+from talkingeyes.physiology.lids import add_blinks, lid_closure_by_gaze, sample_eyelids
 from talkingeyes.synthesis.take import _lid_drift
 
-USUAL = MEAN_EYELIDS[0]
+USUAL = EyelidParameters()
+MEAN_EYELIDS = (USUAL, USUAL)
 STILL = np.zeros((1, 2))
 
 

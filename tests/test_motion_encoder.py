@@ -17,7 +17,7 @@ from talkingeyes.evaluation.distribution.encoder import (
     MotionEncoder,
     fit_motion_encoder,
 )
-from talkingeyes.evaluation.distribution.frechet import Moments, frechet, split_half
+from talkingeyes.evaluation.distribution.frechet import Gaussian, frechet
 from talkingeyes.models.motion_autoencoder import MotionAutoencoderSettings, window_features
 from talkingeyes.training.checkpoint import save
 from talkingeyes.training.loop import LoopSettings
@@ -109,23 +109,26 @@ def test_frozen_smoothed_and_jittered_motion_is_farther_than_split_half(learnt) 
     def smooth(angles: np.ndarray) -> np.ndarray:
         return np.apply_along_axis(lambda path: np.convolve(path, kernel, mode="same"), 0, angles)
 
-    def moments(change) -> Moments:
-        groups = []
-        for each in recordings(40, 7):
-            head, gaze = change(each.head.astype(float), each.gaze.astype(float))
-            groups.append(encoder(head[None], gaze[None], FPS))
-        return Moments.of(groups)
+    def features(change) -> list[np.ndarray]:
+        changed = (change(each.head.astype(float), each.gaze.astype(float)) for each in recordings(40, 7))
+        return [encoder(head[None], gaze[None], FPS) for head, gaze in changed]
+
+    def gaussian(clips: list[np.ndarray]) -> Gaussian:
+        windows = np.concatenate(clips)
+        return Gaussian(windows.mean(axis=0), np.cov(windows.T, bias=True))
 
     rng = np.random.default_rng(0)
-    truth = moments(lambda head, gaze: (head, gaze))
-    floor = split_half(truth, 20, 0).mean()
+    truth = features(lambda head, gaze: (head, gaze))
+    orders = [rng.permutation(len(truth)) for _ in range(20)]
+    halves = [[gaussian([truth[index] for index in half]) for half in np.array_split(order, 2)] for order in orders]
+    floor = np.mean([frechet(one, other) for one, other in halves])
     changes = {
         "frozen": lambda head, gaze: (head * 0 + head[0], gaze * 0 + gaze[0]),
         "smooth": lambda head, gaze: (head, eye_in_head(head, smooth(gaze_in_space(head, gaze)))),
         "trembling": lambda head, gaze: (head, gaze + rng.normal(0, 0.015, gaze.shape)),
     }
     for name, change in changes.items():
-        assert frechet(moments(change).gaussian(), truth.gaussian()) > 2 * floor, name
+        assert frechet(gaussian(features(change)), gaussian(truth)) > 2 * floor, name
 
 
 def test_clip_shorter_than_window_is_an_error() -> None:

@@ -12,10 +12,10 @@ from scipy.stats import kstest
 from talkingeyes.audio.annotation import Annotation, Phoneme, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.motion import Blink, Events, HeadMovement, Saccade, VergenceMovement
+from talkingeyes.head.eyelid.anatomy import EyelidParameters
 from talkingeyes.physiology import blinks, eye_head, render, saccades, vergence
 from talkingeyes.physiology.articulation import ArticulationStyle
 from talkingeyes.physiology.face import BrowRaise, FacialBehaviour
-from talkingeyes.physiology.lids import MEAN_EYELIDS
 
 
 def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
@@ -27,7 +27,7 @@ def straight(amplitude_deg, onset_s=0.1, direction=(1.0, 0.0)):
 
 def speeds_deg_s(saccade, fps, shift_s=0.0):
     """Speeds between the samples of one saccade."""
-    path = saccades.position(saccade, np.arange(0.0, 0.6, 1.0 / fps) + shift_s)
+    path = saccades.path((saccade,), saccade.start_rad, np.arange(0.0, 0.6, 1.0 / fps) + shift_s)
     return np.degrees(np.linalg.norm(np.diff(path, axis=0), axis=1)) * fps
 
 
@@ -54,11 +54,11 @@ def test_25_fps_sees_part_of_the_peak(amplitude_deg, ratio):
 @given(st.floats(0.2, 40), st.floats(0, 2 * np.pi), st.floats(0.0, 0.2))
 def test_a_saccade_runs_straight_from_start_to_end(amplitude_deg, angle, onset_s):
     saccade = straight(amplitude_deg, onset_s, (np.cos(angle), np.sin(angle)))
-    path = saccades.position(saccade, np.linspace(0.0, 0.5, 300))
+    path = saccades.path((saccade,), saccade.start_rad, np.linspace(0.0, 0.5, 300))
     along = path @ [np.cos(angle), np.sin(angle)]
     assert (np.diff(along) >= 0).all()
     assert np.allclose(path[-1], saccade.end_rad)
-    assert np.allclose(saccades.position(saccade, np.array([onset_s])), 0.0)
+    assert np.allclose(saccades.path((saccade,), saccade.start_rad, np.array([onset_s])), 0.0)
 
 
 def test_a_chain_holds_between_saccades():
@@ -246,7 +246,7 @@ def continuous_motion():
         head_speech_motion=waves,
         activity=render.PiecewiseLinear(np.array([0.5, 1.0]), np.array([0.1, 1.0])),
         translation=waves,
-        eyelids=MEAN_EYELIDS,
+        eyelids=(EyelidParameters(), EyelidParameters()),
         lid_rest=0.02,
         lid_drift=render.Sinusoids(np.array([0.3]), np.full((1, 2), 0.02), np.array([[0.0, 1.0]])),
         blink_lag_s=0.006,

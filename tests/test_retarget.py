@@ -69,7 +69,7 @@ def test_a_head_maps_to_itself_nearly_without_error():
     mapping = expression_map(head, head)
     rest = np.abs(face(head, mapping.motion(motion)) - face(head, motion)).max()
     assert rest < 0.0004
-    assert mapping.motion_error_mm(motion) < 0.1
+    assert mapping.error_mm.max() < 0.1
 
 
 def test_the_same_face_in_another_size_with_other_shapes_is_found():

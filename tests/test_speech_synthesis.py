@@ -8,6 +8,7 @@ import pytest
 from jaxtyping import Float
 from joblib import Parallel, delayed
 from numpy import ndarray
+from toy_scripts import write_script
 
 from talkingeyes.audio.annotation import EMOTIONS
 from talkingeyes.audio.waveform import SAMPLE_RATE
@@ -19,7 +20,7 @@ from talkingeyes.synthesis.speech_synthesis import (
     synthesize_conversation,
     synthesize_script,
 )
-from talkingeyes.synthesis.text import Filler, Pause, Script, Sentence, Word, write_script
+from talkingeyes.synthesis.text import Filler, Pause, Script, Sentence, Word
 from talkingeyes.synthesis.voice_profiles import ACCENTS, EMOTION_PROSODY, VARIANTS, Voice, apply_emotion, sample_voice
 
 pytest.importorskip("espeakng_loader")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_scripts import write_script
 
 from talkingeyes.core.errors import InputError
 from talkingeyes.synthesis.text import (
@@ -21,7 +22,6 @@ from talkingeyes.synthesis.text import (
     Word,
     estimated_duration_s,
     languages,
-    write_script,
 )
 
 

@@ -12,8 +12,6 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-FORWARD = np.array([0.0, 0.0, 1.0])
-
 
 def rotvec_to_matrix(rotation_vectors: Float[ndarray, "*N 3"]) -> Float[ndarray, "*N 3 3"]:
     """Rotation matrices of rotation vectors (radians)."""

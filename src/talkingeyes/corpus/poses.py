@@ -25,8 +25,6 @@ from talkingeyes.core.settings import Settings
 from talkingeyes.corpus.index import Clip
 from talkingeyes.corpus.store import Corpus, shard_path
 
-POSE_COMPONENTS = ("pitch_rad", "yaw_rad", "roll_rad", "x_m", "y_m", "z_m")
-
 
 class PoseSettings(Settings):
     """How poses are computed from motions."""

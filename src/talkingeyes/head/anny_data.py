@@ -7,7 +7,6 @@ The package is never imported: importing it loads torch and warp, and its own fi
 from __future__ import annotations
 
 import gzip
-import importlib.metadata
 import importlib.util
 import json
 from collections.abc import Iterable
@@ -42,11 +41,6 @@ def data_folder() -> Path:
             f"package: {PACKAGE} should be installed for the open head, got none; `pip install {PACKAGE}` first"
         )
     return Path(found.submodule_search_locations[0]) / "data"
-
-
-def data_version() -> str:
-    """The release of the package."""
-    return importlib.metadata.version(PACKAGE)
 
 
 def read_mesh(data: Path) -> BodyMesh:

@@ -60,10 +60,6 @@ class ExpressionMap:
         """Root mean square displacement by each source shape, for comparison."""
         return _rms_mm(self.requested)
 
-    def motion_error_mm(self, motion: Motion) -> float:
-        """Root mean square residual over points and frames of a motion of the source."""
-        return float(np.sqrt((_rms_mm(self._weights_of(motion) @ self.residual) ** 2).mean()))
-
     def motion(self, motion: Motion) -> Motion:
         """Convert a motion to the target. Raises InputError if it is not a motion of the source."""
         mapped = self._weights_of(motion) @ self.weights

@@ -21,8 +21,7 @@ from numpy import ndarray
 from talkingeyes.audio.annotation import Phoneme
 from talkingeyes.head.anny_build import JAW_OPEN_RAD
 
-MOUTH_PARAMETERS = ("jaw", "round", "spread", "part")
-# growth rate of a phoneme's weight before it, and decay rate after it
+# Growth rate of a phoneme's weight before it, and decay rate after it, for jaw, rounding, spreading and parting.
 THETA_BEFORE_PER_S = np.array([25.0, 12.0, 15.0, 18.0])
 THETA_AFTER_PER_S = np.array([25.0, 15.0, 17.0, 20.0])
 REST_DOMINANCE = np.array([0.06, 0.10, 0.10, 0.10])
@@ -136,7 +135,7 @@ def mouth(phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: Art
 def coarticulated_parameters(
     phonemes: Sequence[Phoneme], times_s: Float[ndarray, " T"], style: ArticulationStyle
 ) -> Float[ndarray, "T 4"]:
-    """MOUTH_PARAMETERS over time: jaw in radians (scaled to the person), the others 0 to 1."""
+    """Jaw in radians (scaled to the person); rounding, spreading and parting of the lips, 0 to 1."""
     rest = np.array([style.jaw_rest_rad, 0.0, 0.0, 0.0])
     if not phonemes:
         return np.tile(rest, (len(times_s), 1))

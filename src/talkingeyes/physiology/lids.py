@@ -25,9 +25,6 @@ from talkingeyes.head.eyelid.model import predictors
 LID_LAG_S = 0.005  # delay of the lid after the eye
 MIN_OPENING_M = 0.002  # lower limit of the opening when a lid height is converted to a closure
 MIN_CLOSURE, MAX_CLOSURE = -0.5, 0.6  # limits of closure without a blink
-
-
-MEAN_EYELIDS = (EyelidParameters(), EyelidParameters())
 LID_ASYMMETRY_RAD = np.radians(0.5)
 
 

@@ -66,11 +66,6 @@ def progress_moments(amplitude_rad: Float[ndarray, "*N"] | float) -> Moments:
     return Moments(mean, np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0))))
 
 
-def position(saccade: Saccade, times_s: Float[ndarray, " T"]) -> Float[ndarray, "T 2"]:
-    """Gaze during, before and after one saccade."""
-    return path((saccade,), saccade.start_rad, times_s)
-
-
 def path(
     saccades: Sequence[Saccade], rest_rad: tuple[float, float] | Float[ndarray, " 2"], times_s: Float[ndarray, " T"]
 ) -> Float[ndarray, "T 2"]:

@@ -1,7 +1,7 @@
 """Text generation: sentences of the project's grammars, with pauses, fillers and restarts, which espeak lacks.
 
 Speech without hesitations carries no sign of planning, so gaze could not depend on it (FACTS.md, section 3, TTS
-caveats). Pure: takes a random generator and returns a Script; reads and writes no files.
+caveats). Pure: takes a random generator and returns sentences; reads and writes no files.
 """
 
 from __future__ import annotations
@@ -120,17 +120,6 @@ ALL_TEXT = TextPartition()
 def languages() -> tuple[str, ...]:
     """The languages that have a grammar."""
     return tuple(GRAMMARS)
-
-
-def write_script(language: str, seconds: float, rng: np.random.Generator) -> Script:
-    """Write sentences that take about `seconds` at the usual rate, at least one."""
-    sentences: list[Sentence] = []
-    remaining_s = seconds
-    while not sentences or remaining_s > SHORTEST_SENTENCE_S:
-        sentences.append(write_sentence(language, remaining_s, rng))
-        remaining_s -= estimated_duration_s(sentences[-1])
-    sentences[-1] = without_last_pause(sentences[-1])
-    return Script(language, tuple(sentences))
 
 
 def write_sentence(

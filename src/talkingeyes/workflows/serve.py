@@ -34,7 +34,6 @@ LIMITS = Limits(
     idle_timeout_s=10,
     max_results=40,
 )
-FILM_PX = 384
 
 
 def run_service(

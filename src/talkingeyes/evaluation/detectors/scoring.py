@@ -88,11 +88,6 @@ def count_matches(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], 
     return DetectionCounts(len(found_s), len(known_s), len(errors), tuple(errors.tolist()))
 
 
-def score(found_s: Float[ndarray, " N"], known_s: Float[ndarray, " M"], tolerance_s: float) -> DetectionScore:
-    """Precision, recall, F1 and onset error of ascending onsets."""
-    return count_matches(found_s, known_s, tolerance_s).score
-
-
 def event_mask(
     onset_s: Float[ndarray, " N"], offset_s: Float[ndarray, " N"], fps: float, frames: int
 ) -> Bool[ndarray, " T"]:

@@ -1,12 +1,8 @@
 """Coverage and precision: do the samples include what people do, and nothing else?
 
-For one sound with several true takes, the coverage error is the mean over takes of the distance to the nearest of S
-samples (minADE with S = 10). The precision error is the mean over samples of the distance to the nearest take. A
-constant near the mean has a good precision error and noise a bad one. The coverage error falls with S, so report S.
-
-For a whole set, in the features of windows, precision is the fraction of samples inside the k-nearest-neighbour ball of
-any true window (Kynkaanniemi et al. 2019). Coverage is the fraction of true windows whose ball holds a sample (Naeem et
-al. 2020).
+In the features of windows, precision is the fraction of samples inside the k-nearest-neighbour ball of any true window
+(Kynkaanniemi et al. 2019). Coverage is the fraction of true windows whose ball holds a sample (Naeem et al. 2020). A
+constant near the mean has a good precision and a low coverage, and noise the opposite.
 """
 
 from __future__ import annotations
@@ -19,29 +15,6 @@ from numpy import ndarray
 from scipy.spatial.distance import cdist
 
 from talkingeyes.evaluation.distribution.mmd import WindowFeatures
-from talkingeyes.evaluation.paper_metrics.l2_diversity import distance
-
-
-@dataclass(frozen=True)
-class CoverageErrors:
-    """Mean distance of takes to the nearest sample and of samples to the nearest take (radians)."""
-
-    coverage_error: float
-    precision_error: float
-
-
-def coverage_errors(samples: Float[ndarray, "S T C"], takes: Float[ndarray, "K T C"]) -> CoverageErrors:
-    """Coverage and precision error of the samples of one sound."""
-    apart = np.stack([distance(samples, take) for take in takes])
-    return CoverageErrors(float(apart.min(axis=1).mean()), float(apart.min(axis=0).mean()))
-
-
-def reference_coverage_errors(takes: Float[ndarray, "K T C"]) -> CoverageErrors:
-    """Errors of the truth itself: each take against the others. NaN for a single take."""
-    apart = np.stack([distance(takes, take) for take in takes])
-    np.fill_diagonal(apart, np.inf)
-    nearest = float(apart.min(axis=1).mean()) if len(takes) > 1 else float("nan")
-    return CoverageErrors(nearest, nearest)
 
 
 @dataclass(frozen=True)

@@ -95,11 +95,6 @@ def mmd_statistic(one: WindowFeatures, reference: WindowFeatures, paired: bool =
     return statistic
 
 
-def mmd(one: WindowFeatures, reference: WindowFeatures, paired: bool = False) -> float:
-    """MMD^2 of all clips; near 0, with either sign, if both sets have the same distribution."""
-    return mmd_statistic(one, reference, paired)(np.unique(np.concatenate([one.clip, reference.clip])))
-
-
 def permutation_p_value(one: WindowFeatures, reference: WindowFeatures, permutations: int, seed: int) -> float:
     """Permutation p-value over whole clips: (1 + permutations at least as far apart) / (1 + permutations)."""
     features = np.concatenate([one.features, reference.features])

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import pi
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -60,46 +59,3 @@ def spectrum(angles_rad: Float[ndarray, "T C"], fps: float, valid: Bool[ndarray,
 def _segment(size: int, fps: float) -> tuple[Float[ndarray, " F"], Float[ndarray, " T"], Float[ndarray, " T"]]:
     """Frequencies, frame numbers relative to the middle, and window of a segment."""
     return np.fft.rfftfreq(size, 1 / fps), np.arange(size) - (size - 1) / 2, np.hanning(size + 1)[:-1]
-
-
-def pool_spectra(spectra: list[Spectrum]) -> Spectrum:
-    """Sum the spectra of clips of one frame rate."""
-    return Spectrum(
-        spectra[0].frequency_hz,
-        np.sum([each.power for each in spectra], axis=0),
-        sum(each.segments for each in spectra),
-    )
-
-
-def high_power_deg2(one: Spectrum) -> float:
-    """Power above 5 Hz, summed over channels, in degrees squared."""
-    high = one.frequency_hz >= HIGH_HZ
-    return float(one.density[high].sum() * one.frequency_hz[1])
-
-
-def high_frequency_fraction(one: Spectrum) -> float:
-    """Fraction of the power of velocity above 5 Hz: a measure of jitter. NaN if nothing moves."""
-    velocity = np.square(2 * pi * one.frequency_hz)[:, None] * one.density
-    total = velocity.sum()
-    return float(velocity[one.frequency_hz >= HIGH_HZ].sum() / total) if total else float("nan")
-
-
-def spectral_slope(one: Spectrum) -> float:
-    """Slope of log power over log frequency from 0.5 to 5 Hz, channels summed; NaN if nothing moves."""
-    low, high = SLOPE_BAND_HZ
-    band = (one.frequency_hz >= low) & (one.frequency_hz <= high)
-    power = one.density[band].sum(axis=1)
-    if not (power > 0).all():
-        return float("nan")
-    return float(np.polyfit(np.log(one.frequency_hz[band]), np.log(power), 1)[0])
-
-
-def log_spectral_distance_db(one: Spectrum, reference: Spectrum) -> float:
-    """Root mean square over frequencies from 0.39 Hz up of the ratio of two spectra in decibels, mean over channels.
-
-    Power has a floor of 1e-6 of the reference's maximum; otherwise a frozen face would be infinitely far.
-    """
-    known = reference.density[1:]
-    floor = 1e-6 * known.max(axis=0)
-    ratio = 10 * np.log10(np.maximum(one.density[1:], floor) / np.maximum(known, floor))
-    return float(np.sqrt(np.square(ratio).mean(axis=0)).mean())

@@ -1,7 +1,7 @@
-"""Curves on a face: resampling to a constant number of points, and gaze from the contour of the iris.
+"""Gaze from the contour of the iris.
 
-Elisei, Bailly & Casari (AVSP 2007), sections 4.1 and 5.1: curves of lids and brow anchor are resampled at regular
-curvilinear coordinates; the contour of the iris is a plane circle, and gaze is the normal through its centre.
+Elisei, Bailly & Casari (AVSP 2007), section 5.1: the contour of the iris is a plane circle, and gaze is the normal
+through its centre.
 """
 
 from __future__ import annotations

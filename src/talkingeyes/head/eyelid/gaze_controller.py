@@ -43,8 +43,3 @@ def aim_eyes(
     angles = direction_to_angles(sight / length)
     middle = angles.mean(axis=-2, keepdims=True)
     return np.asarray(middle + vergence_gain * (angles - middle))
-
-
-def vergence_angle_rad(angles_rad: Float[ndarray, "*N 2 2"]) -> Float[ndarray, "*N"]:
-    """Angle by which the lines of sight converge: positive for near targets."""
-    return np.asarray(angles_rad[..., 1, 0] - angles_rad[..., 0, 0])
