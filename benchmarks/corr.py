@@ -37,9 +37,9 @@ as a distance to the truth's, so an increase is an error too.
 
 - A frozen face also has a Corr.: the value of a cosine alone means nothing. Corr. minus Corr. under other sounds of the
   speaker (`_minus_shuffled`) is 0 if motion does not depend on the sound.
-- Corr. measures timing (*late*) and the match of motion and speaker (*swapped*). It does not have to detect corruptions
-  that keep the timing, such as a wrong amplitude or a mirrored motion; the metrics of [sensitivity.md](sensitivity.md)
-  do.
+- Corr. measures timing (*delayed*) and the match of motion and speaker (*swapped speaker*). It does not have to detect
+  corruptions that keep the timing, such as a wrong amplitude or a mirrored motion; the metrics of
+  [sensitivity.md](sensitivity.md) do.
 """
 
 
@@ -80,7 +80,7 @@ def _speech(data: Path, corpus: Corpus, clip: Clip) -> tuple[np.ndarray, list[np
 
 
 def _table(true: Sequence[MetricResult], found: dict[str, list[MetricResult]]) -> str:
-    lines = ["| measure | true | " + " | ".join(found) + " |", "| --- " * (len(found) + 2) + "|"]
+    lines = ["| metric | true | " + " | ".join(found) + " |", "| --- " * (len(found) + 2) + "|"]
     for index, row in enumerate(true):
         assert row.value is not None
         cells = [_cell(rows[index]) for rows in found.values()]

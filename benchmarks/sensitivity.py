@@ -112,7 +112,7 @@ def page(found: SensitivityMatrix, takes: TakeSets, speakers: int) -> str:
 def table(found: SensitivityMatrix, columns: Sequence[Corruption]) -> str:
     """Markdown table with a line per metric and a column per corruption."""
     titles = ["true" if each is UNCORRUPTED else each.name for each in columns]
-    lines = ["| measure | " + " | ".join(titles) + " |", "| --- " * (len(columns) + 1) + "|"]
+    lines = ["| metric | " + " | ".join(titles) + " |", "| --- " * (len(columns) + 1) + "|"]
     for metric in METRICS:
         if cells := found.get(metric.name):
             lines.append(f"| `{metric.name}` | " + " | ".join(_written(cells[each.name]) for each in columns) + " |")

@@ -61,11 +61,11 @@ LENGTH_S, SAMPLES = 10.0, 10
 ROW_CODE = ("pipelines/combinations.py", "src/talkingeyes/training", "src/talkingeyes/models")
 # From keys of data/validate/<model>/metrics.json to column titles. FITTED holds the keys of the fitted motion.
 VAL_METRICS = {
-    "dynamics_distance": "dynamics_distance",
+    "dynamics_distance": "distance of dynamics",
     "corr": "Corr. eyes",
     "corr_gaze_in_space": "Corr. space",
     "corr_head": "Corr. head",
-    "metrics_worse": "metrics_worse",
+    "metrics_worse": "metrics worse than truth",
 }
 FITTED = {name: name.replace("corr", "corr_fitted") for name in VAL_METRICS if name.startswith("corr")}
 COLUMNS = ("head", "gaze", "parameters", "training, CPU s", "10 s, CPU s", "ten samples, CPU s")
@@ -82,11 +82,11 @@ trained longer. Each value is the mean over seeds; in small print their range.
 `parameters` counts all numbers of the checkpoint: weights, codebooks, statistics. Times are CPU seconds of one process
 on the machine that wrote this page: of training (without the codebooks that `categorical` and `regression` need; with
 the free-running validation at its end), and of generating {length_s:g} s of head and gaze from embedded speech. The
-other columns are measured on val by the stage `validate`. `dynamics_distance` is the distance of the distributions of
-eye speed and saccade amplitude from the truth's, in standard deviations. Corr. should be close to that of the fitted
-motion, not above it. `metrics_worse` counts the metrics of the gaze benchmark by which samples are worse than the truth
+other columns are measured on val by the stage `validate`. The distance of dynamics is that of the distributions of eye
+speed and saccade amplitude from the truth's, in standard deviations. Corr. should be close to that of the fitted
+motion, not above it. Metrics worse than truth are those of the gaze benchmark by which samples are worse than the truth
 by more than the interval of {level:.0%}, or which are defined for the truth but not for samples, for lack of
-events{apart_of}.
+events{metrics_count}.
 
 """
 LEFT_OUT = """
@@ -172,7 +172,7 @@ def page(
         batch=loop["batch"],
         length_s=LENGTH_S,
         level=params["validate"]["bootstrap"]["confidence_level"],
-        apart_of=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
+        metrics_count=f"; of {of[0]:.0f}" if len(of) == 1 else f"; of {of[0]:.0f} to {of[-1]:.0f}",
     )
     head = [*COLUMNS, *VAL_METRICS.values()]
     lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), _fitted(next(iter(table.values())))]

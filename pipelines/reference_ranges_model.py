@@ -213,7 +213,8 @@ def markdown(columns: Sequence[Measurements], sounds: int, words: str) -> str:
     for reference_range in REFERENCE_RANGES:
         if any(reference_range.name in each for each in columns):
             cells = [cell(reference_range, each.get(reference_range.name)) for each in columns]
-            rows.append(markdown_row([page.label(reference_range), page.range_text(reference_range), *cells]))
+            label = page.label(reference_range).replace("|", "\\|")
+            rows.append(markdown_row([label, page.range_text(reference_range), *cells]))
     slow, fast, drawn, truth = map(counts, columns)
     introduction = INTRODUCTION.format(
         words=words, sounds=sounds, samples=SAMPLES, slow=slow, fast=fast, drawn=drawn, truth=truth

@@ -55,7 +55,7 @@ def _figures(row: MethodMetrics) -> list[str]:
 
 
 def _faces(rows: Mapping[str, MethodMetrics]) -> list[str]:
-    """A line for each face model: mean distance from the true vertices, lips, emotion."""
+    """A line for each face model: mean distances of all vertices and of the lips from the truth."""
     found = [
         (name, row[SPLIT]["face"]) for name, row in sorted(rows.items()) if "mve" in row.get(SPLIT, {}).get("face", {})
     ]

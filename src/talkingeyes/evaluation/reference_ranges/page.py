@@ -17,7 +17,7 @@ RECORDING_TITLES = {
 NOT_RECORDED_REASONS = {
     "Saccades": "too few saccades of that size, or not in these recordings",
     "Eyes": "the recordings have one gaze direction for both eyes, and head onsets cannot be timed to 20 ms",
-    "Looking": "the location of the partner was not recorded",
+    "Partner gaze": "the location of the partner was not recorded",
     "Head": "head motion was recorded without sound",
     "Blinks": "lids were not recorded",
     "Lids and jaw": "lids and jaw were not recorded",

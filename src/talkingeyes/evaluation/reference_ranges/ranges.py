@@ -90,7 +90,7 @@ RANGES_BY_SECTION: dict[str, tuple[ReferenceRange, ...]] = {
         ),
         ReferenceRange("psd_gaze", "spectral slope of gaze in space, 0.5-5 Hz", "-2", -2.5, -1.7, "M"),
     ),
-    "Looking": (
+    "Partner gaze": (
         ReferenceRange(
             "partner_gaze",
             "partner gaze while talking, mean over speakers",
