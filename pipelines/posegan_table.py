@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.experiment import run_pipeline
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.orchestration.config import compose
 from talkingeyes.orchestration.run import CHECKSUMS_FILE, run_command
 
@@ -118,9 +118,8 @@ def _measured(workspace: Path, view: Path, new_speakers: Path, seed: int) -> dic
     data = PoseInputPaths(view / "data", new_speakers / "data", HEADS, ABLATIONS)
     figures = {**evaluate_models(data, seed), "training_s": json.loads((view / "cpu_seconds.json").read_text())}
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    partial.write_text(json.dumps({"models": key, "figures": figures}, indent=1))
-    partial.replace(path)
+    with atomic_write(path) as partial:
+        partial.write_text(json.dumps({"models": key, "figures": figures}, indent=1))
     return figures
 
 

@@ -21,7 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.audio_motion_probes import MAX_CLIPS, measure_probes, measure_towers
+from pipelines.regenerated_takes import extract_frame_rates, extract_further_takes, sound_of
 from talkingeyes.audio.prosody import ProsodySettings, prosody
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.corpus.gaze_datasets import read_andersson, read_conversation, read_openface
 from talkingeyes.corpus.index import Clip
@@ -29,14 +31,12 @@ from talkingeyes.corpus.store import Corpus
 from talkingeyes.evaluation.benchmark.behaviour import behaviour
 from talkingeyes.evaluation.critic.contrastive_training import CriticSettings
 from talkingeyes.evaluation.reference_ranges import (
-    blinks,
     measurements,
     page,
     plots,
     probes,
     pupils,
     recorded_people,
-    saccades,
 )
 from talkingeyes.evaluation.reference_ranges.clip_data import (
     ClipData,
@@ -51,11 +51,9 @@ from talkingeyes.orchestration.run import Workspace, parallel_backend, parallel_
 from talkingeyes.physiology.blinks import PAPER, PHYSIOLOGICAL, sample_blink_rate
 from talkingeyes.synthesis import plan
 from talkingeyes.synthesis.speakers import sample_style
-from talkingeyes.synthesis.take import Take, sample_take
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared/data/real/gaze"
 MAX_NATIVE_CLIPS, MAX_RAW_CLIPS = 300, 100
-FURTHER_TAKES = range(1000, 1004)
 CANDIDATES = 40  # candidate clips for the timeline
 CONVERSATION = "conversation_fixations.csv.gz"
 SOUND_AND_MOTION = (
@@ -121,11 +119,6 @@ def axis_divergence_rad(corpus_inputs: CorpusInputs, clip: Clip) -> float:
     return left[0] - right[0]
 
 
-def sound_of(settings: plan.SynthesizeSettings, clip: Clip) -> plan.PlannedSound:
-    """The planned sound of a clip."""
-    return plan.sounds(settings)[int(clip.sound.rsplit("-", 1)[1])]
-
-
 def extract_sound(corpus_inputs: CorpusInputs, takes: Sequence[Clip]) -> dict[str, np.ndarray]:
     """Pooled arrays of all takes of one sound, with the variance between takes."""
     seen = [load_clip_data(corpus_inputs, clip) for clip in takes]
@@ -137,53 +130,6 @@ def extract_sound(corpus_inputs: CorpusInputs, takes: Sequence[Clip]) -> dict[st
             "jaw": [one.motion.jaw[:, :1] for one in seen if one.motion is not None],
         }
         pool |= {f"takes.{part}": probes.between_take_variance(np.stack(each))[None] for part, each in parts.items()}
-    return pool
-
-
-def regenerate_take(corpus_inputs: CorpusInputs, clip: Clip, take: int) -> Take:
-    """Regenerate a take of a clip's sound from its seeds, of the corpus or a further one."""
-    settings = corpus_inputs.settings
-    assert settings is not None
-    sound = sound_of(settings, clip)
-    rng = plan.generator(settings.seed, "motion", sound.index, take)
-    annotation, style = corpus_inputs.corpus.annotation(clip), plan.speaker_of(settings, sound).style
-    return sample_take(annotation, style, clip.seconds, rng, settings.blink_profile)
-
-
-def reproduce_take(corpus_inputs: CorpusInputs, clip: Clip) -> Take:
-    """Regenerate the take of a clip. Raises InputError if it differs from that of the corpus."""
-    take = regenerate_take(corpus_inputs, clip, clip.take)
-    if take.events != corpus_inputs.corpus.truth_events(clip):
-        raise InputError(
-            f"{clip.id}: should have the regenerated events, got others; the corpus is from other settings or code"
-        )
-    return take
-
-
-def extract_further_takes(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np.ndarray]:
-    """Large gaze shifts of takes outside the corpus, which has too few of them for an estimate."""
-    found = []
-    for number in FURTHER_TAKES:
-        motion = regenerate_take(corpus_inputs, clip, number).motion(clip.fps, int(clip.seconds * clip.fps))
-        fields = {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid}
-        found.append(measurements.extract_gaze_shifts(behaviour(motion.fps, fields, motion.valid)))
-    return join_pools(found)
-
-
-def extract_frame_rates(corpus_inputs: CorpusInputs, clip: Clip) -> dict[str, np.ndarray]:
-    """Saccades of a take at all frame rates, and its blinks at the highest."""
-    take = reproduce_take(corpus_inputs, clip)
-    pool: dict[str, np.ndarray] = {}
-    finest = None
-    for fps in RATES_FPS:
-        motion = take.motion(float(fps), int(clip.seconds * fps))
-        seen = behaviour(motion.fps, {"head": motion.head, "gaze": motion.gaze, "lid": motion.lid})
-        found = saccades.detect_rendered(seen)
-        finest = found if finest is None else finest
-        pool |= saccades.extract_at_rate(f"at{fps}", seen, found)
-        pool |= saccades.match_frame_rates(f"same{fps}", finest, found)
-        if fps == RATES_FPS[0]:
-            pool |= blinks.extract_kinematics(seen)
     return pool
 
 
@@ -334,17 +280,12 @@ def write(
     if f"at{RATES_FPS[0]}.amplitude_deg" in found.pool:
         drawn = {"main-sequence": partial(plots.main_sequence, found.pool), **drawn}
     for name, draw in drawn.items():
-        write_atomically(pictures / f"reference-ranges-{name}.png", draw)
+        with atomic_write(pictures / f"reference-ranges-{name}.png") as path:
+            draw(path)
     links = {name: f"pictures/reference-ranges-{name}.png" for name in drawn}
     text = page.markdown(found.measurements, recorded.measurements, what, links)
-    write_atomically(out / "reference_ranges.md", lambda path: path.write_text(text))
-
-
-def write_atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Write a file atomically."""
-    partial_path = path.with_name(f".{path.name}.partial")
-    write_to(partial_path)
-    partial_path.replace(path)
+    with atomic_write(out / "reference_ranges.md") as path:
+        path.write_text(text)
 
 
 def describe_corpus(corpus_inputs: CorpusInputs) -> str:

@@ -22,10 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.reference_ranges import axis_divergence_rad, extract_sound, source_of, write_atomically
+from pipelines.reference_ranges import axis_divergence_rad, extract_sound, source_of
 from talkingeyes.animation.animator import Animator
 from talkingeyes.animation.controls import Controls
 from talkingeyes.audio.prosody import prosody
+from talkingeyes.core.atomic_file import atomic_write
 from talkingeyes.core.errors import InputError
 from talkingeyes.core.motion import Motion
 from talkingeyes.corpus.index import Clip
@@ -112,7 +113,8 @@ def main() -> None:
         else Path("build/reference_ranges", f"{name}.md")
     )
     (workspace.root / out).parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(workspace.root / out, lambda path: path.write_text(text))
+    with atomic_write(workspace.root / out) as path:
+        path.write_text(text)
     print(text)
 
 

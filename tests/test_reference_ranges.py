@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_people import people
 
-from pipelines import reference_ranges
+from pipelines import reference_ranges, regenerated_takes
 from talkingeyes.audio.annotation import Annotation, Span
 from talkingeyes.core import rotation
 from talkingeyes.core.errors import InputError
@@ -324,7 +324,7 @@ def test_take_of_another_corpus_is_an_error(tiny):
     whole = path.read_text()
     path.write_text(json.dumps({**json.loads(whole), "blinks": []}))
     with pytest.raises(InputError, match="should have the regenerated events"):
-        reference_ranges.reproduce_take(source, clip)
+        regenerated_takes.reproduce_take(source, clip)
     path.write_text(whole)
 
 

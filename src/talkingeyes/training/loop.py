@@ -87,41 +87,31 @@ def train(
     """
     module = task.module.to(context.device)
     discriminator = task.discriminator if isinstance(task, AdversarialTask) else None
-    discriminator_parameters = list(discriminator.parameters()) if discriminator else []
-    weights = [
-        each for each in module.parameters() if each.requires_grad and not _among(each, discriminator_parameters)
-    ]
-    optimiser = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    discriminator_optimiser = (
-        torch.optim.AdamW(discriminator_parameters, lr=settings.learning_rate) if discriminator else None
+    of_discriminator = set(discriminator.parameters()) if discriminator else set()
+    main = _Optimiser(
+        [each for each in module.parameters() if each.requires_grad and each not in of_discriminator],
+        settings,
+        settings.weight_decay,
     )
+    adversary = _Optimiser(list(discriminator.parameters()), settings) if discriminator else None
+    adversary_adam = adversary.adam if adversary else None
     losses_of = context.distribute(module, task.losses, settings.batch)
-    state = resume.restore(module, optimiser, task.rng, discriminator_optimiser) if resume else TrainingState()
+    state = resume.restore(module, main.adam, task.rng, adversary_adam) if resume else TrainingState()
     for row in state.history if on_validation else ():
         on_validation(int(row["step"]), _metrics(row))  # type: ignore[misc]
     sums: dict[str, float] = {}
     steps = range(state.step + 1, settings.steps + 1)
     bar = tqdm(steps, title, initial=state.step, total=settings.steps, mininterval=1.0, disable=not context.is_main)
     for step in bar:
-        for group in optimiser.param_groups:
-            group["lr"] = _learning_rate(settings, step)
         module.train()
         with context.autocast():
             losses = losses_of(step)
-        optimiser.zero_grad(set_to_none=True)
-        losses["total"].backward()
-        nn.utils.clip_grad_norm_(weights, settings.clip_norm)
-        optimiser.step()
-        if isinstance(task, AdversarialTask) and discriminator_optimiser is not None:
-            for group in discriminator_optimiser.param_groups:
-                group["lr"] = _learning_rate(settings, step)
+        main.update(losses["total"], step)
+        if isinstance(task, AdversarialTask) and adversary is not None:
             with context.autocast():
-                replies = task.discriminator_losses(step)
-            discriminator_optimiser.zero_grad(set_to_none=True)  # gradients of the generator's loss
-            replies["total"].backward()
-            nn.utils.clip_grad_norm_(discriminator_parameters, settings.clip_norm)
-            discriminator_optimiser.step()
-            losses |= {f"discriminator_{name}": value for name, value in replies.items()}
+                adversary_losses = task.discriminator_losses(step)
+            adversary.update(adversary_losses["total"], step)
+            losses |= {f"discriminator_{name}": value for name, value in adversary_losses.items()}
         for name, value in losses.items():
             sums[name] = sums.get(name, 0.0) + value.item()
         if step % settings.validate_every == 0 or step == settings.steps:
@@ -135,7 +125,7 @@ def train(
             sums = {}
             bar.set_postfix({k: f"{v:.3g}" for k, v in figures.items()})
             if resume is not None and context.is_main:
-                resume.keep(state, module, optimiser, task.rng, discriminator_optimiser)
+                resume.keep(state, module, main.adam, task.rng, adversary_adam)
             if on_validation is not None:
                 on_validation(step, figures)
     if state.best_weights is not None:
@@ -144,8 +134,21 @@ def train(
     return state.history
 
 
-def _among(parameter: nn.Parameter, others: list[nn.Parameter]) -> bool:
-    return any(parameter is each for each in others)
+class _Optimiser:
+    """AdamW with the learning-rate schedule and gradient clipping, for one set of weights."""
+
+    def __init__(self, weights: list[nn.Parameter], settings: LoopSettings, weight_decay: float = 0.01) -> None:
+        self.weights, self.settings = weights, settings
+        self.adam = torch.optim.AdamW(weights, lr=settings.learning_rate, weight_decay=weight_decay)
+
+    def update(self, loss: Tensor, step: int) -> None:
+        """One step down the gradient of the loss. Gradients that other losses left in the weights are discarded."""
+        for group in self.adam.param_groups:
+            group["lr"] = _learning_rate(self.settings, step)
+        self.adam.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.weights, self.settings.clip_norm)
+        self.adam.step()
 
 
 def _means(sums: dict[str, float], steps: int, context: ExecutionContext) -> dict[str, float]:

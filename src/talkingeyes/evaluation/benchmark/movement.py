@@ -149,19 +149,11 @@ def _speech_ratio(totals: Totals) -> Float[ndarray, " D"]:
     return safe_divide(speech, np.nan_to_num(pause))
 
 
-def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
+def _speed_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
     title = PARTS[part]
-    frames = partial(Metric, extractor=extractor, count_key=f"{part}.frames", min_count=1500, rate_dependent=True)
-    segments = partial(
-        Metric,
-        extractor=extractor,
-        count_key=f"{part}.segments",
-        min_count=40,
-        rate_dependent=True,
-        source="Welch 1967; FACTS 9, 10",
-    )
+    metric = partial(Metric, extractor=extractor, count_key=f"{part}.frames", min_count=1500, rate_dependent=True)
     return (
-        frames(
+        metric(
             f"{part}/speed",
             f"mean speed, {title}",
             "deg/s",
@@ -170,7 +162,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             source="TalkingEyes, Table VIII (there in pixels)",
             caveat="jitter raises it as real movement does: read it together with still_fraction",
         ),
-        frames(
+        metric(
             f"{part}/speed_p99",
             f"99th percentile of speed, {title}",
             "deg/s",
@@ -179,7 +171,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             source="FACTS 10",
             caveat="limited by the frame rate: frames show a part of a saccade's peak speed",
         ),
-        frames(
+        metric(
             f"{part}/speed_distance",
             f"speeds, Wasserstein, {title}",
             "SD of truth",
@@ -189,7 +181,21 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             source="FACTS 9",
             caveat="slow frames weigh as much as fast ones, so invisible noise counts",
         ),
-        segments(
+    )
+
+
+def _spectrum_metrics(part: str, extractor: Extractor) -> tuple[Metric, ...]:
+    title = PARTS[part]
+    metric = partial(
+        Metric,
+        extractor=extractor,
+        count_key=f"{part}.segments",
+        min_count=40,
+        rate_dependent=True,
+        source="Welch 1967; FACTS 9, 10",
+    )
+    return (
+        metric(
             f"{part}/spectrum_slope",
             f"slope of the spectrum, {title}",
             "log/log",
@@ -197,7 +203,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             compute=partial(_slope, part=part),
             caveat="-2 for steps; smooth noise can have any slope",
         ),
-        segments(
+        metric(
             f"{part}/above_5_hz",
             f"power above 5 Hz, {title}",
             "fraction",
@@ -205,7 +211,7 @@ def _of_part(part: str, extractor: Extractor) -> tuple[Metric, ...]:
             compute=partial(_high, part=part),
             caveat="includes aliased power of saccades: compare at one frame rate",
         ),
-        segments(
+        metric(
             f"{part}/spectrum_distance",
             f"spectral distance, {title}",
             "dB",
@@ -235,7 +241,8 @@ METRICS = (
         source="vestibulo-ocular reflex; LEARNING",
         caveat="1 for a frozen face, 0 with jitter of 0.1 deg",
     ),
-    *_of_part("gaze_in_space", SPACE),
+    *_speed_metrics("gaze_in_space", SPACE),
+    *_spectrum_metrics("gaze_in_space", SPACE),
     Metric(
         "eye/still_fraction",
         "still frames, eye-in-head",
@@ -249,8 +256,10 @@ METRICS = (
         source="LEARNING",
         caveat="the eyes counter-rotate when the head moves: closer to 1 is not better",
     ),
-    *_of_part("eye", EYE),
-    *_of_part("head", HEAD),
+    *_speed_metrics("eye", EYE),
+    *_spectrum_metrics("eye", EYE),
+    *_speed_metrics("head", HEAD),
+    *_spectrum_metrics("head", HEAD),
     *(
         _head(
             f"head/sd_{axis}",
